@@ -1,0 +1,162 @@
+"""The typed pipeline file: one frozen model per TOML table, the unit in every field name.
+
+A pipeline file describes a scenario to simulate, how to perceive and how to filter. Every table
+has defaults, so a file says only what differs; an unknown key or a value out of range raises
+`InputError` naming the file and the key.
+"""
+
+import tomllib
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pcnav.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+Vector3 = tuple[float, float, float]
+Vector5 = tuple[float, float, float, float, float]
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class OrbitModel(StrEnum):
+    """How the true relative orbit is integrated."""
+
+    HILL = "hill"
+    TWO_BODY = "two_body"
+
+
+class PerceptionMode(StrEnum):
+    """Which statistics the rectangles are recognised from."""
+
+    PAPER = "paper"
+    AREA_WEIGHTED = "area_weighted"
+
+
+class ScenarioTable(_Table):
+    """[scenario]: what is simulated and for how long."""
+
+    frames: Annotated[int, Field(gt=0)] = 200
+    frame_rate_hz: Positive = 2.0
+
+
+class OrbitTable(_Table):
+    """[orbit]: the chaser's circular orbit and the relative orbit of the target at time 0."""
+
+    model: OrbitModel = OrbitModel.HILL
+    mean_motion_rad_s: NonNegative = 0.0
+    r_hill_m: Vector3 = (25.0, 0.0, 0.0)
+    v_hill_m_s: Vector3 = (0.0, 0.0, 0.0)
+
+
+class BodyTable(_Table):
+    """[body]: the true rotation and mass properties of the target."""
+
+    attitude_rotvec_deg: Vector3 = (0.0, 0.0, 0.0)
+    """Rotation vector of R_world_body at time 0."""
+    omega_body_deg_s: Vector3 = (0.0, 0.0, 1.0)
+    com_model_m: Vector3 = (0.0, 0.0, 0.0)
+    inertia_ratios: Vector5 = (1.0, 1.0, 0.0, 0.0, 0.0)
+    """Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
+
+
+class CameraTable(_Table):
+    """[camera]: a pinhole depth camera at the chaser's mass centre, fixed in the Hill frame."""
+
+    width_px: Annotated[int, Field(gt=0)] = 256
+    height_px: Annotated[int, Field(gt=0)] = 256
+    horizontal_fov_deg: Annotated[float, Field(gt=0.0, lt=170.0)] = 25.0
+    boresight_hill: Vector3 = (1.0, 0.0, 0.0)
+    """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
+
+
+class NoiseTable(_Table):
+    """[noise]: the faults of the simulated depth sensor."""
+
+    range_sigma_m: NonNegative = 0.02
+    """Standard deviation of Gaussian noise along the ray."""
+    quantisation_m: Positive = 0.001
+    """Step of the stored z-depth (one unit of the 16-bit image)."""
+    dropout_fraction: Fraction = 0.0
+    """Share of returns lost at random."""
+    outlier_fraction: Fraction = 0.0
+    """Share of returns replaced by a uniform draw over the depth span of the target."""
+    mixed_pixel_fraction: Fraction = 0.0
+    """Share of the pixels on a depth edge that return a range between the two surfaces."""
+
+
+class PerceptionTable(_Table):
+    """[perception]: from a depth frame to recognised rectangles."""
+
+    mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED
+    range_sigma_m: Positive | None = None
+    """Noise along the ray; None takes the value the sequence states."""
+    ransac_success_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
+    """Phi of Yu 2019 (2)."""
+    minimum_plane_points: Annotated[int, Field(ge=10)] = 40
+    plane_threshold_sigma: Positive = 3.0
+    """RANSAC inlier distance in standard deviations of the range noise."""
+    size_gate_sigma: Positive = 4.0
+    """Recognition gate on sides and area, in standard deviations of their difference."""
+
+
+class FilterTable(_Table):
+    """[filter]: priors and process noise of the 20-state filter."""
+
+    acceleration_psd_m2_s3: NonNegative = 1e-14
+    """Power spectral density of the white disturbance acceleration."""
+    angular_acceleration_psd_rad2_s3: NonNegative = 1e-16
+    """Power spectral density of the white disturbance angular acceleration."""
+    com_sd_m: Positive | None = None
+    """Prior of the mass centre about the mesh's; None takes the target's own uncertainty."""
+    inertia_ratio_sd: Positive | None = None
+    """Prior of the inertia ratios about the mesh's; None takes the target's own uncertainty."""
+    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
+    """A measurement is rejected when its squared innovation exceeds this chi-square quantile."""
+    iterations: Annotated[int, Field(ge=1)] = 5
+    """Most Gauss-Newton steps of an iterated update; 1 is the plain EKF."""
+
+
+class Pipeline(_Table):
+    """A whole pipeline file."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    target_mesh: str | None = None
+    """Mesh of the target: a path relative to the pipeline file, or the name of a shipped one."""
+    scenario: ScenarioTable = ScenarioTable()
+    orbit: OrbitTable = OrbitTable()
+    body: BodyTable = BodyTable()
+    camera: CameraTable = CameraTable()
+    noise: NoiseTable = NoiseTable()
+    perception: PerceptionTable = PerceptionTable()
+    filter: FilterTable = FilterTable()
+
+
+def read_pipeline(path: Path) -> Pipeline:
+    """Read and check a pipeline file. Raises `InputError`."""
+    return read_toml_model(path, Pipeline)
+
+
+def read_toml_model(path: Path, model: type[Model]) -> Model:
+    """A TOML file checked against a pydantic model. Raises `InputError` in one line."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "file", f"expected a readable TOML file ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(path, "file", f"expected valid TOML ({error})") from error
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"]) or "file"
+        if first["type"] == "extra_forbidden":
+            raise InputError(path, field, "unknown key; expected one of the documented keys") from error
+        raise InputError(path, field, f"{first['msg']}, got {first.get('input')!r}") from error

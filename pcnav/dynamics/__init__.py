@@ -1,0 +1,1 @@
+"""Relative orbital motion and torque-free rotation."""

@@ -1,0 +1,141 @@
+"""Relative motion about a chaser on a circular orbit: Hill's linear equations and two bodies.
+
+Hill axes (DESIGN): x along-track, y minus orbit normal, z nadir. The orbit turns by +n about the
+orbit normal, hence by -n about y. All functions accept a mean motion of 0 (straight lines).
+"""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from pcnav.arrays import FloatArray
+
+EARTH_MU_M3_S2 = 3.986004418e14
+"""Gravitational parameter of the Earth (EGM2008)."""
+
+_SMALL_ORBIT_ANGLE_RAD = 0.1
+"""Below this `t - sin t` is summed from its series, which loses no digits."""
+
+
+def R_hill_world(time_s: float, mean_motion_rad_s: float) -> FloatArray:
+    """(3, 3) rotation from world to Hill components, Rot_y(n t); the two agree at time 0."""
+    angle = mean_motion_rad_s * time_s
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def hill_matrix(mean_motion_rad_s: float) -> FloatArray:
+    """(6, 6) A of ``d(r, v)/dt = A (r, v)``: x'' = 2n z', y'' = -n^2 y, z'' = 3n^2 z - 2n x'."""
+    n = mean_motion_rad_s
+    matrix = np.zeros((6, 6))
+    matrix[:3, 3:] = np.eye(3)
+    matrix[4, 1] = -(n**2)
+    matrix[5, 2] = 3.0 * n**2
+    matrix[3, 5], matrix[5, 3] = 2.0 * n, -2.0 * n
+    return matrix
+
+
+def hill_transition(mean_motion_rad_s: float, duration_s: float) -> FloatArray:
+    """(6, 6) transition matrix of (r, v) in closed form (Clohessy and Wiltshire 1960).
+
+    Written in ``sin(a)/a`` of the orbit angle ``a = n t``, so nothing is divided by n.
+    """
+    n, t = mean_motion_rad_s, duration_s
+    angle = n * t
+    sine, cosine = np.sin(angle), np.cos(angle)
+    # np.sinc(x) is sin(pi x) / (pi x).
+    sine_over_n = t * np.sinc(angle / np.pi)
+    versine = 2.0 * np.sin(0.5 * angle) ** 2
+    versine_over_n = t * np.sin(0.5 * angle) * np.sinc(0.5 * angle / np.pi)
+    transition = np.eye(6)
+    transition[0, 2] = 6.0 * _angle_minus_sine(angle)
+    transition[0, 3] = 4.0 * sine_over_n - 3.0 * t
+    transition[0, 5] = 2.0 * versine_over_n
+    transition[1, 1], transition[1, 4] = cosine, sine_over_n
+    transition[2, 2] = 1.0 + 3.0 * versine
+    transition[2, 3] = -2.0 * versine_over_n
+    transition[2, 5] = sine_over_n
+    transition[3, 2] = 6.0 * n * versine
+    transition[3, 3], transition[3, 5] = 1.0 - 4.0 * versine, 2.0 * sine
+    transition[4, 1], transition[4, 4] = -n * sine, cosine
+    transition[5, 2] = 3.0 * n * sine
+    transition[5, 3], transition[5, 5] = -2.0 * sine, cosine
+    return transition
+
+
+def _angle_minus_sine(angle: float) -> float:
+    """``a - sin a`` without cancellation near 0."""
+    if abs(angle) > _SMALL_ORBIT_ANGLE_RAD:
+        return float(angle - np.sin(angle))
+    square = angle**2
+    # Horner form of a^3/3! - a^5/5! + a^7/7! - a^9/9!; the next term is below 1e-15 of the sum.
+    series = 1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
+    return angle**3 / 6.0 * series
+
+
+def hill_process_noise(
+    mean_motion_rad_s: float, duration_s: float, acceleration_psd_m2_s3: float
+) -> FloatArray:
+    """(6, 6) covariance that white acceleration adds to (r, v) over a time step.
+
+    The power spectral density (m^2/s^3) is the same along the three axes. Van Loan's (1978)
+    matrix exponential, exact for any mean motion.
+    """
+    A = hill_matrix(mean_motion_rad_s)
+    block = np.zeros((12, 12))
+    block[:6, :6] = -A
+    block[3:6, 9:12] = np.eye(3)
+    block[6:, 6:] = A.T
+    exponential = expm(block * duration_s)
+    covariance = exponential[6:, 6:].T @ exponential[:6, 6:]
+    return np.asarray(0.5 * acceleration_psd_m2_s3 * (covariance + covariance.T))
+
+
+def two_body_acceleration(
+    r_hill: FloatArray,
+    v_hill: FloatArray,
+    mean_motion_rad_s: float,
+    mu_m3_s2: float = EARTH_MU_M3_S2,
+) -> FloatArray:
+    """(3,) acceleration seen in the turning Hill frame, m/s^2, exact for two point masses.
+
+    The chaser is on the circular orbit of the mean motion about a centre of attraction mu. The
+    difference of the two attractions is formed without cancellation (Battin 1999, section 8.4).
+    """
+    n = mean_motion_rad_s
+    if n == 0.0:
+        return np.zeros(3)
+    radius = np.cbrt(mu_m3_s2 / n**2)
+    p_chaser = np.array([0.0, 0.0, -radius])
+    q = float((2.0 * p_chaser + r_hill) @ r_hill) / radius**2
+    attraction = -1.5 * np.log1p(q)
+    gravity = -(n**2) * (np.expm1(attraction) * p_chaser + np.exp(attraction) * r_hill)
+    omega = np.array([0.0, -n, 0.0])
+    rotation = 2.0 * np.cross(omega, v_hill) + np.cross(omega, np.cross(omega, r_hill))
+    return np.asarray(gravity - rotation)
+
+
+def propagate_two_body(
+    r_hill: FloatArray,
+    v_hill: FloatArray,
+    mean_motion_rad_s: float,
+    times_s: FloatArray,
+    mu_m3_s2: float = EARTH_MU_M3_S2,
+) -> FloatArray:
+    """(n, 6) relative position and velocity, Hill axes, at increasing times; state given at [0].
+
+    Integrated with DOP853 to a relative tolerance of 1e-12.
+    """
+
+    def derivative(_: float, state: FloatArray) -> FloatArray:
+        acceleration = two_body_acceleration(state[:3], state[3:], mean_motion_rad_s, mu_m3_s2)
+        return np.concatenate([state[3:], acceleration])
+
+    start = np.concatenate([r_hill, v_hill])
+    if len(times_s) == 1:
+        return start[None, :]
+    span = (float(times_s[0]), float(times_s[-1]))
+    solution = solve_ivp(
+        derivative, span, start, method="DOP853", t_eval=times_s, rtol=1e-12, atol=1e-12
+    )
+    return np.asarray(solution.y.T)

@@ -1,0 +1,55 @@
+"""Torque-free rotation of a rigid body and the forms its inertia is written in."""
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.spatial import skew
+
+# Entry (i, j) of the inertia matrix that each ratio stands for: Iyy, Izz, Ixy, Ixz, Iyz.
+_RATIO_ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def inertia_from_ratios(ratios: FloatArray) -> FloatArray:
+    """(3, 3) inertia matrix over Ixx of the ratios Iyy, Izz, Ixy, Ixz, Iyz (Yu 2019 (29))."""
+    inertia = np.eye(3)
+    for value, (i, j) in zip(ratios, _RATIO_ENTRIES, strict=True):
+        inertia[i, j] = inertia[j, i] = value
+    return inertia
+
+
+def ratios_from_inertia(inertia: FloatArray) -> FloatArray:
+    """(5,) ratios Iyy, Izz, Ixy, Ixz, Iyz over Ixx of a (3, 3) inertia matrix of any scale."""
+    return np.array([inertia[i, j] for i, j in _RATIO_ENTRIES]) / inertia[0, 0]
+
+
+def is_physical_inertia(inertia: FloatArray) -> bool:
+    """Whether a mass distribution exists that has this (3, 3) inertia matrix.
+
+    Its principal moments must be positive and satisfy the triangle inequality.
+    """
+    moments = np.linalg.eigvalsh(inertia)
+    return bool(moments[0] > 0.0 and moments[0] + moments[1] >= moments[2])
+
+
+def euler_acceleration(inertia: FloatArray, omega_body: FloatArray) -> FloatArray:
+    """(3,) angular acceleration in body axes, rad/s^2, without torque (Yu 2019 (28))."""
+    return np.linalg.solve(inertia, -np.cross(omega_body, inertia @ omega_body))
+
+
+def euler_acceleration_jacobians(
+    inertia: FloatArray, omega_body: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of `euler_acceleration`: (3, 3) by the rate and (3, 5) by the inertia ratios.
+
+    From ``I a = -w x (I w)``: ``I da = -[w]x I dw + [I w]x dw`` and
+    ``I da = -dI a - [w]x dI w``.
+    """
+    acceleration = euler_acceleration(inertia, omega_body)
+    by_omega = skew(inertia @ omega_body) - skew(omega_body) @ inertia
+    by_ratios = np.empty((3, 5))
+    for k, (i, j) in enumerate(_RATIO_ENTRIES):
+        unit = np.zeros((3, 3))
+        unit[i, j] = unit[j, i] = 1.0
+        by_ratios[:, k] = -unit @ acceleration - np.cross(omega_body, unit @ omega_body)
+    solved = np.linalg.solve(inertia, np.hstack([by_omega, by_ratios]))
+    return solved[:, :3], solved[:, 3:]

@@ -1,0 +1,186 @@
+"""The first state of a track: pose hypotheses followed over frames until one motion stands out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.perception.acquisition import PoseHypothesis
+from pcnav.spatial import exp_rotation, log_rotation, rotation_angle
+from pcnav.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+    V_HILL,
+    NavigationState,
+)
+from pcnav.target import Target
+
+_LARGEST_STEP_RAD = 0.5
+"""Two frames are linked when the attitude is this near to what the motion so far predicts."""
+_LARGEST_SHIFT_FRACTION = 0.3
+"""... and the model origin this near, over the diameter."""
+_FEWEST_FRAMES = 3
+_MOST_FRAMES = 10
+_LEAST_EXPLAINED = 0.5
+"""A motion that explains less of the frames than this on average is not believed."""
+_CLEAR_LEAD = 0.03
+"""Lead, in the mean explained share, of the best motion over any other that decides."""
+_MOST_MOTIONS = 24
+_POSITION_SD_M = 1.0
+_VELOCITY_SD_M_S = 1.0
+_ATTITUDE_SD_RAD = 0.5
+_RATE_SD_RAD_S = 0.5
+"""Spread allowed about the first sightings: far more than they err, so that it decides nothing."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A pose in one frame, and where the camera was."""
+
+    time_s: float
+    T_cam_world: FloatArray
+    T_cam_model: FloatArray
+    explained: float
+
+    @property
+    def R_world_body(self) -> FloatArray:
+        """(3, 3) attitude of the target."""
+        return np.asarray(self.T_cam_world[:3, :3].T @ self.T_cam_model[:3, :3])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Sightings that one tumbling body can have made, in order of time."""
+
+    sightings: tuple[Sighting, ...]
+
+    @property
+    def explained(self) -> float:
+        """Mean share of the frames explained."""
+        return float(np.mean([sighting.explained for sighting in self.sightings]))
+
+    def predicted_attitude(self, time_s: float) -> FloatArray:
+        """(3, 3) R_world_body if the last rate, seen in the body, goes on."""
+        last = self.sightings[-1]
+        if len(self.sightings) == 1:
+            return last.R_world_body
+        return np.asarray(
+            last.R_world_body @ exp_rotation(self._last_rate() * (time_s - last.time_s))
+        )
+
+    def _last_rate(self) -> FloatArray:
+        before, last = self.sightings[-2:]
+        turn = log_rotation(before.R_world_body.T @ last.R_world_body)
+        return np.asarray(turn / (last.time_s - before.time_s))
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The motion believed, and whether another one explains the frames as well."""
+
+    motion: Motion
+    ambiguous: bool
+
+
+class MotionStart:
+    """Links pose hypotheses of successive frames into motions and decides between them."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._motions: tuple[Motion, ...] = ()
+        self._frames = 0
+
+    def add(
+        self, time_s: float, T_cam_world: FloatArray, hypotheses: tuple[PoseHypothesis, ...]
+    ) -> Decision | None:
+        """Take in the hypotheses of a frame; a decision as soon as one can be made.
+
+        After ten frames the best motion is taken even if another one is as good, and called
+        ambiguous; so it is whenever the target's symmetry maps one onto the other.
+        """
+        sightings = [
+            Sighting(time_s, T_cam_world, h.T_cam_model, h.explained) for h in hypotheses
+        ]
+        if not sightings:
+            return None
+        self._frames += 1
+        linked = [self._extended(motion, sightings) for motion in self._motions]
+        grown = [motion for motion in linked if motion is not None]
+        if not grown:  # the first frame, or the motions so far led nowhere
+            grown = [Motion((sighting,)) for sighting in sightings]
+            self._frames = 1
+        self._motions = tuple(sorted(grown, key=lambda m: -m.explained)[:_MOST_MOTIONS])
+        return self._decide()
+
+    def _extended(self, motion: Motion, sightings: list[Sighting]) -> Motion | None:
+        attitude = motion.predicted_attitude(sightings[0].time_s)
+        best = min(sightings, key=lambda s: float(rotation_angle(attitude.T @ s.R_world_body)))
+        if rotation_angle(attitude.T @ best.R_world_body) > _LARGEST_STEP_RAD:
+            return None
+        before = motion.sightings[-1].T_cam_model[:3, 3]
+        shift = float(np.linalg.norm(best.T_cam_model[:3, 3] - before))
+        if shift > _LARGEST_SHIFT_FRACTION * self._target.diameter_m:
+            return None
+        return replace(motion, sightings=(*motion.sightings, best))
+
+    def _decide(self) -> Decision | None:
+        if self._frames < _FEWEST_FRAMES:
+            return None
+        best = self._motions[0]
+        if best.explained < _LEAST_EXPLAINED:
+            return None
+        rivals = [m for m in self._motions[1:] if best.explained - m.explained < _CLEAR_LEAD]
+        rivals = [m for m in rivals if m.sightings[-1] is not best.sightings[-1]]
+        undecided = [m for m in rivals if not self._symmetric(best, m)]
+        if undecided and self._frames < _MOST_FRAMES:
+            return None
+        return Decision(best, ambiguous=bool(undecided) or len(self._target.symmetry_rotations) > 1)
+
+    def _symmetric(self, a: Motion, b: Motion) -> bool:
+        """Whether the target's own symmetry turns one motion into the other."""
+        relative = a.sightings[-1].T_cam_model[:3, :3].T @ b.sightings[-1].T_cam_model[:3, :3]
+        angles = rotation_angle(self._target.symmetry_rotations[:, :3, :3] @ relative.T)
+        return bool(np.min(angles) < 0.5 * _LARGEST_STEP_RAD)
+
+
+def first_state(
+    motion: Motion, com_model: FloatArray, inertia_ratios: FloatArray, mean_motion_rad_s: float
+) -> NavigationState:
+    """State at the first sighting: pose from it, rates from the differences of the sightings."""
+    first, last = motion.sightings[0], motion.sightings[-1]
+    turns = [
+        log_rotation(a.R_world_body.T @ b.R_world_body) / (b.time_s - a.time_s)
+        for a, b in zip(motion.sightings, motion.sightings[1:], strict=False)
+    ]
+    r_first, r_last = (
+        _r_hill(sighting, com_model, mean_motion_rad_s) for sighting in (first, last)
+    )
+    return NavigationState(
+        r_hill=r_first,
+        v_hill=(r_last - r_first) / (last.time_s - first.time_s),
+        com_model=com_model,
+        R_world_body=first.R_world_body,
+        omega_body=np.mean(turns, axis=0),
+        inertia_ratios=inertia_ratios,
+    )
+
+
+def _r_hill(sighting: Sighting, com_model: FloatArray, mean_motion_rad_s: float) -> FloatArray:
+    T_cam_world = sighting.T_cam_world
+    p_cam = sighting.T_cam_model[:3, :3] @ com_model + sighting.T_cam_model[:3, 3]
+    p_world = T_cam_world[:3, :3].T @ (p_cam - T_cam_world[:3, 3])
+    return np.asarray(R_hill_world(sighting.time_s, mean_motion_rad_s) @ p_world)
+
+
+def start_covariance(com_sd_m: FloatArray, inertia_ratios_sd: FloatArray) -> FloatArray:
+    """(20, 20) prior about `first_state`: the mass properties' own, the rest left to the data."""
+    sd = np.empty(STATE_SIZE)
+    sd[R_HILL], sd[V_HILL] = _POSITION_SD_M, _VELOCITY_SD_M_S
+    sd[THETA_BODY], sd[OMEGA_BODY] = _ATTITUDE_SD_RAD, _RATE_SD_RAD_S
+    sd[COM_MODEL], sd[INERTIA_RATIOS] = com_sd_m, inertia_ratios_sd
+    return np.diag(sd**2)

@@ -1,0 +1,1 @@
+"""Comparison of a run with the truth, and the report of a run."""

@@ -1,0 +1,279 @@
+"""The report of a run: one HTML page that carries everything it shows."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pcnav.arrays import FloatArray
+from pcnav.evaluation import page
+from pcnav.evaluation.figures import (
+    component_figure,
+    consistency_figure,
+    outcome_figure,
+    png_bytes,
+    pose_error_figure,
+    svg_bytes,
+    timeline_figure,
+)
+from pcnav.evaluation.metrics import Consistency, Metrics
+from pcnav.evaluation.summary import ERROR_HEADINGS, error_row, number, run_facts
+from pcnav.results import ACCEPTED, RectangleRecord, Track
+from pcnav.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+    V_HILL,
+)
+
+_BLOCK_TITLES = {
+    "r_hill": "mass centre in Hill axes",
+    "v_hill": "velocity in Hill axes",
+    "com_model": "mass centre in the model",
+    "theta_body": "attitude",
+    "omega_body": "angular rate",
+    "inertia_ratios": "inertia ratios",
+    "all": "whole state",
+}
+_NEES_HEADINGS = (
+    "block",
+    "NEES per dof",
+    "95 % bounds",
+    "frames inside own 95 %",
+    "errors over stated sigma",
+    "verdict",
+)
+_XYZ = ("x", "y", "z")
+_DEGREES = float(np.rad2deg(1.0))
+_STATE_FIGURES = (
+    ("Mass centre in Hill axes", R_HILL, 1.0, "m", _XYZ),
+    ("Velocity in Hill axes", V_HILL, 1.0, "m/s", _XYZ),
+    ("Attitude, body axes", THETA_BODY, _DEGREES, "deg", _XYZ),
+    ("Angular rate, body axes", OMEGA_BODY, _DEGREES, "deg/s", _XYZ),
+    ("Mass centre in the model", COM_MODEL, 1.0, "m", _XYZ),
+    ("Inertia ratios over Ixx", INERTIA_RATIOS, 1.0, "1", ("Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
+)
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """What a report is made from."""
+
+    title: str
+    """Name of the run."""
+    target: str
+    """Name of the target."""
+    command: str
+    """How the run was started, as typed."""
+    track: Track
+    """With its covariances when the NEES is to be drawn."""
+    records: tuple[RectangleRecord, ...]
+    metrics: Metrics
+    configuration: Mapping[str, object]
+    """The pipeline as nested tables."""
+    versions: Mapping[str, str]
+    picture: Figure | None = None
+    """A frame drawn by `frame_picture`."""
+    picture_caption: str = ""
+
+
+def write_report(path: Path, content: ReportContent) -> None:
+    """Write the page of a run: UTF-8 HTML that loads nothing from elsewhere."""
+    path.write_text(report_html(content), encoding="utf-8")
+
+
+def report_html(content: ReportContent) -> str:
+    """The page of a run."""
+    metrics = content.metrics
+    seconds = number(metrics.duration_s)
+    lead = f"{content.target} · {metrics.frames} frames over {seconds} s"
+    body = [page.heading(content.title, lead), page.cards(_headline(metrics)), _summary(content)]
+    if metrics.errors is not None:
+        body.append(_truth_section(metrics))
+    if content.track.has_estimate.any():
+        body.append(page.section("States over time", page.grid(_state_figures(content))))
+    if len(content.track):
+        body.append(page.section("Measurements", *_measurements(content)))
+    body.append(page.section("How the run was made", *_provenance(content)))
+    return page.page(content.title, body)
+
+
+def _headline(metrics: Metrics) -> list[tuple[str, str]]:
+    """The few numbers most readers come for."""
+    share = metrics.frames_with_estimate / max(metrics.frames, 1)
+    facts = [("frames with an estimate", f"{share:.1%}")]
+    if metrics.frames_with_estimate:
+        after = f"{number(metrics.first_estimate_after_s)} s"
+        facts.append(("until the first estimate", after))
+    titles = {
+        "position_cam": "median position error, last third",
+        "attitude": "median attitude error, last third",
+        "com_model": "median mass-centre error, last third",
+    }
+    for quantity in metrics.quantities:
+        if quantity.key in titles:
+            row = error_row(quantity)
+            facts.append((titles[quantity.key], f"{row.median} {row.unit}"))
+    if metrics.nis.frames:
+        facts.append(
+            ("NIS per degree of freedom (1 is right)", number(metrics.nis.mean_per_degree))
+        )
+    return facts
+
+
+def _summary(content: ReportContent) -> str:
+    facts = page.table((), run_facts(content.metrics), text_columns=2)
+    pieces = [facts]
+    if content.picture is not None:
+        picture = png_bytes(content.picture)
+        title = "One frame as it was understood"
+        pieces.append(page.image(title, content.picture_caption, "image/png", picture))
+    return page.section("Summary", page.grid(pieces) if len(pieces) > 1 else facts)
+
+
+def _truth_section(metrics: Metrics) -> str:
+    """Error and consistency tables."""
+    rows = [error_row(quantity) for quantity in metrics.quantities]
+    errors = page.table(
+        ("error", "unit", *ERROR_HEADINGS),
+        [(row.title, row.unit, *row.numbers) for row in rows],
+        text_columns=2,
+    )
+    pieces = [
+        page.paragraph(
+            f"{metrics.frames_compared} frames have both an estimate and a truth. Norms of the "
+            "error vectors; median, 95 % and largest are those of the last third of the run."
+        ),
+        errors,
+    ]
+    if metrics.symmetry:
+        pieces.append(
+            page.paragraph(
+                f"The run tells the target's attitude up to its symmetry: errors are those to the "
+                f"equivalent truth under symmetry {metrics.symmetry} of the target."
+            )
+        )
+    if metrics.nees:
+        pieces += [
+            page.paragraph(
+                "Are the stated covariances honest? The NEES per degree of freedom is 1 when they "
+                "are. The bounds hold for independent frames; the errors of a filter are "
+                "correlated in time, so a value just outside is no proof of a fault."
+            ),
+            page.table(
+                _NEES_HEADINGS,
+                [_nees_row(block) for block in metrics.nees],
+            ),
+        ]
+    return page.section("Against the truth", *pieces)
+
+
+def _nees_row(block: Consistency) -> tuple[str, ...]:
+    title = _BLOCK_TITLES[block.name]
+    if not block.frames:
+        return (title, "-", "-", "-", "-", "no usable covariance")
+    verdict = "consistent"
+    if block.mean_per_degree > block.upper:
+        verdict = "too confident"
+    elif block.mean_per_degree < block.lower:
+        verdict = "too cautious"
+    if block.unusable_frames:
+        verdict += f"; {block.unusable_frames} frames unusable"
+    return (
+        title,
+        number(block.mean_per_degree),
+        f"{block.lower:.3f} to {block.upper:.3f}",
+        f"{block.share_inside:.1%}",
+        number(sqrt(block.mean_per_degree)),
+        verdict,
+    )
+
+
+def _state_figures(content: ReportContent) -> list[str]:
+    """Error against its bounds where the truth is known, otherwise the estimate with them."""
+    track, errors = content.track, content.metrics.errors
+    pieces = []
+    if errors is not None and errors.has_pose.any():
+        pieces.append(
+            _vector(
+                "Pose error",
+                "Norms of the error of the model origin and of the attitude in the camera.",
+                pose_error_figure(track.time_s, errors),
+            )
+        )
+    compared = errors is not None and bool(errors.has_state.any())
+    series = errors.state if errors is not None and compared else _estimates(track)
+    for title, block, scale, unit, names in _STATE_FIGURES:
+        values, sd = scale * series[:, block], scale * track.sd[:, block]
+        figure = component_figure(track.time_s, values, sd, names, unit, is_error=compared)
+        caption = "Error and stated 3 sigma" if compared else "Estimate and stated 3 sigma"
+        caption += "; the vertical axes fit the run after its first tenth."
+        if block == THETA_BODY and not compared:
+            caption = "Stated 3 sigma of a turn about each axis, about the estimate."
+        pieces.append(_vector(title, caption, figure))
+    if content.metrics.nis.frames:
+        caption = (
+            "Squared normalised innovations"
+            + (" and errors, each" if content.metrics.nees else ",")
+            + " over its frame's 95 % chi-square bound: one in twenty belongs above 1."
+        )
+        pieces.append(_vector("Consistency", caption, consistency_figure(track, errors)))
+    return pieces
+
+
+def _estimates(track: Track) -> FloatArray:
+    """(n, 20) the estimates in error-state order; the attitude, which has no zero, as zero."""
+    values = np.full((len(track), STATE_SIZE), np.nan)
+    values[:, R_HILL], values[:, V_HILL] = track.r_hill, track.v_hill
+    values[:, COM_MODEL], values[:, OMEGA_BODY] = track.com_model, track.omega_body
+    values[:, INERTIA_RATIOS] = track.inertia_ratios
+    values[track.has_estimate, THETA_BODY] = 0.0
+    return values
+
+
+def _measurements(content: ReportContent) -> list[str]:
+    """What was seen and used over time, and what became of each rectangle."""
+    timeline = _vector(
+        "Rectangles and status",
+        "Rectangles the filter used per frame (mean and range) and the status of the frames.",
+        timeline_figure(content.track),
+    )
+    if not content.records:
+        return [page.grid([timeline]), page.paragraph("No rectangle was seen.")]
+    outcomes = _vector(
+        "What became of the rectangles",
+        f"{len(content.records)} rectangles seen in the run.",
+        outcome_figure(content.records),
+    )
+    return [page.grid([timeline, page.stack([outcomes, _rectangle_table(content.records)])])]
+
+
+def _rectangle_table(records: tuple[RectangleRecord, ...]) -> str:
+    seen = Counter(record.rectangle for record in records)
+    used = Counter(record.rectangle for record in records if record.outcome == ACCEPTED)
+    rows = [
+        (name or "not recognised", str(count), str(used[name]), f"{used[name] / count:.1%}")
+        for name, count in seen.most_common()
+    ]
+    return page.table(("rectangle", "seen", "used", "share used"), rows)
+
+
+def _provenance(content: ReportContent) -> list[str]:
+    """The command, the configuration and the versions."""
+    settings = {**content.configuration, "versions": content.versions}
+    return [
+        page.preformatted(content.command),
+        page.paragraph("The configuration as run, and what it was run with:"),
+        page.settings(settings),
+    ]
+
+
+def _vector(title: str, caption: str, figure: Figure) -> str:
+    return page.image(title, caption, "image/svg+xml", svg_bytes(figure))

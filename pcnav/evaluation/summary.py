@@ -1,0 +1,114 @@
+"""Metrics as people read them: numbers with units, and the table a command prints at its end."""
+
+import math
+from dataclasses import dataclass
+
+from rich.markup import escape
+from rich.table import Table
+
+from pcnav.evaluation.metrics import Consistency, Metrics, QuantityErrors
+
+_MISSING = "-"
+
+ERROR_HEADINGS = ("RMS whole", "RMS 2nd half", "RMS last 3rd", "median", "95 %", "max")
+"""Median, 95 % point and maximum are those of the last third of the run."""
+
+_THOUSANDTH = {"m": "mm", "m/s": "mm/s"}
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """One quantity's errors as text, all in the same unit."""
+
+    title: str
+    unit: str
+    numbers: tuple[str, ...]
+    """Under `ERROR_HEADINGS`."""
+    median: str
+    """Of the last third, when the filter has settled."""
+
+
+def error_row(quantity: QuantityErrors) -> ErrorRow:
+    """The row of a table for one quantity, in metres or millimetres as its errors ask for."""
+    settled = quantity.last_third if quantity.last_third.frames else quantity.whole
+    scale, unit = display_unit(quantity.unit, settled.rms)
+    values = (
+        quantity.whole.rms,
+        quantity.second_half.rms,
+        quantity.last_third.rms,
+        settled.median,
+        settled.at(95),
+        settled.maximum,
+    )
+    texts = tuple(number(scale * value) for value in values)
+    return ErrorRow(quantity.title, unit, texts, median=number(scale * settled.median))
+
+
+def display_unit(unit: str, typical: float) -> tuple[float, str]:
+    """Factor and unit to show a quantity in: thousandths when it is below a tenth of its unit."""
+    if unit in _THOUSANDTH and typical < 0.1:
+        return 1e3, _THOUSANDTH[unit]
+    return 1.0, unit
+
+
+def number(value: float) -> str:
+    """Three significant digits without an exponent where that stays readable."""
+    if not math.isfinite(value):
+        return _MISSING
+    if value == 0.0 or 1e-4 <= abs(value) < 1e6:
+        decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
+        return f"{value:.{max(decimals, 0)}f}"
+    return f"{value:.2e}"
+
+
+def run_facts(metrics: Metrics) -> list[tuple[str, str]]:
+    """What a run says of itself, as pairs of a name and a value with its unit."""
+    facts = [
+        ("frames", f"{metrics.frames} in {number(metrics.duration_s)} s"),
+        ("frames with an estimate", _estimates(metrics)),
+    ]
+    statuses = [f"{name} {share:.1%}" for name, share in metrics.status_share.items()]
+    facts.append(("status", ", ".join(statuses) or _MISSING))
+    facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
+    for block in metrics.nees:
+        if block.name == "all":
+            facts.append(("NEES per degree of freedom", consistency_text(block)))
+    return facts
+
+
+def consistency_text(values: Consistency) -> str:
+    """The mean, its bounds and the share of frames inside theirs."""
+    if not values.frames:
+        return _MISSING
+    bounds = f"{values.lower:.3f} to {values.upper:.3f}"
+    inside = f"{values.share_inside:.1%} of {values.frames} frames inside their own 95 %"
+    return f"{values.mean_per_degree:.3f} (95 %: {bounds}); {inside}"
+
+
+def summary_table(metrics: Metrics) -> Table:
+    """The table printed at the end of a run: errors when there is a truth, facts below them."""
+    facts = run_facts(metrics)
+    if not metrics.quantities:
+        table = Table("run", "value", title="Run summary", title_justify="left")
+        for name, value in facts:
+            table.add_row(name, escape(value))
+        return table
+    table = Table(title="Errors against the truth", title_justify="left", caption_justify="left")
+    table.add_column("quantity")
+    table.add_column("unit")
+    for heading in ERROR_HEADINGS:
+        table.add_column(heading.replace("RMS ", "RMS\n"), justify="right")
+    for quantity in metrics.quantities:
+        row = error_row(quantity)
+        table.add_row(row.title, row.unit, *row.numbers)
+    lines = ["median, 95 % and max: last third of the run"]
+    table.caption = "\n".join(lines + [f"{name}: {escape(value)}" for name, value in facts])
+    return table
+
+
+def _estimates(metrics: Metrics) -> str:
+    if not metrics.frames_with_estimate:
+        return "none"
+    share = metrics.frames_with_estimate / metrics.frames
+    after = number(metrics.first_estimate_after_s)
+    return f"{metrics.frames_with_estimate} ({share:.1%}), the first after {after} s"

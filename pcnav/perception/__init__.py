@@ -1,0 +1,1 @@
+"""From depth frames to recognised rectangles: returns -> planes -> rectangles -> pose measurements."""

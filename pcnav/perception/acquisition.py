@@ -1,0 +1,96 @@
+"""Pose hypotheses from one frame without any prediction.
+
+Every recognised rectangle, as each catalogue entry of its size and in each case of the ambiguity,
+puts the whole target somewhere. The model rendered there says how much of the frame that
+explains: returns at the predicted depth count for it; a return where space is predicted, space
+where a surface is predicted, and returns at another depth count against it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.arrays import DepthImage, FloatArray
+from pcnav.perception.ambiguity import apply_case, possible_cases
+from pcnav.perception.association import _LARGEST_YAW_SD_RAD
+from pcnav.perception.expectation import Expecter
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.rectangles import YAW
+from pcnav.spatial import invert_transform, rotation_angle
+from pcnav.target import Target
+
+_MOST_RECTANGLES = 4
+"""Only the largest whole rectangles of a frame propose poses; the others take part in the score."""
+_SAME_ANGLE_RAD = 0.15
+_SAME_SHIFT_FRACTION = 0.1
+"""Hypotheses closer than this angle and share of the diameter are one."""
+_DEPTH_TOLERANCE_SIGMA = 4.0
+_DEPTH_TOLERANCE_FRACTION = 0.01
+"""Depths agree within this many sigma plus this share of the diameter: a hypothesis is not exact."""
+
+
+@dataclass(frozen=True)
+class PoseHypothesis:
+    """One place where the target may be."""
+
+    T_cam_model: FloatArray
+    """(4, 4)"""
+    explained: float
+    """Share, of the pixels that have a return or should have one, whose depth agrees; 0 to 1."""
+    rectangle: str
+    """The catalogue entry that proposed it."""
+
+
+def pose_hypotheses(
+    perceived: PerceivedFrame, target: Target, expecter: Expecter, range_sigma_m: float
+) -> tuple[PoseHypothesis, ...]:
+    """All distinct hypotheses of a frame, the one that explains most first."""
+    tolerance = (
+        _DEPTH_TOLERANCE_SIGMA * range_sigma_m + _DEPTH_TOLERANCE_FRACTION * target.diameter_m
+    )
+    hypotheses = []
+    for T_cam_model, rectangle in _distinct(_proposals(perceived), target.diameter_m):
+        rendered = expecter.render(T_cam_model)
+        explained = explained_share(perceived.frame.depth_m, rendered.depth_m, tolerance)
+        hypotheses.append(PoseHypothesis(T_cam_model, explained, rectangle))
+    return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.explained))
+
+
+def explained_share(seen: DepthImage, predicted: DepthImage, tolerance_m: float) -> float:
+    """Share of the pixels with a return, or a predicted surface, where both agree."""
+    either = (seen > 0.0) | (predicted > 0.0)
+    agree = (seen > 0.0) & (predicted > 0.0) & (np.abs(seen - predicted) < tolerance_m)
+    return float(np.count_nonzero(agree) / max(np.count_nonzero(either), 1))
+
+
+def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:
+    proposals = []
+    whole = [
+        seen
+        for seen in perceived.seen
+        if seen.recognitions
+        and seen.observation.covariance[YAW, YAW] < _LARGEST_YAW_SD_RAD**2
+    ]
+    for seen in whole[:_MOST_RECTANGLES]:
+        for recognition in seen.recognitions:
+            rectangle = recognition.rectangle
+            for case in possible_cases(rectangle):
+                T_cam_rect = apply_case(seen.observation.T_cam_rect, case)
+                T_cam_model = T_cam_rect @ invert_transform(rectangle.T_model_rect)
+                proposals.append((T_cam_model, rectangle.name))
+    return proposals
+
+
+def _distinct(
+    proposals: list[tuple[FloatArray, str]], diameter_m: float
+) -> list[tuple[FloatArray, str]]:
+    """Drop proposals that an earlier one (of a larger rectangle) already makes."""
+    kept: list[tuple[FloatArray, str]] = []
+    for T, name in proposals:
+        for other, _ in kept:
+            near = np.linalg.norm(T[:3, 3] - other[:3, 3]) < _SAME_SHIFT_FRACTION * diameter_m
+            if near and rotation_angle(T[:3, :3].T @ other[:3, :3]) < _SAME_ANGLE_RAD:
+                break
+        else:
+            kept.append((T, name))
+    return kept

@@ -1,0 +1,128 @@
+"""What the catalogue faces should look like from a predicted pose.
+
+A face in an image is seldom the bare rectangle of the catalogue: other parts and the image border
+hide some of it, and rims thinner than a pixel count as part of it. So the model is ray-cast at the
+predicted pose and that clean frame goes through the very same segmentation and moments as the
+measured one. How the moments of an expected face sit on its catalogue rectangle is then known.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.arrays import FloatArray, IntArray
+from pcnav.camera import PinholeCamera
+from pcnav.config import PerceptionTable
+from pcnav.perception.rectangles import RectangleObservation, observe_segment
+from pcnav.perception.returns import window_of_returns
+from pcnav.perception.segmentation import segment_planes
+from pcnav.sequences.sequence import Frame
+from pcnav.simulation.depth import DepthRenderer, RenderedDepth
+from pcnav.target import Rectangle, Target
+
+_ON_FACE_FRACTION = 1e-3
+"""A triangle lies on a catalogue rectangle when it is this close to it, over the diameter."""
+_NO_FACE = -1
+
+
+@dataclass(frozen=True)
+class ExpectedFace:
+    """One catalogue rectangle as the predicted pose shows it."""
+
+    rectangle: Rectangle
+    T_cam_rect: FloatArray
+    """(4, 4) predicted pose of the whole catalogue rectangle."""
+    observation: RectangleObservation
+    """Moments of the part that is seen."""
+    n_pixels: int
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """The predicted view."""
+
+    rendered: RenderedDepth
+    faces: tuple[ExpectedFace, ...]
+    labels: IntArray
+    """(height, width) of the image: index into ``faces``, -1 for none."""
+
+
+class Expecter:
+    """Predicts views of one target through one camera; the ray-casting scene is built once."""
+
+    def __init__(
+        self, target: Target, camera: PinholeCamera, settings: PerceptionTable, range_sigma_m: float
+    ) -> None:
+        self._target = target
+        self.camera = camera
+        self._settings = settings
+        self._sigma_m = range_sigma_m
+        self._renderer = DepthRenderer(target.mesh, camera)
+        self._face_of_triangle = _rectangle_of_triangle(target)
+
+    def render(self, T_cam_model: FloatArray) -> RenderedDepth:
+        """The clean view from a pose (4, 4)."""
+        return self._renderer.render(T_cam_model)
+
+    def expect(self, T_cam_model: FloatArray) -> Expectation:
+        """The faces that a pose (4, 4) shows."""
+        rendered = self.render(T_cam_model)
+        no_labels = np.full(rendered.depth_m.shape, _NO_FACE, dtype=np.intp)
+        frame = Frame(0, 0.0, rendered.depth_m, rendered.camera, np.eye(4))
+        window = window_of_returns(frame)
+        if window is None:
+            return Expectation(rendered, (), no_labels)
+        part = window.part
+        shown = np.where(
+            rendered.triangle[part] >= 0, self._face_of_triangle[rendered.triangle[part]], _NO_FACE
+        ).ravel()
+        counts = np.bincount(shown[shown >= 0], minlength=len(self._target.rectangles))
+        planes = self._visible_planes(counts, T_cam_model)
+        least = self._settings.minimum_plane_points
+        segments, _ = segment_planes(window, planes, self._sigma_m, least)
+        faces, labels = [], no_labels
+        for segment in segments:
+            votes = shown[segment.pixels]
+            votes = votes[votes >= 0]
+            if len(votes) == 0:
+                continue
+            rectangle = self._target.rectangles[int(np.bincount(votes).argmax())]
+            observation = observe_segment(
+                frame.camera, window, segment, self._sigma_m, self._settings.mode
+            )
+            image = labels[part]
+            image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
+            faces.append(
+                ExpectedFace(
+                    rectangle, T_cam_model @ rectangle.T_model_rect, observation, len(segment.pixels)
+                )
+            )
+        return Expectation(rendered, tuple(faces), labels)
+
+    def _visible_planes(self, counts: IntArray, T_cam_model: FloatArray) -> list[FloatArray]:
+        """Planes m of the rectangles that show enough pixels, coplanar ones once, largest first."""
+        planes: list[FloatArray] = []
+        for index in np.argsort(-counts):
+            if counts[index] < self._settings.minimum_plane_points:
+                break
+            T_cam_rect = T_cam_model @ self._target.rectangles[index].T_model_rect
+            normal, point = T_cam_rect[:3, 2], T_cam_rect[:3, 3]
+            m = normal / (normal @ point)
+            if all(np.linalg.norm(m - other) > 1e-6 * np.linalg.norm(m) for other in planes):
+                planes.append(m)
+        return planes
+
+
+def _rectangle_of_triangle(target: Target) -> IntArray:
+    """(n,) index of the catalogue rectangle each triangle of the mesh lies on, -1 for none."""
+    tolerance = _ON_FACE_FRACTION * target.diameter_m
+    centres, normals = target.mesh.triangles_center, target.mesh.face_normals
+    found = np.full(len(centres), _NO_FACE, dtype=np.intp)
+    # Largest first in the catalogue: a small rectangle that shares a plane keeps its triangles.
+    for index, rectangle in enumerate(target.rectangles):
+        R, origin = rectangle.T_model_rect[:3, :3], rectangle.T_model_rect[:3, 3]
+        local = (centres - origin) @ R
+        half = 0.5 * np.array([rectangle.width_m, rectangle.length_m]) + tolerance
+        inside = (np.abs(local[:, :2]) <= half).all(axis=1) & (np.abs(local[:, 2]) <= tolerance)
+        found[inside & (np.abs(normals @ R[:, 2]) > 0.999)] = index
+    return found

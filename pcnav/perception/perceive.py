@@ -1,0 +1,83 @@
+"""Perception of one frame: returns -> planes -> segments -> rectangles -> catalogue entries."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.arrays import IntArray
+from pcnav.config import PerceptionTable
+from pcnav.perception.planes import extract_planes, trial_count
+from pcnav.perception.recognition import Recognition, recognise
+from pcnav.perception.rectangles import RectangleObservation, observe_segment
+from pcnav.perception.returns import Window, window_of_returns
+from pcnav.perception.segmentation import Segment, segment_planes
+from pcnav.sequences.sequence import Frame
+from pcnav.target import Rectangle
+
+_LARGEST_PLANE_FRACTION = 0.2
+"""Share of the returns left that the next plane is counted on to hold: 1 - tau of Yu 2019 (2)."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One segment read as a rectangle and what it can be."""
+
+    segment: Segment
+    observation: RectangleObservation
+    recognitions: tuple[Recognition, ...]
+    """Catalogue entries of its size, best first."""
+
+
+@dataclass(frozen=True)
+class PerceivedFrame:
+    """All that perception says of one frame, before any filter."""
+
+    frame: Frame
+    window: Window | None
+    """None when nothing came back."""
+    labels: IntArray
+    """(height, width) of the window: which of `seen` each pixel belongs to, -1 for none."""
+    seen: tuple[Seen, ...]
+    """Largest segment first."""
+
+    @property
+    def image_labels(self) -> IntArray:
+        """(height, width) of the whole image: as `labels`."""
+        image = np.full(self.frame.depth_m.shape, -1, dtype=np.intp)
+        if self.window is not None:
+            image[self.window.part] = self.labels
+        return image
+
+
+def perceive(
+    frame: Frame,
+    catalogue: tuple[Rectangle, ...],
+    settings: PerceptionTable,
+    range_sigma_m: float,
+    seed: int,
+) -> PerceivedFrame:
+    """Planes, rectangles and their catalogue entries in a depth frame.
+
+    Deterministic for a seed. A frame without returns gives no rectangles; it is no error.
+    """
+    window = window_of_returns(frame)
+    if window is None:
+        return PerceivedFrame(frame, None, np.empty((0, 0), dtype=np.intp), ())
+    returns = np.flatnonzero(window.has_return)
+    trials = trial_count(1.0 - _LARGEST_PLANE_FRACTION, settings.ransac_success_probability)
+    planes = extract_planes(
+        window.rays[returns] * window.range_m[returns, None],
+        settings.plane_threshold_sigma * range_sigma_m,
+        trials,
+        settings.minimum_plane_points,
+        seed + frame.index,
+    )
+    segments, labels = segment_planes(
+        window, [m for m, _ in planes], range_sigma_m, settings.minimum_plane_points
+    )
+    seen = []
+    for segment in segments:
+        observation = observe_segment(frame.camera, window, segment, range_sigma_m, settings.mode)
+        recognitions = recognise(observation, catalogue, settings.size_gate_sigma)
+        seen.append(Seen(segment, observation, recognitions))
+    return PerceivedFrame(frame, window, labels, tuple(seen))

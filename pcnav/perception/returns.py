@@ -1,0 +1,77 @@
+"""The returns of one depth frame as flat arrays, cut to the window that the target fills."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.camera import pixel_rays, range_per_depth, solid_angle
+from pcnav.sequences.sequence import Frame
+
+_MARGIN_PX = 2
+"""Pixels kept around the returns, so that every return has its neighbours inside the window."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """All pixels of the smallest image window that holds every return (n = height * width)."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+    touches_border: tuple[bool, bool, bool, bool]
+    """Whether top, bottom, left, right of the window are the image's own border."""
+    rays: FloatArray
+    """(n, 3) unit rays, camera frame."""
+    solid_angle: FloatArray
+    """(n,) sr."""
+    range_m: FloatArray
+    """(n,) range along the ray; 0 where no return came back."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width)."""
+        return (self.height, self.width)
+
+    @property
+    def part(self) -> tuple[slice, slice]:
+        """Rows and columns of the image that the window covers."""
+        return (
+            slice(self.top, self.top + self.height),
+            slice(self.left, self.left + self.width),
+        )
+
+    @property
+    def has_return(self) -> BoolArray:
+        """(n,) pixels with a return."""
+        return self.range_m > 0.0
+
+    def pixel(self, flat_index: IntArray) -> IntArray:
+        """(..., 2) image coordinates (u, v) of flat window indices."""
+        v, u = np.divmod(flat_index, self.width)
+        return np.stack([u + self.left, v + self.top], axis=-1)
+
+
+def window_of_returns(frame: Frame) -> Window | None:
+    """The window of a frame's returns, or None when nothing came back."""
+    seen = frame.depth_m > 0.0
+    rows = np.flatnonzero(seen.any(axis=1))
+    if rows.size == 0:
+        return None
+    columns = np.flatnonzero(seen.any(axis=0))
+    height, width = frame.depth_m.shape
+    top, bottom = max(rows[0] - _MARGIN_PX, 0), min(rows[-1] + _MARGIN_PX + 1, height)
+    left, right = max(columns[0] - _MARGIN_PX, 0), min(columns[-1] + _MARGIN_PX + 1, width)
+    part = (slice(top, bottom), slice(left, right))
+    per_depth = range_per_depth(frame.camera)[part]
+    return Window(
+        top=int(top),
+        left=int(left),
+        height=int(bottom - top),
+        width=int(right - left),
+        touches_border=(top == 0, bottom == height, left == 0, right == width),
+        rays=(pixel_rays(frame.camera)[part] / per_depth[..., None]).reshape(-1, 3),
+        solid_angle=solid_angle(frame.camera)[part].ravel(),
+        range_m=(frame.depth_m[part] * per_depth).ravel(),
+    )

@@ -1,0 +1,152 @@
+"""The main job as a list of verbs: open, track, write, evaluate, report."""
+
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pcnav.config import Pipeline
+from pcnav.errors import InputError
+from pcnav.evaluation.metrics import Metrics, evaluate
+from pcnav.evaluation.overlay import frame_picture
+from pcnav.evaluation.report import ReportContent, write_report
+from pcnav.evaluation.truth import read_truth
+from pcnav.mesh import wireframe_edges
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.provenance import library_versions, pipeline_toml
+from pcnav.result_writer import ResultWriter
+from pcnav.results import (
+    METRICS_FILE,
+    PIPELINE_FILE,
+    REPORT_FILE,
+    FrameEstimate,
+    read_measurements,
+    read_track,
+)
+from pcnav.sequences.opening import open_sequence
+from pcnav.sequences.sequence import Sequence
+from pcnav.target import Target, load_target
+from pcnav.tracking import Tracker
+
+OnEstimate = Callable[[FrameEstimate, int], None]
+"""Told of every estimate and of how many frames there are."""
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a run leaves behind."""
+
+    folder: Path
+    metrics: Metrics
+    """Errors in it only where the sequence carries a truth."""
+
+    @property
+    def report(self) -> Path:
+        """The report page."""
+        return self.folder / REPORT_FILE
+
+
+@dataclass(frozen=True)
+class _Showcase:
+    """The frame that the report shows."""
+
+    estimate: FrameEstimate
+    perceived: PerceivedFrame
+
+
+def run(
+    sequence_path: Path,
+    out: Path,
+    pipeline: Pipeline,
+    *,
+    target_mesh: Path | None = None,
+    overwrite: bool = False,
+    on_estimate: OnEstimate | None = None,
+) -> RunSummary:
+    """Estimate a target's motion from a depth sequence and write the result folder.
+
+    Raises `InputError` for a bad sequence, mesh or existing result folder; nothing is then left.
+    """
+    sequence = open_sequence(sequence_path, target_mesh)
+    target = load_target(_mesh_of(sequence, target_mesh))
+    tracker = Tracker(
+        target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed
+    )
+    showcase: _Showcase | None = None
+    with ResultWriter(out, overwrite) as writer:
+        for frame in sequence:
+            estimate, perceived = tracker.step(frame)
+            writer.add(estimate)
+            showcase = _better(showcase, _Showcase(estimate, perceived))
+            if on_estimate is not None:
+                on_estimate(estimate, len(sequence))
+        staging = writer.finish_tables()
+        metrics = _evaluated(sequence, target, staging)
+        writer.write_json(METRICS_FILE, metrics.to_json())
+        writer.write_text(PIPELINE_FILE, pipeline_toml(pipeline, library_versions()))
+        report = _report_content(out.absolute().name, target, staging, metrics, pipeline, showcase)
+        write_report(staging / REPORT_FILE, report)
+    return RunSummary(out, metrics)
+
+
+def _mesh_of(sequence: Sequence, given: Path | None) -> Path:
+    mesh = given or sequence.info.target_mesh
+    if mesh is None:
+        raise InputError(
+            sequence.path, "target_mesh", "expected the target's mesh, in sequence.toml or by --target"
+        )
+    return mesh
+
+
+def _better(best: _Showcase | None, new: _Showcase) -> _Showcase:
+    """The frame with more rectangles used; the later one of equals, being better estimated."""
+    if best is None or new.estimate.n_rectangles >= best.estimate.n_rectangles:
+        return new
+    return best
+
+
+def _evaluated(sequence: Sequence, target: Target, staging: Path) -> Metrics:
+    track = read_track(staging, with_covariance=True)
+    return evaluate(track, read_truth(sequence.path), target.symmetry_rotations)
+
+
+def _report_content(
+    title: str,
+    target: Target,
+    staging: Path,
+    metrics: Metrics,
+    pipeline: Pipeline,
+    showcase: _Showcase | None,
+) -> ReportContent:
+    picture, caption = _picture(target, showcase)
+    return ReportContent(
+        title=title,
+        target=target.name,
+        command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        track=read_track(staging),
+        records=read_measurements(staging),
+        metrics=metrics,
+        configuration=pipeline.model_dump(mode="json"),
+        versions=library_versions(),
+        picture=picture,
+        picture_caption=caption,
+    )
+
+
+def _picture(target: Target, showcase: _Showcase | None) -> tuple[Figure | None, str]:
+    if showcase is None:
+        return None, ""
+    estimate, perceived = showcase.estimate, showcase.perceived
+    frame = perceived.frame
+    picture = frame_picture(
+        frame.depth_m,
+        frame.camera,
+        perceived.image_labels,
+        estimate.records,
+        wireframe_edges(target.mesh),
+        estimate.T_cam_model,
+    )
+    return picture, f"Frame {frame.index} at {frame.time_s:g} s, status {estimate.status}."

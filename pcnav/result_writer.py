@@ -1,0 +1,230 @@
+"""Writes a result folder frame by frame: memory does not grow with the length of the run.
+
+Everything goes into a hidden sibling folder that takes the final name only once it is complete,
+so a result folder is either whole or not there.
+"""
+
+import csv
+import json
+import math
+import secrets
+import shutil
+import zipfile
+from array import array
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TextIO
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.errors import InputError
+from pcnav.results import (
+    COVARIANCES_FILE,
+    MEASUREMENT_COLUMNS,
+    MEASUREMENTS_FILE,
+    POSE_COLUMNS,
+    POSES_FILE,
+    SD_COLUMNS,
+    SD_ORDER,
+    STATES_FILE,
+    TRACK_COLUMNS,
+    FrameEstimate,
+    RectangleRecord,
+)
+from pcnav.sequences.state_table import STATE_COLUMNS, state_row
+from pcnav.spatial import xyzw_from_rotation
+from pcnav.state import STATE_SIZE
+
+_RAW_COVARIANCES_FILE = "covariances.partial"
+
+
+class ResultWriter:
+    """Streams a run to a result folder; a context manager.
+
+    Leaving the ``with`` block normally puts the folder in place, leaving it by an exception
+    removes all that was written and keeps an earlier folder as it was. Usage::
+
+        with ResultWriter(folder) as writer:
+            for estimate in run:
+                writer.add(estimate)
+            staging = writer.finish_tables()
+            track = read_track(staging)
+            writer.write_json(METRICS_FILE, ...)
+
+    Raises `InputError` on entry when the folder holds anything and ``overwrite`` is false, or
+    when it holds something other than an earlier run.
+    """
+
+    def __init__(self, folder: Path, overwrite: bool = False) -> None:
+        self._folder = folder.resolve()
+        self._overwrite = overwrite
+        # A sibling lies on the same file system, so that the final rename is atomic.
+        self._staging = self._folder.parent / f".{self._folder.name}-{secrets.token_hex(4)}"
+        self._open_files = ExitStack()
+        self._estimate_times = array("d")
+        self._finished = False
+
+    def __enter__(self) -> Self:
+        _refuse_unless_replaceable(self._folder, self._overwrite)
+        self._new_parents = [p for p in self._folder.parents if not p.exists()]
+        try:
+            self._folder.parent.mkdir(parents=True, exist_ok=True)
+            self._staging.mkdir()
+        except OSError as error:
+            expected = f"expected a place that can be written ({error.strerror})"
+            raise InputError(self._folder, "folder", expected) from error
+        self._open_tables()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None:
+                self.finish_tables()
+                _move_into_place(self._staging, self._folder)
+        finally:
+            self._open_files.close()
+            # Does nothing after a successful move.
+            shutil.rmtree(self._staging, ignore_errors=True)
+            for parent in self._new_parents:
+                _remove_if_empty(parent)
+
+    def add(self, estimate: FrameEstimate) -> None:
+        """Append one frame. Only between entry and `finish_tables`."""
+        if self._finished:
+            raise RuntimeError("frames cannot be added after finish_tables()")
+        self._states.writerow(_state_row(estimate))
+        self._measurements.writerows(_measurement_row(record) for record in estimate.records)
+        if estimate.T_cam_model is not None and estimate.covariance is not None:
+            pose = [estimate.time_s, *_pose_fields(estimate.T_cam_model)]
+            self._poses.write(" ".join(repr(float(value)) for value in pose) + "\n")
+            P = np.ascontiguousarray(estimate.covariance, dtype=np.float64)
+            if P.shape != (STATE_SIZE, STATE_SIZE):
+                raise ValueError(f"frame {estimate.index}: covariance of shape {P.shape}")
+            self._covariances.write(P.tobytes())
+            self._estimate_times.append(estimate.time_s)
+
+    def finish_tables(self) -> Path:
+        """Complete the streamed files; the folder returned can then be read and added to.
+
+        It is temporary: it takes its final name when the ``with`` block ends.
+        """
+        if not self._finished:
+            self._finished = True
+            self._open_files.close()
+            self._pack_covariances()
+        return self._staging
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a text file of the result folder."""
+        (self._staging / name).write_text(text, encoding="utf-8")
+
+    def write_json(self, name: str, content: Mapping[str, object]) -> None:
+        """Write a JSON file of the result folder. Raises ``ValueError`` on nan and infinity."""
+        self.write_text(name, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+    def _open_tables(self) -> None:
+        with ExitStack() as files:
+            states = files.enter_context(_new_text_file(self._staging / STATES_FILE))
+            measurements = files.enter_context(_new_text_file(self._staging / MEASUREMENTS_FILE))
+            self._poses = files.enter_context(_new_text_file(self._staging / POSES_FILE))
+            raw_covariances = (self._staging / _RAW_COVARIANCES_FILE).open("wb")
+            self._covariances = files.enter_context(raw_covariances)
+            self._open_files = files.pop_all()
+        self._states = csv.writer(states, lineterminator="\n")
+        self._states.writerow(TRACK_COLUMNS)
+        self._measurements = csv.writer(measurements, lineterminator="\n")
+        self._measurements.writerow(MEASUREMENT_COLUMNS)
+
+    def _pack_covariances(self) -> None:
+        """Copy the raw covariances behind the header that needed to know their count."""
+        raw = self._staging / _RAW_COVARIANCES_FILE
+        shape = (len(self._estimate_times), STATE_SIZE, STATE_SIZE)
+        header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+        with zipfile.ZipFile(self._staging / COVARIANCES_FILE, "w") as archive:
+            with raw.open("rb") as source, archive.open("P.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array_header_1_0(member, header)
+                shutil.copyfileobj(source, member)
+            with archive.open("time_s.npy", "w") as member:
+                np.lib.format.write_array(member, np.frombuffer(self._estimate_times, dtype="<f8"))
+        raw.unlink()
+
+
+def _new_text_file(path: Path) -> TextIO:
+    return path.open("w", encoding="utf-8", newline="")
+
+
+def _state_row(estimate: FrameEstimate) -> list[float | int | str]:
+    """One row of states.csv; the csv module writes a float with all its digits."""
+    row: list[float | int | str] = []
+    if estimate.state is None or estimate.covariance is None:
+        row += [float(estimate.time_s), *[""] * len(STATE_COLUMNS[1:] + SD_COLUMNS)]
+    else:
+        # Rounding may leave a variance that should be zero slightly below it.
+        sd = np.sqrt(np.maximum(np.diagonal(estimate.covariance), 0.0))
+        row += state_row(estimate.time_s, estimate.state).tolist() + sd[SD_ORDER].tolist()
+    nis = "" if math.isnan(estimate.nis) else float(estimate.nis)
+    return [*row, estimate.status, nis, int(estimate.nis_dof), int(estimate.n_rectangles)]
+
+
+def _measurement_row(record: RectangleRecord) -> list[float | str]:
+    pose: list[float] | list[str] = [""] * len(POSE_COLUMNS)
+    if np.isfinite(record.T_cam_rect).all():
+        pose = _pose_fields(record.T_cam_rect)
+    return [
+        float(record.time_s),
+        record.rectangle,
+        float(record.length_m),
+        float(record.width_m),
+        *pose,
+        *(float(sd) for sd in record.sd),
+        record.case,
+        record.outcome,
+    ]
+
+
+def _pose_fields(T: FloatArray) -> list[float]:
+    """Position and scalar-last quaternion of a (4, 4) pose."""
+    return [float(value) for value in (*T[:3, 3], *xyzw_from_rotation(T[:3, :3]))]
+
+
+def _refuse_unless_replaceable(folder: Path, overwrite: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError(folder, "folder", "expected a folder, this is a file")
+    if not any(folder.iterdir()):
+        return
+    if not overwrite:
+        raise InputError(folder, "folder", "expected an empty or new folder (or ask to overwrite)")
+    # Being told to overwrite must not cost somebody a folder that never was a run.
+    if not (folder / STATES_FILE).is_file():
+        expected = f"expected an earlier result folder to overwrite, but it has no {STATES_FILE}"
+        raise InputError(folder, "folder", expected)
+
+
+def _move_into_place(staging: Path, folder: Path) -> None:
+    """Rename the complete folder to its name; an earlier one is deleted only afterwards."""
+    if not folder.exists():
+        staging.rename(folder)
+        return
+    earlier = staging.with_name(f"{staging.name}-earlier")
+    folder.rename(earlier)
+    try:
+        staging.rename(folder)
+    except OSError:
+        earlier.rename(folder)
+        raise
+    shutil.rmtree(earlier)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()

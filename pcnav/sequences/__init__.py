@@ -1,0 +1,1 @@
+"""Depth sequences: one reader per format behind `Sequence`, and the writer of our own."""

@@ -1,0 +1,213 @@
+"""Writer of our own sequence format: a BOP scene, sequence.toml and, for simulations, truth."""
+
+import json
+import os
+import shutil
+import tempfile
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.errors import InputError
+from pcnav.sequences.bop import DEPTH_FOLDER, depth_file_name
+from pcnav.sequences.bop_scene import OBJECT_ID, SCENE_CAMERA_FILE, SCENE_GT_FILE
+from pcnav.sequences.depth_png import MAXIMUM_UNITS, write_depth_png
+from pcnav.sequences.sequence import Frame, SequenceInfo
+from pcnav.sequences.sequence_file import SEQUENCE_FILE, write_sequence_file
+from pcnav.sequences.state_table import STATE_COLUMNS, state_row
+from pcnav.state import NavigationState
+
+TRUTH_FILE = "truth.csv"
+
+
+class SequenceWriter:
+    """Writes frames one by one into a folder that appears, whole, when the block ends.
+
+    Everything goes to a temporary folder beside the final one; an exception in the block removes
+    it. Raises `InputError` on entry when the folder exists and ``overwrite`` is false, or when it
+    is not a sequence (nothing else is ever replaced).
+    """
+
+    def __init__(
+        self, path: Path, info: SequenceInfo, depth_step_m: float, overwrite: bool = False
+    ) -> None:
+        self._path = path
+        self._info = info
+        self._depth_step_m = depth_step_m
+        self._overwrite = overwrite
+        self._open_files = ExitStack()
+        self._last_index = -1
+
+    def __enter__(self) -> "SequenceWriter":
+        self._require_free()
+        parent = self._path.absolute().parent
+        try:
+            self._made_parents = _make_folders(parent)
+            self._folder = _sibling(self._path)
+        except OSError as error:
+            raise InputError(
+                self._path, "folder", f"expected a place to write to ({error.strerror})"
+            ) from error
+        try:
+            (self._folder / DEPTH_FOLDER).mkdir()
+            write_sequence_file(self._folder / SEQUENCE_FILE, self._info)
+            self._cameras = _JsonObject(self._open(SCENE_CAMERA_FILE))
+            self._poses: _JsonObject | None = None
+            self._states: TextIO | None = None
+        except BaseException:
+            self._discard()
+            raise
+        return self
+
+    def write(
+        self,
+        frame: Frame,
+        state: NavigationState | None = None,
+        T_cam_model: FloatArray | None = None,
+    ) -> None:
+        """Store a frame and, where known, the true state and pose: of all frames or of none.
+
+        Raises `InputError` when a depth does not fit 16 bits of the stored step, and `ValueError`
+        when frames do not come in increasing order or truth comes and goes.
+        """
+        if frame.index <= self._last_index:
+            raise ValueError(f"frame {frame.index} after frame {self._last_index}")
+        self._write_depth(frame)
+        self._cameras.add(frame.index, _camera_entry(frame, self._depth_step_m))
+        first = self._last_index < 0
+        if first and T_cam_model is not None:
+            self._poses = _JsonObject(self._open(SCENE_GT_FILE))
+        if first and state is not None:
+            self._states = self._open(TRUTH_FILE)
+            self._states.write(",".join(STATE_COLUMNS) + "\n")
+        if (T_cam_model is None) != (self._poses is None) or (state is None) != (
+            self._states is None
+        ):
+            raise ValueError("truth is written for all frames or for none")
+        if self._poses is not None and T_cam_model is not None:
+            self._poses.add(frame.index, [_pose_entry(T_cam_model)])
+        if self._states is not None and state is not None:
+            row = state_row(frame.time_s, state).tolist()
+            self._states.write(",".join(map(repr, row)) + "\n")
+        self._last_index = frame.index
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None:
+                self._finish()
+        finally:
+            self._discard()
+
+    def _require_free(self) -> None:
+        if not os.path.lexists(self._path):
+            return
+        if not self._path.is_dir() or self._path.is_symlink():
+            raise InputError(self._path, "folder", "expected a folder, but it is something else")
+        empty = next(self._path.iterdir(), None) is None
+        if empty:
+            return
+        if not self._overwrite:
+            expected = "expected a new folder, but it exists (ask to overwrite to replace it)"
+            raise InputError(self._path, "folder", expected)
+        if not (self._path / SCENE_CAMERA_FILE).is_file():
+            expected = f"expected a sequence to overwrite, but it has no {SCENE_CAMERA_FILE}"
+            raise InputError(self._path, "folder", expected)
+
+    def _open(self, name: str) -> TextIO:
+        file = (self._folder / name).open("w", encoding="utf-8", newline="\n")
+        return self._open_files.enter_context(file)
+
+    def _write_depth(self, frame: Frame) -> None:
+        units = np.rint(frame.depth_m.astype(np.float64) / self._depth_step_m)
+        if not (units.min() >= 0.0 and units.max() <= MAXIMUM_UNITS):
+            reach = MAXIMUM_UNITS * self._depth_step_m
+            expected = f"expected depths between 0 and {reach:g} m (16 bits of the stored step)"
+            got = f"got {float(frame.depth_m.max()):g} m in frame {frame.index}"
+            raise InputError(self._path, "depth_scale", f"{expected}, {got}")
+        name = depth_file_name(frame.index)
+        write_depth_png(self._folder / DEPTH_FOLDER / name, units.astype(np.uint16))
+
+    def _finish(self) -> None:
+        if self._last_index < 0:
+            raise ValueError("no frame was written")
+        self._cameras.end()
+        if self._poses is not None:
+            self._poses.end()
+        self._open_files.close()
+        # mkdtemp makes folders private; a result is as readable as any other folder.
+        mask = os.umask(0)
+        os.umask(mask)
+        self._folder.chmod(0o777 & ~mask)
+        self._require_free()
+        if self._path.exists():
+            replaced = _sibling(self._path)
+            self._path.rename(replaced / "replaced")
+            self._folder.rename(self._path)
+            shutil.rmtree(replaced)
+        else:
+            self._folder.rename(self._path)
+        self._made_parents = ()
+
+    def _discard(self) -> None:
+        """Remove whatever of the temporary folder and of the parents made for it is left."""
+        self._open_files.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+        for parent in self._made_parents:
+            # Someone else may have put something there meanwhile: then it stays.
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _sibling(path: Path) -> Path:
+    """A new, empty, hidden folder beside a path, hence on the same disk: renaming is instant."""
+    path = path.absolute()
+    return Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+
+
+class _JsonObject:
+    """A JSON object written entry by entry."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+        self._separator = "{\n"
+
+    def add(self, key: int, value: object) -> None:
+        self._file.write(f'{self._separator}  "{key}": {json.dumps(value, allow_nan=False)}')
+        self._separator = ",\n"
+
+    def end(self) -> None:
+        self._file.write("\n}\n")
+
+
+def _camera_entry(frame: Frame, depth_step_m: float) -> dict[str, object]:
+    return {
+        "cam_K": frame.camera.matrix.ravel().tolist(),
+        "depth_scale": depth_step_m * 1000.0,
+        "timestamp_s": frame.time_s,
+        "cam_R_w2c": frame.T_cam_world[:3, :3].ravel().tolist(),
+        "cam_t_w2c": (1000.0 * frame.T_cam_world[:3, 3]).tolist(),
+    }
+
+
+def _pose_entry(T_cam_model: FloatArray) -> dict[str, object]:
+    return {
+        "cam_R_m2c": T_cam_model[:3, :3].ravel().tolist(),
+        "cam_t_m2c": (1000.0 * T_cam_model[:3, 3]).tolist(),
+        "obj_id": OBJECT_ID,
+    }
+
+
+def _make_folders(folder: Path) -> tuple[Path, ...]:
+    """Create a folder with its parents; those that had to be made, innermost first."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    return tuple(missing)

@@ -1,0 +1,1 @@
+"""Truth and a simulated depth sensor: the only producer of synthetic sequences."""

@@ -1,0 +1,388 @@
+"""The tracker: perception and filter joined, one frame in, one estimate out."""
+
+import logging
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.config import FilterTable, PerceptionMode, PerceptionTable
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.errors import InputError
+from pcnav.estimation.batch import ArcFit, TimedMeasurements, fit_arc
+from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult
+from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
+from pcnav.estimation.start import Decision, MotionStart, first_state, start_covariance
+from pcnav.perception.acquisition import pose_hypotheses
+from pcnav.perception.association import (
+    MeasuredFace,
+    Unused,
+    measure_by_expectation,
+    measure_by_size,
+)
+from pcnav.perception.expectation import Expecter
+from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.results import ACCEPTED, FrameEstimate, RectangleRecord
+from pcnav.sequences.sequence import Frame, SequenceInfo
+from pcnav.spatial import make_transform, rotation_angle
+from pcnav.state import NavigationState
+from pcnav.target import Target
+
+_log = logging.getLogger("pcnav")
+
+_MOST_BLIND_FRAMES = 10
+"""Frames with returns but without an accepted measurement before the track is given up."""
+_ARC_LENGTHS = (8, 16, 32, 64)
+"""Numbers of frames after which the whole arc since the start is fitted anew."""
+_PASSES = 3
+"""Most times the expected view is rendered anew because the update moved the pose."""
+_STILL_SHIFT_FRACTION = 2e-4
+"""An update that moves no point of the target further than this share of the range is final."""
+_UNITS_RATIO = (0.02, 5.0)
+"""What is seen of a target spans between these shares of its diameter, or the units differ."""
+
+
+class Status(StrEnum):
+    """What an estimate is worth."""
+
+    ACQUIRING = "acquiring"
+    LOCKED = "locked"
+    AMBIGUOUS = "ambiguous"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """Where the camera is at the time of a frame."""
+
+    T_cam_world: FloatArray
+    T_cam_hill: FloatArray
+    R_hill_world: FloatArray
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What one frame did to the filter."""
+
+    faces: list[MeasuredFace]
+    unused: list[Unused]
+    result: UpdateResult | None
+
+
+class Tracker:
+    """Follows one target through a sequence: acquires it, then filters frame by frame.
+
+    Nothing but the target, the pipeline's settings and the frames enters an estimate.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        info: SequenceInfo,
+        perception: PerceptionTable,
+        filtering: FilterTable,
+        seed: int,
+    ) -> None:
+        self._target, self._info = target, info
+        self._perception, self._filtering, self._seed = perception, filtering, seed
+        self._sigma_m = perception.range_sigma_m or info.range_sigma_m
+        self._model = MassCentreModel(
+            info.mean_motion_rad_s,
+            filtering.acceleration_psd_m2_s3,
+            filtering.angular_acceleration_psd_rad2_s3,
+        )
+        self._expecter: Expecter | None = None
+        self._filter: ErrorStateFilter[NavigationState] | None = None
+        self._time_s = 0.0
+        self._units_checked = False
+        self._status = Status.ACQUIRING
+        self._forget()
+
+    def _forget(self) -> None:
+        self._filter = None
+        self._start = MotionStart(self._target)
+        self._start_frames: list[PerceivedFrame] = []
+        self._arc: list[TimedMeasurements] | None = []
+        self._arc_guess: NavigationState | None = None
+        self._blind_frames = 0
+        self._ambiguous = False
+
+    def step(self, frame: Frame) -> tuple[FrameEstimate, PerceivedFrame]:
+        """Take in one frame. Raises `InputError` when target and frame differ in units."""
+        expecter = self._expecter_of(frame)
+        perceived = perceive(
+            frame, self._target.rectangles, self._perception, self._sigma_m, self._seed
+        )
+        if not self._units_checked and perceived.window is not None:
+            self._check_units(perceived)
+        if self._filter is None:
+            estimate = self._acquire(perceived, expecter)
+        else:
+            estimate = self._track(perceived, expecter, self._filter)
+        if estimate.status != self._status:
+            _log.info("frame %d: %s -> %s", frame.index, self._status, estimate.status)
+            self._status = Status(estimate.status)
+        return estimate, perceived
+
+    # Acquisition.
+
+    def _acquire(self, perceived: PerceivedFrame, expecter: Expecter) -> FrameEstimate:
+        frame = perceived.frame
+        hypotheses = pose_hypotheses(perceived, self._target, expecter, self._sigma_m)
+        decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
+        self._start_frames.append(perceived)
+        if decision is None:
+            unused = [Unused(seen, "no motion decided on yet") for seen in perceived.seen]
+            return self._estimate(perceived, _Outcome([], unused, None), Status.ACQUIRING)
+        return self._begin(decision, expecter, perceived)
+
+    def _begin(
+        self, decision: Decision, expecter: Expecter, perceived: PerceivedFrame
+    ) -> FrameEstimate:
+        """Fit the first state to the frames of the motion decided on, and start the filter."""
+        by_time = {seen.frame.time_s: seen for seen in self._start_frames}
+        frames = [by_time[s.time_s] for s in decision.motion.sightings]
+        poses = [s.T_cam_model for s in decision.motion.sightings]
+        com, ratios = self._prior_mass()
+        guess = first_state(decision.motion, com, ratios, self._info.mean_motion_rad_s)
+        covariance = start_covariance(*self._prior_spread())
+        outcomes = [_Outcome([], [], None)]
+        for _ in range(_PASSES):
+            outcomes = [
+                self._measured(seen, expecter, pose) for seen, pose in zip(frames, poses, strict=True)
+            ]
+            arc = [
+                self._timed(seen, outcome.faces)
+                for seen, outcome in zip(frames, outcomes, strict=True)
+            ]
+            fit = fit_arc(self._model, guess, covariance, arc)
+            poses = [
+                self._pose(state, seen) for state, seen in zip(fit.states, frames, strict=True)
+            ]
+        self._arc, self._arc_guess = arc, guess
+        self._ambiguous = decision.ambiguous
+        self._restart(fit, frames[-1].frame.time_s)
+        status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
+        return self._estimate(perceived, outcomes[-1], status)
+
+    def _prior_mass(self) -> tuple[FloatArray, FloatArray]:
+        initial = self._info.initial
+        com, ratios = self._target.com_model, self._target.inertia_ratios
+        if initial is not None and initial.com_model_m is not None:
+            com = initial.com_model_m
+        if initial is not None and initial.inertia_ratios is not None:
+            ratios = initial.inertia_ratios
+        return com, ratios
+
+    def _prior_spread(self) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations (3,) of the mass centre and (5,) of the ratios: pipeline file, then
+        sequence, then target."""
+        initial = self._info.initial
+        com = np.full(3, self._filtering.com_sd_m or self._target.com_sd_m)
+        ratios = np.full(5, self._filtering.inertia_ratio_sd or self._target.inertia_ratio_sd)
+        if initial is not None and initial.com_sd_m is not None and not self._filtering.com_sd_m:
+            com = initial.com_sd_m
+        if (
+            initial is not None
+            and initial.inertia_ratios_sd is not None
+            and not self._filtering.inertia_ratio_sd
+        ):
+            ratios = initial.inertia_ratios_sd
+        return com, ratios
+
+    def _restart(self, fit: ArcFit, time_s: float) -> None:
+        self._filter = ErrorStateFilter(
+            fit.states[-1],
+            fit.covariance,
+            gate_probability=self._filtering.gate_probability,
+            most_iterations=self._filtering.iterations,
+        )
+        self._time_s = time_s
+
+    # Tracking.
+
+    def _track(
+        self,
+        perceived: PerceivedFrame,
+        expecter: Expecter,
+        kalman: ErrorStateFilter[NavigationState],
+    ) -> FrameEstimate:
+        frame = perceived.frame
+        kalman.predict(self._model, self._time_s, frame.time_s - self._time_s)
+        self._time_s = frame.time_s
+        outcome = self._update(perceived, expecter, kalman)
+        used = outcome.result is not None and any(outcome.result.accepted)
+        if used:
+            self._blind_frames = 0
+            self._extend_arc(perceived, outcome)
+        elif perceived.window is not None:
+            self._blind_frames += 1
+        if self._blind_frames > _MOST_BLIND_FRAMES:
+            estimate = self._estimate(perceived, outcome, Status.LOST)
+            self._forget()
+            return estimate
+        found = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
+        return self._estimate(perceived, outcome, found if used else Status.COASTING)
+
+    def _update(
+        self,
+        perceived: PerceivedFrame,
+        expecter: Expecter,
+        kalman: ErrorStateFilter[NavigationState],
+    ) -> _Outcome:
+        """Measure against the expected view and update; again while the view still moves."""
+        prior = kalman.snapshot()
+        pose = self._pose(kalman.state, perceived)
+        outcome = _Outcome([], [], None)
+        for _ in range(_PASSES):
+            outcome = self._measured(perceived, expecter, pose)
+            kalman.restore(prior)
+            result = kalman.update(self._timed(perceived, outcome.faces).measurements)
+            outcome = _Outcome(outcome.faces, outcome.unused, result)
+            before, pose = pose, self._pose(kalman.state, perceived)
+            if self._perception.mode is PerceptionMode.PAPER or self._is_still(before, pose):
+                break
+        return outcome
+
+    def _is_still(self, before: FloatArray, after: FloatArray) -> bool:
+        shift = np.linalg.norm(after[:3, 3] - before[:3, 3])
+        turn = float(rotation_angle(before[:3, :3].T @ after[:3, :3]))
+        moved = float(shift) + 0.5 * self._target.diameter_m * turn
+        return moved < _STILL_SHIFT_FRACTION * float(np.linalg.norm(after[:3, 3]))
+
+    def _extend_arc(self, perceived: PerceivedFrame, outcome: _Outcome) -> None:
+        """Keep the young track's measurements, and fit the whole arc anew at set lengths."""
+        if self._arc is None or self._arc_guess is None or outcome.result is None:
+            return
+        accepted = [
+            face
+            for face, passed in zip(outcome.faces, outcome.result.accepted, strict=True)
+            if passed
+        ]
+        self._arc.append(self._timed(perceived, accepted))
+        if len(self._arc) in _ARC_LENGTHS:
+            fit = fit_arc(
+                self._model, self._arc_guess, start_covariance(*self._prior_spread()), self._arc
+            )
+            if fit.converged:
+                self._restart(fit, perceived.frame.time_s)
+        if len(self._arc) >= _ARC_LENGTHS[-1]:
+            self._arc = None
+
+    # From a frame to measurements.
+
+    def _measured(
+        self, perceived: PerceivedFrame, expecter: Expecter, T_cam_model: FloatArray
+    ) -> _Outcome:
+        if self._perception.mode is PerceptionMode.PAPER:
+            faces, unused = measure_by_size(perceived, T_cam_model)
+        else:
+            expectation = expecter.expect(T_cam_model)
+            faces, unused = measure_by_expectation(
+                perceived, expectation, self._perception.size_gate_sigma
+            )
+        return _Outcome(faces, unused, None)
+
+    def _timed(self, perceived: PerceivedFrame, faces: list[MeasuredFace]) -> TimedMeasurements:
+        geometry = self._geometry(perceived.frame)
+        return TimedMeasurements(
+            perceived.frame.time_s,
+            tuple(
+                RectangleMeasurement(
+                    rectangle=face.rectangle.name,
+                    T_model_rect=face.rectangle.T_model_rect,
+                    T_cam_rect=face.T_cam_rect,
+                    known=face.known,
+                    full_covariance=face.covariance,
+                    T_cam_hill=geometry.T_cam_hill,
+                    R_hill_world=geometry.R_hill_world,
+                )
+                for face in faces
+            ),
+        )
+
+    def _geometry(self, frame: Frame) -> _Geometry:
+        R = R_hill_world(frame.time_s, self._info.mean_motion_rad_s)
+        T_world_hill = make_transform(R.T, np.zeros(3))
+        return _Geometry(frame.T_cam_world, frame.T_cam_world @ T_world_hill, R)
+
+    def _pose(self, state: NavigationState, perceived: PerceivedFrame) -> FloatArray:
+        geometry = self._geometry(perceived.frame)
+        return state.T_cam_model(geometry.T_cam_world, geometry.R_hill_world)
+
+    def _expecter_of(self, frame: Frame) -> Expecter:
+        if self._expecter is None or self._expecter.camera != frame.camera:
+            self._expecter = Expecter(
+                self._target, frame.camera, self._perception, self._sigma_m
+            )
+        return self._expecter
+
+    def _check_units(self, perceived: PerceivedFrame) -> None:
+        """A mesh in millimetres and a cloud in metres make nonsense of everything after."""
+        assert perceived.window is not None, "checked by the caller"
+        window = perceived.window
+        points = window.rays[window.has_return] * window.range_m[window.has_return, None]
+        low, high = np.percentile(points, [2, 98], axis=0)
+        ratio = float(np.linalg.norm(high - low)) / self._target.diameter_m
+        if not _UNITS_RATIO[0] < ratio < _UNITS_RATIO[1]:
+            raise InputError(
+                self._target.mesh_path,
+                "units",
+                "expected a mesh in metres of about the size of what is seen: its diameter is "
+                f"{self._target.diameter_m:.4g} m, the returns span {ratio:.3g} times that",
+            )
+        self._units_checked = True
+
+    # From the filter to the estimate.
+
+    def _estimate(
+        self, perceived: PerceivedFrame, outcome: _Outcome, status: Status
+    ) -> FrameEstimate:
+        kalman, frame, result = self._filter, perceived.frame, outcome.result
+        passed = [True] * len(outcome.faces) if result is None else list(result.accepted)
+        records = [
+            _face_record(frame.time_s, face, ACCEPTED if ok else "failed the innovation gate")
+            for face, ok in zip(outcome.faces, passed, strict=True)
+        ]
+        records += [_unused_record(frame.time_s, unused) for unused in outcome.unused]
+        return FrameEstimate(
+            index=frame.index,
+            time_s=frame.time_s,
+            state=None if kalman is None else kalman.state,
+            covariance=None if kalman is None else kalman.covariance,
+            T_cam_model=None if kalman is None else self._pose(kalman.state, perceived),
+            status=str(status),
+            nis=float("nan") if result is None else result.joint_nis,
+            nis_dof=0 if result is None else result.joint_dof,
+            n_rectangles=sum(passed),
+            records=tuple(records),
+        )
+
+
+def _face_record(time_s: float, face: MeasuredFace, outcome: str) -> RectangleRecord:
+    return RectangleRecord(
+        time_s=time_s,
+        rectangle=face.rectangle.name,
+        length_m=face.seen.observation.length_m,
+        width_m=face.seen.observation.width_m,
+        T_cam_rect=face.T_cam_rect,
+        sd=np.where(face.known, np.sqrt(np.diag(face.covariance)), np.inf),
+        case=str(face.case),
+        outcome=outcome,
+    )
+
+
+def _unused_record(time_s: float, unused: Unused) -> RectangleRecord:
+    observation = unused.seen.observation
+    return RectangleRecord(
+        time_s=time_s,
+        rectangle="",
+        length_m=observation.length_m,
+        width_m=observation.width_m,
+        T_cam_rect=observation.T_cam_rect,
+        sd=np.sqrt(np.diag(observation.covariance)[:6]),
+        case="",
+        outcome=unused.reason,
+    )

@@ -1,0 +1,37 @@
+"""What every test may rely on: no display, reproducible examples, the shared recordings."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# Read by matplotlib when it is first imported, which is after this file.
+os.environ["MPLBACKEND"] = "Agg"
+
+# A deadline fails on a busy machine, not on a fault. Continuous integration draws the same examples
+# every time, so that a red run is about the change; at a desk new examples keep being tried.
+settings.register_profile("desk", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("ci" if os.environ.get("CI") else "desk")
+
+_REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """Root of the checkout the tests belong to."""
+    return _REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of recordings and meshes that are not part of the project; skips where it is absent.
+
+    It is looked for beside the checkout, or where the variable PCNAV_SHARED says.
+    """
+    shared = os.environ.get("PCNAV_SHARED")
+    data = (Path(shared) if shared else _REPOSITORY.parent / "shared") / "data"
+    if not data.is_dir():
+        pytest.skip(f"shared recordings are absent: no folder {data.name} in {data.parent.name}")
+    return data

@@ -1,0 +1,105 @@
+"""A made-up run whose errors are drawn from the covariance it states."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from pcnav.arrays import FloatArray
+from pcnav.evaluation.truth import Truth
+from pcnav.results import ACCEPTED, FrameEstimate, RectangleRecord
+from pcnav.spatial import exp_rotation, make_transform
+from pcnav.state import STATE_SIZE, NavigationState
+
+FIRST_ESTIMATE = 3
+SD = np.repeat([0.05, 0.002, 0.03, 0.01, 0.001, 0.02], [3, 3, 3, 3, 3, 5])
+T_CAM_WORLD = make_transform(exp_rotation(np.array([0.3, -1.2, 0.4])), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class SyntheticRun:
+    """The frames of a run and the truth behind it."""
+
+    estimates: tuple[FrameEstimate, ...]
+    truth: Truth
+
+
+def correlated_covariance(generator: np.random.Generator, time_s: float) -> FloatArray:
+    """A (20, 20) covariance with strong correlations that shrinks with time."""
+    factor = np.eye(STATE_SIZE) + 0.5 * generator.standard_normal((STATE_SIZE, STATE_SIZE))
+    correlation = factor @ factor.T
+    scale = SD * (0.15 + np.exp(-time_s / 10.0)) / np.sqrt(np.diagonal(correlation))
+    return np.asarray(correlation * scale[:, None] * scale)
+
+
+def true_state(time_s: float) -> NavigationState:
+    """A smooth motion; it need not obey any dynamics to be compared with."""
+    return NavigationState(
+        r_hill=np.array([25.0 + 0.01 * time_s, -1.0 + 0.5 * np.sin(0.02 * time_s), 0.3]),
+        v_hill=np.array([0.01, 0.01 * np.cos(0.02 * time_s), 0.0]),
+        com_model=np.array([0.12, -0.05, 0.2]),
+        R_world_body=exp_rotation(np.array([0.02, 0.15, -0.03]) * time_s),
+        omega_body=np.array([0.02, 0.15, -0.03]),
+        inertia_ratios=np.array([1.3, 0.8, 0.02, -0.01, 0.03]),
+    )
+
+
+def frame_estimate(
+    index: int, truth: NavigationState, generator: np.random.Generator, inflation: float
+) -> FrameEstimate:
+    """One frame; the error is drawn from the covariance, times ``inflation``."""
+    time_s = 0.5 * index
+    dof = int(generator.integers(0, 4)) * 6
+    nis = float(generator.chisquare(dof)) if dof else np.nan
+    if index < FIRST_ESTIMATE:
+        return FrameEstimate(index, time_s, None, None, None, "searching", np.nan, 0, 0, ())
+    covariance = correlated_covariance(generator, time_s)
+    error = generator.multivariate_normal(np.zeros(STATE_SIZE), covariance, method="cholesky")
+    # The truth is the estimate moved by the error; with a small error the reverse holds as well.
+    state = truth.retract(-inflation * error)
+    pose = state.T_cam_model(T_CAM_WORLD, np.eye(3))
+    outcomes = (ACCEPTED, "side too short", ACCEPTED, "normal away from camera <45 deg>")
+    records = tuple(
+        RectangleRecord(
+            time_s=time_s,
+            rectangle=("front", "panel, +y", "", "rear")[k],
+            length_m=4.0 / 3.0 + k,
+            width_m=1.0,
+            T_cam_rect=pose,
+            sd=np.array([0.001, 0.002, np.inf, 0.01, 0.02, 0.03]) * (k + 1),
+            case="IXYZ"[k],
+            outcome=outcomes[k],
+        )
+        for k in range(dof // 6 + (index % 7 == 0))
+    )
+    status = "tracking" if dof else "no measurement"
+    return FrameEstimate(
+        index, time_s, state, covariance, pose, status, nis, dof, dof // 6, records
+    )
+
+
+@pytest.fixture(scope="session")
+def make_run() -> Callable[..., SyntheticRun]:
+    """Makes a run of so many frames, its errors ``inflation`` times what it states."""
+
+    def make(frames: int, inflation: float = 1.0) -> SyntheticRun:
+        generator = np.random.default_rng(7)
+        time_s = 0.5 * np.arange(frames)
+        states = [true_state(t) for t in time_s]
+        estimates = tuple(
+            frame_estimate(i, state, generator, inflation) for i, state in enumerate(states)
+        )
+        truth = Truth(
+            time_s=time_s,
+            r_hill=np.array([state.r_hill for state in states]),
+            v_hill=np.array([state.v_hill for state in states]),
+            com_model=np.array([state.com_model for state in states]),
+            R_world_body=np.array([state.R_world_body for state in states]),
+            omega_body=np.array([state.omega_body for state in states]),
+            inertia_ratios=np.array([state.inertia_ratios for state in states]),
+            T_cam_model=np.array([s.T_cam_model(T_CAM_WORLD, np.eye(3)) for s in states]),
+        )
+        return SyntheticRun(estimates, truth)
+
+    return make

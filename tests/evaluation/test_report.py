@@ -1,0 +1,249 @@
+"""The report carries everything it shows, escapes what it is given and stays small."""
+
+import base64
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from pcnav.arrays import DepthImage, FloatArray
+from pcnav.camera import PinholeCamera, project
+from pcnav.evaluation.figures import component_figure, envelope, outcome_figure, svg_bytes
+from pcnav.evaluation.metrics import evaluate
+from pcnav.evaluation.overlay import frame_picture, rectangle_corners, visible_pieces
+from pcnav.evaluation.report import ReportContent, report_html, write_report
+from pcnav.result_writer import ResultWriter
+from pcnav.results import ACCEPTED, RectangleRecord, read_measurements, read_track
+from pcnav.spatial import exp_rotation, make_transform
+
+VOID = {"meta", "img", "br"}
+
+
+class PageReader(HTMLParser):
+    """Checks that tags nest, and keeps the text, the images and all that would be loaded."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text = ""
+        self.images: list[str] = []
+        self.external: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name in {"src", "href", "srcset", "data", "action"}:
+                (self.images if (value or "").startswith("data:") else self.external).append(
+                    value or ""
+                )
+        assert tag not in {"script", "link", "iframe", "object"}
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data + "\n"
+
+
+def read_page(html: str) -> PageReader:
+    reader = PageReader()
+    reader.feed(html)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def make_content(folder: Path, run: object, *, with_truth: bool = True) -> ReportContent:
+    with ResultWriter(folder) as writer:
+        for estimate in run.estimates:  # type: ignore[attr-defined]
+            writer.add(estimate)
+    track = read_track(folder, with_covariance=True)
+    return ReportContent(
+        title="run <one> & two",
+        target="bus <b>bold</b>",
+        command='pcnav run "a b" --target x.toml',
+        track=track,
+        records=read_measurements(folder),
+        metrics=evaluate(track, run.truth if with_truth else None),  # type: ignore[attr-defined]
+        configuration={"seed": 7, "noise": {"range_sigma_m": 0.02, "extra": None}, "v": (1, 2)},
+        versions={"numpy": "9.9.<9>"},
+    )
+
+
+def test_the_page_is_whole_and_loads_nothing(
+    make_run: Callable[..., object], tmp_path: Path
+) -> None:
+    content = make_content(tmp_path / "run", make_run(60))
+    picture = Figure()
+    picture.add_subplot().plot([0.0, 1.0])
+    write_report(tmp_path / "report.html", replace(content, picture=picture, picture_caption="<c>"))
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    reader = read_page(html)
+    assert reader.external == []
+    assert not re.search(r"url\(|@import|https?://", re.sub(r"base64,[^\"]*", "", html))
+    # Pose, six states, consistency, timeline, outcomes and the picture.
+    assert len(reader.images) == 11
+    kinds = [re.split("[:;]", image)[1] for image in reader.images]
+    assert (kinds.count("image/png"), kinds.count("image/svg+xml")) == (1, 10)
+    for image, kind in zip(reader.images, kinds, strict=True):
+        data = base64.b64decode(image.split(",", 1)[1], validate=True)
+        if kind == "image/png":
+            assert data.startswith(b"\x89PNG")
+        else:
+            assert ElementTree.fromstring(data).tag.endswith("svg")
+    for text in ("run <one> & two", "bus <b>bold</b>", 'pcnav run "a b" --target x.toml'):
+        assert text in reader.text
+    for text in ("range_sigma_m", "0.02", "not set", "1, 2", "9.9.<9>", "<c>"):
+        assert text in reader.text
+    for text in ("inertia ratios", "too confident", "panel, +y", "not recognised"):
+        assert text in reader.text or text == "too confident"
+
+
+def test_the_numbers_in_the_page_are_those_of_the_metrics(
+    make_run: Callable[..., object], tmp_path: Path
+) -> None:
+    content = make_content(tmp_path / "run", make_run(60, 2.0))
+    text = read_page(report_html(content)).text
+    position = content.metrics.quantities[0]
+    assert position.key == "position_cam"
+    assert position.last_third.rms < 0.1
+    for value in (position.whole.rms, position.last_third.at(95), position.last_third.maximum):
+        assert f"{1e3 * value:.3g}" in text
+    assert text.count("too confident") == 7
+    used = sum(record.outcome == ACCEPTED for record in content.records)
+    assert used > 0
+    assert f"{len(content.records)} rectangles seen" in text
+
+
+def test_without_a_truth_the_estimates_are_shown(
+    make_run: Callable[..., object], tmp_path: Path
+) -> None:
+    content = make_content(tmp_path / "run", make_run(40), with_truth=False)
+    reader = read_page(report_html(content))
+    assert "Against the truth" not in reader.text
+    assert "Pose error" not in reader.text
+    assert len(reader.images) == 9
+
+
+@pytest.mark.parametrize("frames", [0, 1, 3, 4])
+def test_a_run_of_hardly_any_frames_has_a_report(
+    make_run: Callable[..., object], tmp_path: Path, frames: int
+) -> None:
+    # Up to three frames there is no estimate at all.
+    content = make_content(tmp_path / "run", make_run(frames), with_truth=frames > 0)
+    reader = read_page(report_html(content))
+    assert f"{frames} frames" in reader.text
+    assert ("States over time" in reader.text) == (frames > 3)
+
+
+def test_a_long_run_stays_a_small_page(make_run: Callable[..., object], tmp_path: Path) -> None:
+    content = make_content(tmp_path / "run", make_run(5000))
+    assert 2e5 < len(report_html(content)) < 3e6
+
+
+def test_the_same_run_gives_the_same_page(make_run: Callable[..., object], tmp_path: Path) -> None:
+    content = make_content(tmp_path / "run", make_run(20), with_truth=False)
+    assert report_html(content) == report_html(content)
+
+
+def test_thinning_keeps_every_peak_and_gap() -> None:
+    values = np.sin(np.linspace(0.0, 9.0, 5000))
+    values[1234], values[4321] = 50.0, -60.0
+    values[2000:2100] = np.nan
+    at = envelope(values, 250)
+    assert len(at) <= 500
+    assert (np.diff(at) > 0).all()
+    assert {1234, 4321} <= set(at.tolist())
+    assert np.isnan(values[at]).any()
+    assert envelope(values[:500], 250).tolist() == list(range(500))
+
+
+def test_a_transient_does_not_set_the_scale() -> None:
+    time_s = np.linspace(0.0, 100.0, 1001)
+    error = np.where(time_s < 5.0, 1e3, np.sin(time_s))[:, None]
+    figure = component_figure(time_s, error, np.full((1001, 1), 0.2), ("x",), "1", is_error=True)
+    low, high = figure.axes[0].get_ylim()
+    assert -1.5 < low < -1.0 < 1.0 < high < 1.5
+
+
+def test_rare_outcomes_are_summed() -> None:
+    record = RectangleRecord(0.0, "a", 1.0, 1.0, np.eye(4), np.ones(6), "I", ACCEPTED)
+    reasons = [ACCEPTED] * 30 + [f"reason {k}" for k in range(20) for _ in range(k + 1)]
+    figure = outcome_figure(tuple(replace(record, outcome=reason) for reason in reasons))
+    widths = [bar.get_width() for bar in figure.axes[0].patches]  # type: ignore[attr-defined]
+    assert len(widths) == 10
+    assert sum(widths) == len(reasons)
+    assert svg_bytes(figure).startswith(b"<?xml")
+
+
+CAMERA = PinholeCamera.from_field_of_view(80, 60, 0.5)
+
+
+def wall(depth_m: float) -> DepthImage:
+    """The left half of the image is a wall, the right half is space."""
+    image = np.zeros((CAMERA.height, CAMERA.width), dtype=np.float32)
+    image[:, :40] = depth_m
+    return image
+
+
+def at_pixel(u: float, v: float, z: float) -> FloatArray:
+    return np.array([(u - CAMERA.cx) / CAMERA.fx * z, (v - CAMERA.cy) / CAMERA.fy * z, z])
+
+
+def test_edges_behind_the_seen_surface_are_hidden() -> None:
+    across = np.stack([at_pixel(10, 30, 12.0), at_pixel(70, 30, 12.0)])
+    in_front = np.stack([at_pixel(10, 20, 9.0), at_pixel(70, 20, 9.0)])
+    on_it = np.stack([at_pixel(5, 40, 10.05), at_pixel(35, 40, 10.05)])
+    pieces, visible = visible_pieces(CAMERA, wall(10.0), np.stack([across, in_front, on_it]))
+    u = project(CAMERA, pieces.mean(axis=1))[:, 0]
+    first, second, third = np.split(visible, 3)
+    np.testing.assert_array_equal(first, u[: len(first)] > 38.5)
+    assert second.all()
+    assert third.all()
+
+
+def test_the_picture_draws_what_it_is_given() -> None:
+    T_cam_rect = make_transform(exp_rotation(np.array([0.0, 0.3, 0.2])), at_pixel(20, 30, 10.0))
+    record = RectangleRecord(0.0, "panel", 2.0, 1.0, T_cam_rect, np.ones(6), "I", ACCEPTED)
+    refused = replace(record, rectangle="<other>", outcome="side cut")
+    unknown = replace(record, rectangle="nowhere", T_cam_rect=np.full((4, 4), np.nan))
+    edges = np.array([[[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, 0.0, -99.0]]])
+    labels = np.full((60, 80), -1, dtype=np.intp)
+    labels[:, :20] = 3
+    pose = make_transform(np.eye(3), np.array([0.0, 0.0, 9.0]))
+    figure = frame_picture(wall(10.0), CAMERA, labels, (record, refused, unknown), edges, pose)
+    axes = figure.axes[0]
+    assert [text.get_text() for text in axes.texts] == ["panel", "<other>"]
+    outline = axes.lines[0].get_xydata()
+    np.testing.assert_allclose(outline[:4], project(CAMERA, rectangle_corners(record)))
+    assert [line.get_linestyle() for line in axes.lines] == ["-", "--"]
+    drawn = [c for c in axes.collections if isinstance(c, LineCollection)]
+    points = np.concatenate([s for c in drawn for s in c.get_segments()])
+    # Only the edge that lies before the camera, 2 m wide at 9 m.
+    assert np.ptp(points[:, 0]) == pytest.approx(2.0 / 9.0 * CAMERA.fx)
+    assert np.ptp(points[:, 1]) == pytest.approx(0.0)
+    image = np.asarray(axes.images[0].get_array())
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) == 3
+
+
+def test_corners_span_the_sides() -> None:
+    T = make_transform(exp_rotation(np.array([0.4, -1.0, 2.0])), np.array([1.0, 2.0, 30.0]))
+    corners = rectangle_corners(RectangleRecord(0.0, "p", 4.0, 1.5, T, np.ones(6), "I", ACCEPTED))
+    sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    np.testing.assert_allclose(sides, [1.5, 4.0, 1.5])
+    np.testing.assert_allclose(corners.mean(axis=0), T[:3, 3])
+    np.testing.assert_allclose(corners[1] - corners[0], 1.5 * T[:3, 0], atol=1e-12)
+
+
+def test_a_picture_of_nothing_is_still_a_picture() -> None:
+    nothing = np.zeros((60, 80), dtype=np.float32)
+    figure = frame_picture(nothing, CAMERA, None, (), np.zeros((0, 2, 3)), None)
+    assert figure.axes[0].get_xlim() == (-0.5, 79.5)

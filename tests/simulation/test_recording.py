@@ -1,0 +1,132 @@
+"""A simulated sequence against the mesh and the truth stored with it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pcnav.camera import unproject
+from pcnav.config import Pipeline
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.errors import InputError
+from pcnav.evaluation.truth import read_truth
+from pcnav.sequences.bop import BopSequence
+from pcnav.simulation.recording import simulate
+from pcnav.spatial import invert_transform, transform_points
+from pcnav.target import Target
+
+N = 0.001
+TABLES = {
+    "seed": 3,
+    "scenario": {"frames": 6, "frame_rate_hz": 0.2},
+    "orbit": {
+        "mean_motion_rad_s": N,
+        "r_hill_m": [12.0, 0.3, -0.2],
+        "v_hill_m_s": [0.0, 0.01, 0.0],
+    },
+    "body": {
+        "omega_body_deg_s": [1.6, -1.1, 2.0],
+        "com_model_m": [0.1, -0.05, 0.2],
+        "inertia_ratios": [1.1, 0.9, 0.03, -0.02, 0.05],
+    },
+    "camera": {"width_px": 128, "height_px": 96},
+    "noise": {"range_sigma_m": 0.01, "dropout_fraction": 0.05},
+}
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Target:
+    mesh = trimesh.creation.box((1.0, 1.5, 2.0))
+    path = tmp_path / "box.ply"
+    mesh.export(path)
+    return Target(
+        name="box",
+        mesh_path=path,
+        mesh=mesh,
+        rectangles=(),
+        symmetry_rotations=np.eye(4)[None],
+        com_model=np.zeros(3),
+        com_sd_m=0.1,
+        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
+        inertia_ratio_sd=0.1,
+    )
+
+
+def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target: Target) -> None:
+    told: list[tuple[int, int]] = []
+    pipeline = Pipeline.model_validate(TABLES)
+    out = tmp_path / "seq"
+    summary = simulate(
+        pipeline, target, out, on_frame=lambda done, total: told.append((done, total))
+    )
+    assert told == [(k + 1, 6) for k in range(6)]
+    assert (summary.frames, summary.empty_frames) == (6, 0)
+    sequence, truth = BopSequence(out), read_truth(out)
+    assert truth is not None
+    assert truth.T_cam_model is not None
+    assert sequence.info.target_mesh == target.mesh_path
+    assert (sequence.info.range_sigma_m, sequence.info.mean_motion_rad_s) == (0.01, N)
+    for frame, T_cam_model in zip(sequence, truth.T_cam_model, strict=True):
+        p_cam = unproject(frame.camera, frame.depth_m)[frame.depth_m > 0.0]
+        assert len(p_cam) > 200
+        p_model = transform_points(invert_transform(T_cam_model), p_cam)
+        # Signed distance to a box, for points about its surface.
+        distance = (np.abs(p_model) - [0.5, 0.75, 1.0]).max(axis=1)
+        assert np.abs(distance).max() < 6.0 * 0.01
+        assert np.abs(distance).mean() > 0.001
+
+
+def test_states_poses_and_camera_agree(tmp_path: Path, target: Target) -> None:
+    simulate(Pipeline.model_validate(TABLES), target, tmp_path / "seq")
+    sequence, truth = BopSequence(tmp_path / "seq"), read_truth(tmp_path / "seq")
+    assert truth is not None
+    assert truth.r_hill is not None
+    assert truth.com_model is not None
+    assert truth.R_world_body is not None
+    assert truth.T_cam_model is not None
+    for k, frame in enumerate(sequence):
+        # The mass centre seen through the camera pose is the one seen through the target's pose.
+        p_world = R_hill_world(frame.time_s, N).T @ truth.r_hill[k]
+        through_world = transform_points(frame.T_cam_world, p_world[None])[0]
+        through_model = transform_points(truth.T_cam_model[k], truth.com_model[k][None])[0]
+        np.testing.assert_allclose(through_world, through_model, atol=1e-11)
+        R_cam_body = frame.T_cam_world[:3, :3] @ truth.R_world_body[k]
+        np.testing.assert_allclose(R_cam_body, truth.T_cam_model[k][:3, :3], atol=1e-12)
+
+
+def test_same_pipeline_same_bytes(tmp_path: Path, target: Target) -> None:
+    pipeline = Pipeline.model_validate(TABLES)
+    for name in ("a", "b"):
+        simulate(pipeline, target, tmp_path / name / "seq")
+    simulate(pipeline.model_copy(update={"seed": 4}), target, tmp_path / "c" / "seq")
+    files = [p.relative_to(tmp_path / "a") for p in sorted((tmp_path / "a").rglob("*.*"))]
+    assert len(files) == 10
+    for file in files:
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+    image = Path("seq/depth/000000.png")
+    assert (tmp_path / "a" / image).read_bytes() != (tmp_path / "c" / image).read_bytes()
+
+
+def test_faults_leave_nothing_behind(
+    tmp_path: Path, target: Target, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = sorted(tmp_path.iterdir())
+    fine = Pipeline.model_validate({**TABLES, "noise": {"quantisation_m": 1e-4}})
+    with pytest.raises(InputError, match="16 bits"):
+        simulate(fine, target, tmp_path / "seq")
+    heavy = Pipeline.model_validate({**TABLES, "body": {"inertia_ratios": [3.0, 1.0, 0, 0, 0]}})
+    with pytest.raises(InputError, match=r"my\.toml: body\.inertia_ratios"):
+        simulate(heavy, target, tmp_path / "seq", source="my.toml")
+    assert sorted(tmp_path.iterdir()) == before
+    away = Pipeline.model_validate({**TABLES, "camera": {"boresight_hill": [-1, 0, 0]}})
+    assert simulate(away, target, tmp_path / "seq").empty_frames == 6
+    assert "outside the image in 6 of 6 frames" in caplog.text
+    assert not BopSequence(tmp_path / "seq").frame(0).depth_m.any()
+
+
+def test_noiseless_sensor_states_its_rounding(tmp_path: Path, target: Target) -> None:
+    exact = {"range_sigma_m": 0.0, "quantisation_m": 0.002}
+    simulate(Pipeline.model_validate({**TABLES, "noise": exact}), target, tmp_path / "seq")
+    stated = BopSequence(tmp_path / "seq").info.range_sigma_m
+    assert stated == pytest.approx(0.002 / np.sqrt(12.0))
