@@ -149,7 +149,9 @@ def read_toml_model(path: Path, model: type[Model]) -> Model:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(path, "file", f"expected a readable TOML file ({error.strerror})") from error
+        raise InputError(
+            path, "file", f"expected a readable TOML file ({error.strerror})"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(path, "file", f"expected valid TOML ({error})") from error
     try:
@@ -158,5 +160,9 @@ def read_toml_model(path: Path, model: type[Model]) -> Model:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "file"
         if first["type"] == "extra_forbidden":
-            raise InputError(path, field, "unknown key; expected one of the documented keys") from error
+            raise InputError(
+                path, field, "unknown key; expected one of the documented keys"
+            ) from error
+        if first["type"] == "missing":
+            raise InputError(path, field, "missing; expected a value") from error
         raise InputError(path, field, f"{first['msg']}, got {first.get('input')!r}") from error

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pcnav.arrays import FloatArray, IntArray
+from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.mesh import SHARP_EDGE_RAD, mesh_diameter, plane_axes, seen_from_outside
 from pcnav.spatial import invert_transform, make_transform, transform_points
 
@@ -23,6 +23,8 @@ _CLEARANCE_FRACTION = 1e-4
 """How far off a face the eye starts when asking whether it is seen."""
 _SEEN_SHARE = 0.5
 """A face of which less than this share is seen from outside is internal."""
+_FACES_SAMPLED = 256
+"""Triangles looked at to tell whether coplanar ones joined by edges are seen."""
 SAME_SIDE_RATIO = 1e-4
 """Sides that differ by less than this make a square."""
 
@@ -54,7 +56,7 @@ class _Patch:
 
     T_model_plane: FloatArray
     polygon: shapely.Polygon
-    two_sided: bool = False
+    two_sided: bool
 
 
 def planar_faces(mesh: trimesh.Trimesh, minimum_area_m2: float) -> tuple[PlanarFace, ...]:
@@ -65,27 +67,24 @@ def planar_faces(mesh: trimesh.Trimesh, minimum_area_m2: float) -> tuple[PlanarF
     looks outward to where its view is free.
     """
     diameter = mesh_diameter(mesh)
-    # Group by the planes as wound, find out which way each piece looks, then join again by what
-    # was found: pieces of one face may be wound either way, while two bodies that meet in a plane
-    # from opposite sides are different faces.
-    # A plane must hold a fair part of the area asked for: a face may be wound half and half.
     labels = _group_planes(mesh, mesh.face_normals, mesh.triangles_center)
     group_areas = np.bincount(labels, weights=mesh.area_faces).astype(np.float64)
-    pieces = [
-        piece
-        for label in np.flatnonzero(group_areas > 0.3 * minimum_area_m2)
-        for piece in _wound_pieces(mesh, np.flatnonzero(labels == label), diameter)
-        if piece.polygon.area >= 0.01 * minimum_area_m2
-    ]
-    outward = _turned_outward(mesh, pieces, _CLEARANCE_FRACTION * diameter)
+    # A plane must hold a fair part of the area asked for: a face may be wound half and half.
+    candidates = np.flatnonzero(group_areas[labels] > 0.3 * minimum_area_m2)
+    faces, normals, two_sided = _outward_faces(mesh, labels, candidates)
+    # Two bodies that meet in a plane from opposite sides are different faces: what is joined lies
+    # in one plane and looks the same way.
+    planes = _group_planes(mesh, normals, mesh.triangles_center[faces])
     smooth = _smooth_edges(mesh, labels, group_areas)
-    tolerance = _GAP_FRACTION * diameter
-    faces = [
-        _face_of_patch(patch, smooth, tolerance)
-        for patch in _joined(outward, mesh)
-        if patch.polygon.area >= minimum_area_m2
-    ]
-    return tuple(sorted(faces, key=lambda face: _order(face, diameter)))
+    found = []
+    for plane, sided in sorted(set(zip(planes.tolist(), two_sided.tolist(), strict=True))):
+        members = (planes == plane) & (two_sided == sided)
+        found += [
+            _face_of_patch(patch, smooth, _GAP_FRACTION * diameter)
+            for patch in _patches(mesh, faces[members], normals[members], sided)
+            if patch.polygon.area >= minimum_area_m2
+        ]
+    return tuple(sorted(found, key=lambda face: _order(face, diameter)))
 
 
 def _group_planes(mesh: trimesh.Trimesh, normals: FloatArray, points: FloatArray) -> IntArray:
@@ -100,23 +99,97 @@ def _group_planes(mesh: trimesh.Trimesh, normals: FloatArray, points: FloatArray
         np.round(features / (0.05 * _SAME_PLANE_FRACTION)), axis=0, return_inverse=True
     )
     pairs = cKDTree(cells).query_pairs(1.0 / 0.05, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells),) * 2)
-    labels = connected_components(graph, directed=False)[1][np.ravel(cell_of)]
-    return np.asarray(labels, dtype=np.intp)
+    return _components(pairs, len(cells))[np.ravel(cell_of)]
 
 
-def _wound_pieces(mesh: trimesh.Trimesh, faces: IntArray, diameter: float) -> list[_Patch]:
-    """The connected pieces of mesh faces that lie in one plane."""
+def _outward_faces(
+    mesh: trimesh.Trimesh, labels: IntArray, candidates: IntArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    """The candidates seen from outside: their indices, outward unit normals, whether two-sided.
+
+    What is hidden is decided for coplanar faces joined by edges, not for triangles: a part that
+    stands on a face covers some of it and still leaves the face.
+    """
+    unit = _joined_by_edges(mesh, labels)[candidates]
+    units, unit = np.unique(unit, return_inverse=True)
+    points, owner, weight = _sample_points(mesh, candidates, unit)
+    normals = mesh.face_normals[candidates]
+    facing = normals[np.unique(unit, return_index=True)[1]]
+    clearance = _CLEARANCE_FRACTION * mesh_diameter(mesh)
+    total = np.bincount(owner, weight, minlength=len(units))
+    front, behind = (
+        np.bincount(owner, weight * seen_from_outside(mesh, points, side, clearance)) / total
+        >= _SEEN_SHARE
+        for side in (facing[owner], -facing[owner])
+    )
+    # A sheet has no outward side: its largest normal component is made positive.
+    sign = np.where(front[unit] & behind[unit], _leading_signs(facing)[unit], 1.0)
+    sign = np.where(~front[unit] & behind[unit], -1.0, sign)
+    seen = front[unit] | behind[unit]
+    outward = normals * sign[:, None]
+    return candidates[seen], outward[seen], (front & behind)[unit][seen]
+
+
+def _joined_by_edges(mesh: trimesh.Trimesh, labels: IntArray) -> IntArray:
+    """(n,) label of the set of faces of one plane, connected by shared edges, of each face."""
+    pairs = mesh.face_adjacency
+    pairs = pairs[labels[pairs[:, 0]] == labels[pairs[:, 1]]]
+    return _components(pairs, len(mesh.faces))
+
+
+def _components(pairs: IntArray, count: int) -> IntArray:
+    """(count,) label of the connected component of each node of a graph with edges (n, 2)."""
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+
+
+def _sample_points(
+    mesh: trimesh.Trimesh, faces: IntArray, unit: IntArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Points (n, 3) on the faces, the unit each stands for, and the area it does."""
+    count = np.bincount(unit)
+    order = np.argsort(unit, kind="stable")
+    rank = np.empty(len(unit), dtype=np.intp)
+    rank[order] = np.arange(len(unit)) - np.repeat(np.cumsum(count) - count, count)
+    # A unit of few faces gets many points on each; of a unit of many faces some are enough.
+    stride = np.maximum(1, count // _FACES_SAMPLED)[unit]
+    chosen = rank % stride == 0
+    corners, areas, owner = mesh.triangles[faces], mesh.area_faces[faces], unit
+    few = chosen & (count[unit] <= len(_SUBTRIANGLES))
+    many = chosen & ~few
+    fine = np.einsum("kj,njc->nkc", _SUBTRIANGLES, corners[few]).reshape(-1, 3)
+    repeats = len(_SUBTRIANGLES)
+    return (
+        np.vstack([fine, corners[many].mean(axis=1)]),
+        np.concatenate([np.repeat(owner[few], repeats), owner[many]]),
+        np.concatenate([np.repeat(areas[few] / repeats, repeats), areas[many]]),
+    )
+
+
+def _subtriangle_centres(cuts: int) -> FloatArray:
+    """(cuts^2, 3) barycentric centres of the equal triangles that cut sides into `cuts`."""
+    steps = [(i, j) for i in range(cuts) for j in range(cuts - i)]
+    upright = [(3 * i + 1, 3 * j + 1) for i, j in steps]
+    turned = [(3 * i + 2, 3 * j + 2) for i, j in steps if i + j < cuts - 1]
+    first = np.array(upright + turned) / (3.0 * cuts)
+    return np.column_stack([first, 1.0 - first.sum(axis=1)])
+
+
+_SUBTRIANGLES = _subtriangle_centres(4)
+
+
+def _patches(
+    mesh: trimesh.Trimesh, faces: IntArray, normals: FloatArray, two_sided: bool
+) -> list[_Patch]:
+    """The connected polygons that mesh faces of one plane cover."""
     weights = mesh.area_faces[faces]
-    normal = weights @ mesh.face_normals[faces]
+    normal = weights @ normals
     normal /= np.linalg.norm(normal)
     origin = weights @ mesh.triangles_center[faces] / weights.sum()
     T_model_plane = make_transform(plane_axes(normal), origin)
     corners = transform_points(invert_transform(T_model_plane), mesh.triangles[faces])
-    return [
-        _Patch(T_model_plane, polygon)
-        for polygon in _union(shapely.polygons(corners[..., :2]), _GAP_FRACTION * diameter)
-    ]
+    polygons = _union(shapely.polygons(corners[..., :2]), _GAP_FRACTION * mesh_diameter(mesh))
+    return [_Patch(T_model_plane, polygon, two_sided) for polygon in polygons]
 
 
 def _union(polygons: npt.NDArray[np.object_], gap_m: float) -> list[shapely.Polygon]:
@@ -128,80 +201,6 @@ def _union(polygons: npt.NDArray[np.object_], gap_m: float) -> list[shapely.Poly
     grown = shapely.buffer(merged, gap_m, join_style="mitre")
     closed = shapely.simplify(shapely.buffer(grown, -gap_m, join_style="mitre"), 0.1 * gap_m)
     return [part for part in shapely.get_parts(closed) if part.area > 0.0]
-
-
-def _turned_outward(
-    mesh: trimesh.Trimesh, pieces: list[_Patch], clearance_m: float
-) -> list[_Patch]:
-    """The pieces seen from outside, each with its normal to the side it is seen from."""
-    samples = [_interior_points(piece) for piece in pieces]
-    if not samples:
-        return []
-    points = np.vstack(samples)
-    owner = np.repeat(np.arange(len(pieces)), [len(sample) for sample in samples])
-    normals = np.array([piece.T_model_plane[:3, 2] for piece in pieces])[owner]
-    count = np.bincount(owner)
-    front = np.bincount(owner, seen_from_outside(mesh, points, normals, clearance_m)) / count
-    back = np.bincount(owner, seen_from_outside(mesh, points, -normals, clearance_m)) / count
-    outward = []
-    for piece, front_share, back_share in zip(pieces, front, back, strict=True):
-        in_front, behind = front_share >= _SEEN_SHARE, back_share >= _SEEN_SHARE
-        normal = piece.T_model_plane[:3, 2]
-        if in_front and behind:
-            # A sheet has no outward side: its largest normal component is made positive.
-            outward.append(_with_normal(piece, normal * _leading_sign(normal), two_sided=True))
-        elif in_front or behind:
-            outward.append(_with_normal(piece, normal if in_front else -normal, two_sided=False))
-    return outward
-
-
-def _interior_points(patch: _Patch) -> FloatArray:
-    """(n, 3) points spread over a patch, model frame."""
-    x_min, y_min, x_max, y_max = patch.polygon.bounds
-    steps = (np.arange(6) + 0.5) / 6.0
-    x, y = np.meshgrid(x_min + steps * (x_max - x_min), y_min + steps * (y_max - y_min))
-    inside = shapely.contains_xy(patch.polygon, x.ravel(), y.ravel())
-    flat = np.column_stack([x.ravel(), y.ravel()])[inside]
-    if len(flat) == 0:
-        # A thin frame can slip between the grid points.
-        flat = shapely.get_coordinates(patch.polygon.representative_point())
-    return transform_points(patch.T_model_plane, np.column_stack([flat, np.zeros(len(flat))]))
-
-
-def _with_normal(patch: _Patch, normal: FloatArray, two_sided: bool) -> _Patch:
-    """The same patch in a plane frame whose z is the given normal, parallel to the old one."""
-    T_model_plane = make_transform(plane_axes(normal), patch.T_model_plane[:3, 3])
-    return _Patch(T_model_plane, _in_plane(patch, T_model_plane), two_sided)
-
-
-def _in_plane(patch: _Patch, T_model_plane: FloatArray) -> shapely.Polygon:
-    """The polygon of a patch in the x, y of another frame of the same plane."""
-    T_plane_old = invert_transform(T_model_plane) @ patch.T_model_plane
-
-    def moved(flat: FloatArray) -> FloatArray:
-        spatial = np.column_stack([flat, np.zeros(len(flat))])
-        return transform_points(T_plane_old, spatial)[:, :2]
-
-    return shapely.transform(patch.polygon, moved)
-
-
-def _joined(patches: list[_Patch], mesh: trimesh.Trimesh) -> list[_Patch]:
-    """Patches of one plane that look the same way and touch, made one."""
-    if not patches:
-        return []
-    normals = np.array([patch.T_model_plane[:3, 2] for patch in patches])
-    origins = np.array([patch.T_model_plane[:3, 3] for patch in patches])
-    areas = np.array([patch.polygon.area for patch in patches])
-    plane = _group_planes(mesh, normals, origins)
-    two_sided = np.array([patch.two_sided for patch in patches])
-    gap = _GAP_FRACTION * mesh_diameter(mesh)
-    joined = []
-    for label, sided in sorted(set(zip(plane.tolist(), two_sided.tolist(), strict=True))):
-        members = np.flatnonzero((plane == label) & (two_sided == sided))
-        frame = patches[members[np.argmax(areas[members])]].T_model_plane
-        polygons = np.array([_in_plane(patches[k], frame) for k in members], dtype=np.object_)
-        joined += [_Patch(frame, polygon, sided) for polygon in _union(polygons, gap)]
-    return joined
 
 
 def _smooth_edges(mesh: trimesh.Trimesh, labels: IntArray, group_areas: FloatArray) -> FloatArray:
@@ -276,22 +275,23 @@ def _smallest_box(
     rank_u, rank_v = (tuple(np.round(np.abs(R_model_plane[::-1, :2] @ a), 6)) for a in (u, v))
     long_is_u = rank_u > rank_v if square else size_u > size_v
     y, box = (u, np.array([size_v, size_u])) if long_is_u else (v, np.array([size_u, size_v]))
-    y = y * _leading_sign(R_model_plane[:, :2] @ y)
+    y = y * _leading_signs(R_model_plane[:, :2] @ y)
     return np.column_stack([[y[1], -y[0]], y]), box
 
 
-def _leading_sign(vector: FloatArray) -> float:
-    """Sign of the component of largest magnitude, the first of equals."""
-    rounded = np.round(np.abs(vector), 6)
-    return 1.0 if vector[int(np.argmax(rounded))] >= 0.0 else -1.0
+def _leading_signs(vectors: FloatArray) -> FloatArray:
+    """(...) sign of the component of largest magnitude, the first of equals, of (..., 3)."""
+    largest = np.argmax(np.round(np.abs(vectors), 6), axis=-1, keepdims=True)
+    return np.where(np.take_along_axis(vectors, largest, axis=-1)[..., 0] >= 0.0, 1.0, -1.0)
 
 
 def _curved_share(patch: _Patch, smooth: FloatArray, tolerance_m: float) -> float:
     """Share of the outline of a patch that lies on the edges of `_smooth_edges`."""
-    middle = transform_points(invert_transform(patch.T_model_plane), smooth[:, :3])
-    near = np.flatnonzero(np.abs(middle[:, 2]) < tolerance_m)
-    distance = shapely.distance(patch.polygon.boundary, shapely.points(middle[near, :2]))
-    return float(smooth[near[distance < tolerance_m], 3].sum() / patch.polygon.length)
+    height = (smooth[:, :3] - patch.T_model_plane[:3, 3]) @ patch.T_model_plane[:3, 2]
+    near = smooth[np.abs(height) < tolerance_m]
+    middle = transform_points(invert_transform(patch.T_model_plane), near[:, :3])
+    distance = shapely.distance(patch.polygon.boundary, shapely.points(middle[:, :2]))
+    return float(near[distance < tolerance_m, 3].sum() / patch.polygon.length)
 
 
 def _order(face: PlanarFace, diameter: float) -> tuple[float, ...]:

@@ -72,9 +72,7 @@ def run(
     """
     sequence = open_sequence(sequence_path, target_mesh)
     target = load_target(_mesh_of(sequence, target_mesh))
-    tracker = Tracker(
-        target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed
-    )
+    tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
     showcase: _Showcase | None = None
     with ResultWriter(out, overwrite) as writer:
         for frame in sequence:
@@ -96,7 +94,9 @@ def _mesh_of(sequence: Sequence, given: Path | None) -> Path:
     mesh = given or sequence.info.target_mesh
     if mesh is None:
         raise InputError(
-            sequence.path, "target_mesh", "expected the target's mesh, in sequence.toml or by --target"
+            sequence.path,
+            "target_mesh",
+            "expected the target's mesh, in sequence.toml or by --target",
         )
     return mesh
 

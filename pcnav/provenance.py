@@ -4,6 +4,8 @@ import platform
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 
+import tomli_w
+
 import pcnav
 from pcnav.config import Pipeline
 
@@ -32,13 +34,8 @@ def pipeline_toml(pipeline: Pipeline, versions: Mapping[str, str]) -> str:
     The versions go into comments at the top, so the file can be run again as it is. Keys whose
     value is None are left out: TOML has no null, and None is their default.
     """
-    lines = [f"# {name} {text}" for name, text in versions.items()]
-    content = pipeline.model_dump(mode="json")
-    lines += ["", *_toml_lines(content)]
-    for name, table in content.items():
-        if isinstance(table, dict):
-            lines += ["", f"[{name}]", *_toml_lines(table)]
-    return "\n".join(lines) + "\n"
+    comments = "".join(f"# {name} {text}\n" for name, text in versions.items())
+    return comments + "\n" + tomli_w.dumps(pipeline.model_dump(mode="json", exclude_none=True))
 
 
 def _installed_version(distribution: str) -> str:
@@ -46,30 +43,3 @@ def _installed_version(distribution: str) -> str:
         return version(distribution)
     except PackageNotFoundError:
         return ""
-
-
-def _toml_lines(table: Mapping[str, object]) -> list[str]:
-    """``key = value`` of the entries that are not tables themselves."""
-    return [
-        f"{key} = {_toml_value(value)}"
-        for key, value in table.items()
-        if value is not None and not isinstance(value, dict)
-    ]
-
-
-def _toml_value(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
-    if isinstance(value, str):
-        return _toml_string(value)
-    raise TypeError(f"no TOML form for {type(value).__name__}")
-
-
-def _toml_string(text: str) -> str:
-    """A basic string: quotes, backslashes and control characters are escaped."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

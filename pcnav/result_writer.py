@@ -34,9 +34,9 @@ from pcnav.results import (
     FrameEstimate,
     RectangleRecord,
 )
-from pcnav.sequences.state_table import STATE_COLUMNS, state_row
 from pcnav.spatial import xyzw_from_rotation
 from pcnav.state import STATE_SIZE
+from pcnav.state_table import STATE_COLUMNS, state_row
 
 _RAW_COVARIANCES_FILE = "covariances.partial"
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.errors import InputError
-from pcnav.sequences.state_table import STATE_COLUMNS
 from pcnav.spatial import make_transform, rotation_from_xyzw
 from pcnav.state import (
     COM_MODEL,
@@ -26,6 +25,7 @@ from pcnav.state import (
     V_HILL,
     NavigationState,
 )
+from pcnav.state_table import STATE_COLUMNS
 
 STATES_FILE = "states.csv"
 POSES_FILE = "poses.tum"

@@ -46,7 +46,7 @@ class NavigationState:
         )
 
     def retraction_jacobian(self, error: FloatArray) -> FloatArray:
-        """(20, 20) how a small change of ``error`` moves `retract` of it, in the result's own error.
+        """(20, 20) how a small change of ``error`` moves `retract` of it, in the result's error.
 
         Identity but for the attitude: ``exp(a + da) = exp(a) exp(J_r(a) da)``.
         """

@@ -1,7 +1,7 @@
 """The tracker: perception and filter joined, one frame in, one estimate out."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -63,12 +63,12 @@ class _Geometry:
 
 
 @dataclass(frozen=True)
-class _Outcome:
-    """What one frame did to the filter."""
+class _View:
+    """One frame read with a pose in mind."""
 
+    perceived: PerceivedFrame
     faces: list[MeasuredFace]
     unused: list[Unused]
-    result: UpdateResult | None
 
 
 class Tracker:
@@ -111,16 +111,10 @@ class Tracker:
 
     def step(self, frame: Frame) -> tuple[FrameEstimate, PerceivedFrame]:
         """Take in one frame. Raises `InputError` when target and frame differ in units."""
-        expecter = self._expecter_of(frame)
-        perceived = perceive(
-            frame, self._target.rectangles, self._perception, self._sigma_m, self._seed
-        )
-        if not self._units_checked and perceived.window is not None:
-            self._check_units(perceived)
         if self._filter is None:
-            estimate = self._acquire(perceived, expecter)
+            estimate, perceived = self._acquire(frame)
         else:
-            estimate = self._track(perceived, expecter, self._filter)
+            estimate, perceived = self._track(frame, self._filter)
         if estimate.status != self._status:
             _log.info("frame %d: %s -> %s", frame.index, self._status, estimate.status)
             self._status = Status(estimate.status)
@@ -128,44 +122,40 @@ class Tracker:
 
     # Acquisition.
 
-    def _acquire(self, perceived: PerceivedFrame, expecter: Expecter) -> FrameEstimate:
-        frame = perceived.frame
-        hypotheses = pose_hypotheses(perceived, self._target, expecter, self._sigma_m)
+    def _acquire(self, frame: Frame) -> tuple[FrameEstimate, PerceivedFrame]:
+        perceived = self._perceive(frame)
+        if not self._units_checked and perceived.window is not None:
+            self._check_units(perceived)
+        hypotheses = pose_hypotheses(
+            perceived, self._target, self._expecter_of(frame), self._sigma_m
+        )
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
         self._start_frames.append(perceived)
-        if decision is None:
-            unused = [Unused(seen, "no motion decided on yet") for seen in perceived.seen]
-            return self._estimate(perceived, _Outcome([], unused, None), Status.ACQUIRING)
-        return self._begin(decision, expecter, perceived)
+        if decision is not None:
+            return self._begin(decision), perceived
+        unused = [Unused(seen, "no motion decided on yet") for seen in perceived.seen]
+        view = _View(perceived, [], unused)
+        return self._estimate(view, None, Status.ACQUIRING), perceived
 
-    def _begin(
-        self, decision: Decision, expecter: Expecter, perceived: PerceivedFrame
-    ) -> FrameEstimate:
+    def _begin(self, decision: Decision) -> FrameEstimate:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
         by_time = {seen.frame.time_s: seen for seen in self._start_frames}
-        frames = [by_time[s.time_s] for s in decision.motion.sightings]
+        frames = [by_time[s.time_s].frame for s in decision.motion.sightings]
         poses = [s.T_cam_model for s in decision.motion.sightings]
         com, ratios = self._prior_mass()
-        guess = first_state(decision.motion, com, ratios, self._info.mean_motion_rad_s)
-        covariance = start_covariance(*self._prior_spread())
-        outcomes = [_Outcome([], [], None)]
+        self._arc_guess = first_state(decision.motion, com, ratios, self._info.mean_motion_rad_s)
+        views = [self._view(seen, pose) for seen, pose in zip(frames, poses, strict=True)]
         for _ in range(_PASSES):
-            outcomes = [
-                self._measured(seen, expecter, pose) for seen, pose in zip(frames, poses, strict=True)
+            self._arc = [self._timed(view) for view in views]
+            fit = self._fit_arc()
+            views = [
+                self._viewed_again(view, self._pose(state, view.perceived.frame))
+                for view, state in zip(views, fit.states, strict=True)
             ]
-            arc = [
-                self._timed(seen, outcome.faces)
-                for seen, outcome in zip(frames, outcomes, strict=True)
-            ]
-            fit = fit_arc(self._model, guess, covariance, arc)
-            poses = [
-                self._pose(state, seen) for state, seen in zip(fit.states, frames, strict=True)
-            ]
-        self._arc, self._arc_guess = arc, guess
         self._ambiguous = decision.ambiguous
-        self._restart(fit, frames[-1].frame.time_s)
+        self._restart(fit)
         status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
-        return self._estimate(perceived, outcomes[-1], status)
+        return self._estimate(views[-1], None, status)
 
     def _prior_mass(self) -> tuple[FloatArray, FloatArray]:
         initial = self._info.initial
@@ -192,59 +182,60 @@ class Tracker:
             ratios = initial.inertia_ratios_sd
         return com, ratios
 
-    def _restart(self, fit: ArcFit, time_s: float) -> None:
+    def _fit_arc(self) -> ArcFit:
+        """Fit the whole young track. Only while it is kept."""
+        assert self._arc is not None and self._arc_guess is not None, "checked by the callers"
+        prior = start_covariance(*self._prior_spread())
+        return fit_arc(self._model, self._arc_guess, prior, self._arc)
+
+    def _restart(self, fit: ArcFit) -> None:
+        """Go on from the last state of a fit."""
+        assert self._arc, "a fit has an arc"
+        self._time_s = self._arc[-1].time_s
         self._filter = ErrorStateFilter(
             fit.states[-1],
             fit.covariance,
             gate_probability=self._filtering.gate_probability,
             most_iterations=self._filtering.iterations,
         )
-        self._time_s = time_s
 
     # Tracking.
 
     def _track(
-        self,
-        perceived: PerceivedFrame,
-        expecter: Expecter,
-        kalman: ErrorStateFilter[NavigationState],
-    ) -> FrameEstimate:
-        frame = perceived.frame
+        self, frame: Frame, kalman: ErrorStateFilter[NavigationState]
+    ) -> tuple[FrameEstimate, PerceivedFrame]:
         kalman.predict(self._model, self._time_s, frame.time_s - self._time_s)
         self._time_s = frame.time_s
-        outcome = self._update(perceived, expecter, kalman)
-        used = outcome.result is not None and any(outcome.result.accepted)
-        if used:
+        view, result = self._update(frame, kalman)
+        if any(result.accepted):
             self._blind_frames = 0
-            self._extend_arc(perceived, outcome)
-        elif perceived.window is not None:
-            self._blind_frames += 1
-        if self._blind_frames > _MOST_BLIND_FRAMES:
-            estimate = self._estimate(perceived, outcome, Status.LOST)
+            self._extend_arc(view, result)
+            status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
+        else:
+            # A frame without returns says nothing; one full of unexplained returns does.
+            self._blind_frames += view.perceived.window is not None
+            status = Status.LOST if self._blind_frames > _MOST_BLIND_FRAMES else Status.COASTING
+        estimate = self._estimate(view, result, status)
+        if status is Status.LOST:
             self._forget()
-            return estimate
-        found = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
-        return self._estimate(perceived, outcome, found if used else Status.COASTING)
+        return estimate, view.perceived
 
     def _update(
-        self,
-        perceived: PerceivedFrame,
-        expecter: Expecter,
-        kalman: ErrorStateFilter[NavigationState],
-    ) -> _Outcome:
+        self, frame: Frame, kalman: ErrorStateFilter[NavigationState]
+    ) -> tuple[_View, UpdateResult]:
         """Measure against the expected view and update; again while the view still moves."""
         prior = kalman.snapshot()
-        pose = self._pose(kalman.state, perceived)
-        outcome = _Outcome([], [], None)
-        for _ in range(_PASSES):
-            outcome = self._measured(perceived, expecter, pose)
-            kalman.restore(prior)
-            result = kalman.update(self._timed(perceived, outcome.faces).measurements)
-            outcome = _Outcome(outcome.faces, outcome.unused, result)
-            before, pose = pose, self._pose(kalman.state, perceived)
-            if self._perception.mode is PerceptionMode.PAPER or self._is_still(before, pose):
+        pose = self._pose(kalman.state, frame)
+        view = self._view(frame, pose)
+        result = kalman.update(self._timed(view).measurements)
+        for _ in range(_PASSES - 1):
+            before, pose = pose, self._pose(kalman.state, frame)
+            if self._by_size or self._is_still(before, pose):
                 break
-        return outcome
+            view = self._viewed_again(view, pose)
+            kalman.restore(prior)
+            result = kalman.update(self._timed(view).measurements)
+        return view, result
 
     def _is_still(self, before: FloatArray, after: FloatArray) -> bool:
         shift = np.linalg.norm(after[:3, 3] - before[:3, 3])
@@ -252,43 +243,56 @@ class Tracker:
         moved = float(shift) + 0.5 * self._target.diameter_m * turn
         return moved < _STILL_SHIFT_FRACTION * float(np.linalg.norm(after[:3, 3]))
 
-    def _extend_arc(self, perceived: PerceivedFrame, outcome: _Outcome) -> None:
+    def _extend_arc(self, view: _View, result: UpdateResult) -> None:
         """Keep the young track's measurements, and fit the whole arc anew at set lengths."""
-        if self._arc is None or self._arc_guess is None or outcome.result is None:
+        if self._arc is None:
             return
-        accepted = [
-            face
-            for face, passed in zip(outcome.faces, outcome.result.accepted, strict=True)
-            if passed
-        ]
-        self._arc.append(self._timed(perceived, accepted))
+        passed = [face for face, ok in zip(view.faces, result.accepted, strict=True) if ok]
+        self._arc.append(self._timed(replace(view, faces=passed)))
         if len(self._arc) in _ARC_LENGTHS:
-            fit = fit_arc(
-                self._model, self._arc_guess, start_covariance(*self._prior_spread()), self._arc
-            )
+            fit = self._fit_arc()
             if fit.converged:
-                self._restart(fit, perceived.frame.time_s)
+                self._restart(fit)
         if len(self._arc) >= _ARC_LENGTHS[-1]:
             self._arc = None
 
     # From a frame to measurements.
 
-    def _measured(
-        self, perceived: PerceivedFrame, expecter: Expecter, T_cam_model: FloatArray
-    ) -> _Outcome:
-        if self._perception.mode is PerceptionMode.PAPER:
-            faces, unused = measure_by_size(perceived, T_cam_model)
-        else:
-            expectation = expecter.expect(T_cam_model)
-            faces, unused = measure_by_expectation(
-                perceived, expectation, self._perception.size_gate_sigma
-            )
-        return _Outcome(faces, unused, None)
+    @property
+    def _by_size(self) -> bool:
+        """Whether rectangles are recognised by their size alone, as the paper does."""
+        return self._perception.mode is PerceptionMode.PAPER
 
-    def _timed(self, perceived: PerceivedFrame, faces: list[MeasuredFace]) -> TimedMeasurements:
-        geometry = self._geometry(perceived.frame)
+    def _perceive(
+        self, frame: Frame, planes: tuple[FloatArray, ...] | None = None
+    ) -> PerceivedFrame:
+        catalogue = self._target.rectangles
+        return perceive(frame, catalogue, self._perception, self._sigma_m, self._seed, planes)
+
+    def _view(self, frame: Frame, T_cam_model: FloatArray) -> _View:
+        """Read a frame. RANSAC finds the planes unless a trusted prediction knows them."""
+        if self._by_size:
+            perceived = self._perceive(frame)
+            return _View(perceived, *measure_by_size(perceived, T_cam_model))
+        expectation = self._expecter_of(frame).expect(T_cam_model)
+        trusted = self._blind_frames == 0
+        perceived = self._perceive(frame, expectation.planes if trusted else None)
+        gate_sigma = self._perception.size_gate_sigma
+        return _View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+
+    def _viewed_again(self, view: _View, T_cam_model: FloatArray) -> _View:
+        """The same segments measured against the view expected from a better pose."""
+        perceived = view.perceived
+        if self._by_size:
+            return _View(perceived, *measure_by_size(perceived, T_cam_model))
+        expectation = self._expecter_of(perceived.frame).expect(T_cam_model)
+        gate_sigma = self._perception.size_gate_sigma
+        return _View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+
+    def _timed(self, view: _View) -> TimedMeasurements:
+        geometry = self._geometry(view.perceived.frame)
         return TimedMeasurements(
-            perceived.frame.time_s,
+            view.perceived.frame.time_s,
             tuple(
                 RectangleMeasurement(
                     rectangle=face.rectangle.name,
@@ -299,7 +303,7 @@ class Tracker:
                     T_cam_hill=geometry.T_cam_hill,
                     R_hill_world=geometry.R_hill_world,
                 )
-                for face in faces
+                for face in view.faces
             ),
         )
 
@@ -308,15 +312,13 @@ class Tracker:
         T_world_hill = make_transform(R.T, np.zeros(3))
         return _Geometry(frame.T_cam_world, frame.T_cam_world @ T_world_hill, R)
 
-    def _pose(self, state: NavigationState, perceived: PerceivedFrame) -> FloatArray:
-        geometry = self._geometry(perceived.frame)
+    def _pose(self, state: NavigationState, frame: Frame) -> FloatArray:
+        geometry = self._geometry(frame)
         return state.T_cam_model(geometry.T_cam_world, geometry.R_hill_world)
 
     def _expecter_of(self, frame: Frame) -> Expecter:
         if self._expecter is None or self._expecter.camera != frame.camera:
-            self._expecter = Expecter(
-                self._target, frame.camera, self._perception, self._sigma_m
-            )
+            self._expecter = Expecter(self._target, frame.camera, self._perception, self._sigma_m)
         return self._expecter
 
     def _check_units(self, perceived: PerceivedFrame) -> None:
@@ -335,24 +337,20 @@ class Tracker:
             )
         self._units_checked = True
 
-    # From the filter to the estimate.
-
-    def _estimate(
-        self, perceived: PerceivedFrame, outcome: _Outcome, status: Status
-    ) -> FrameEstimate:
-        kalman, frame, result = self._filter, perceived.frame, outcome.result
-        passed = [True] * len(outcome.faces) if result is None else list(result.accepted)
+    def _estimate(self, view: _View, result: UpdateResult | None, status: Status) -> FrameEstimate:
+        kalman, frame = self._filter, view.perceived.frame
+        passed = [True] * len(view.faces) if result is None else list(result.accepted)
         records = [
             _face_record(frame.time_s, face, ACCEPTED if ok else "failed the innovation gate")
-            for face, ok in zip(outcome.faces, passed, strict=True)
+            for face, ok in zip(view.faces, passed, strict=True)
         ]
-        records += [_unused_record(frame.time_s, unused) for unused in outcome.unused]
+        records += [_unused_record(frame.time_s, unused) for unused in view.unused]
         return FrameEstimate(
             index=frame.index,
             time_s=frame.time_s,
             state=None if kalman is None else kalman.state,
             covariance=None if kalman is None else kalman.covariance,
-            T_cam_model=None if kalman is None else self._pose(kalman.state, perceived),
+            T_cam_model=None if kalman is None else self._pose(kalman.state, frame),
             status=str(status),
             nis=float("nan") if result is None else result.joint_nis,
             nis_dof=0 if result is None else result.joint_dof,

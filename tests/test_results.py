@@ -1,7 +1,6 @@
 """Result folders: exact round trip, streaming in flat memory, all or nothing on disk."""
 
 import csv
-import os
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -241,7 +240,7 @@ def test_additions_appear_with_the_run(tmp_path: Path, frames: list[FrameEstimat
             writer.write_json("bad.json", {"rms_m": float("nan")})
         assert not folder.exists()
     assert (folder / "note.txt").read_text(encoding="utf-8") == "1 frame of 5 °"
-    assert sorted(os.listdir(folder)) == [
+    assert sorted(path.name for path in folder.iterdir()) == [
         *("covariances.npz", "measurements.csv", "metrics.json"),
         *("note.txt", "poses.tum", "states.csv"),
     ]

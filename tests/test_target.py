@@ -32,6 +32,8 @@ def box_file(tmp_path):
 @pytest.fixture(scope="module")
 def build(repository):
     spec = importlib.util.spec_from_file_location("build", repository / "meshes" / "build.py")
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

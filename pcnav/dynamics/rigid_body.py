@@ -19,7 +19,7 @@ def inertia_from_ratios(ratios: FloatArray) -> FloatArray:
 
 def ratios_from_inertia(inertia: FloatArray) -> FloatArray:
     """(5,) ratios Iyy, Izz, Ixy, Ixz, Iyz over Ixx of a (3, 3) inertia matrix of any scale."""
-    return np.array([inertia[i, j] for i, j in _RATIO_ENTRIES]) / inertia[0, 0]
+    return np.asarray([inertia[i, j] for i, j in _RATIO_ENTRIES] / inertia[0, 0])
 
 
 def is_physical_inertia(inertia: FloatArray) -> bool:
@@ -33,7 +33,8 @@ def is_physical_inertia(inertia: FloatArray) -> bool:
 
 def euler_acceleration(inertia: FloatArray, omega_body: FloatArray) -> FloatArray:
     """(3,) angular acceleration in body axes, rad/s^2, without torque (Yu 2019 (28))."""
-    return np.linalg.solve(inertia, -np.cross(omega_body, inertia @ omega_body))
+    torque = -np.cross(omega_body, inertia @ omega_body)
+    return np.asarray(np.linalg.solve(inertia, torque), dtype=np.float64)
 
 
 def euler_acceleration_jacobians(
@@ -51,5 +52,6 @@ def euler_acceleration_jacobians(
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
         by_ratios[:, k] = -unit @ acceleration - np.cross(omega_body, unit @ omega_body)
-    solved = np.linalg.solve(inertia, np.hstack([by_omega, by_ratios]))
+    both = np.hstack([by_omega, by_ratios])
+    solved = np.asarray(np.linalg.solve(inertia, both), dtype=np.float64)
     return solved[:, :3], solved[:, 3:]

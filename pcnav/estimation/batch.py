@@ -62,9 +62,7 @@ def fit_arc(
     """
     size = len(prior_covariance)
     prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
-    roots = [
-        [cholesky(m.covariance, lower=True) for m in timed.measurements] for timed in arc
-    ]
+    roots = [[cholesky(m.covariance, lower=True) for m in timed.measurements] for timed in arc]
 
     def evaluate(error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
         state = guess.retract(error)
@@ -96,16 +94,22 @@ def fit_arc(
             last[key] = evaluate(error)
         return last[key]
 
+    def residual_of(error: FloatArray) -> FloatArray:
+        return cached(error)[1]
+
+    def jacobian_of(error: FloatArray) -> FloatArray:
+        return cached(error)[2]
+
     solution = least_squares(
-        lambda error: cached(error)[1],
+        residual_of,
         np.zeros(size),
-        jac=lambda error: cached(error)[2],
+        jac=jacobian_of,
         method="lm",
         x_scale=np.sqrt(np.diag(prior_covariance)),
     )
     states, residual, jacobian = evaluate(solution.x)
     initial = cho_solve(cho_factor(jacobian.T @ jacobian), np.eye(size))
-    # The covariance so far is of the error vector at the guess: carry it to the first state, then on.
+    # So far a covariance of the error vector at the guess: carry it to the first state, then on.
     reset = guess.retraction_jacobian(solution.x)
     initial = reset @ initial @ reset.T
     carried, time_s = np.eye(size), arc[0].time_s

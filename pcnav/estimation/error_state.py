@@ -9,7 +9,7 @@ injects what an update finds into the state and resets.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -21,7 +21,7 @@ from pcnav.arrays import FloatArray
 class ManifoldState(Protocol):
     """A state whose errors live in a vector space of fixed size."""
 
-    def retract(self, error: FloatArray, /) -> "ManifoldState":
+    def retract(self, error: FloatArray, /) -> Self:
         """The state moved by an error vector (n,)."""
 
     def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
@@ -58,7 +58,7 @@ class MotionModel(ABC, Generic[S]):
 
     @abstractmethod
     def propagate(self, state: S, time_s: float, step_s: float) -> tuple[S, FloatArray, FloatArray]:
-        """State after ``step_s``, the transition matrix of its error and the process noise (n, n)."""
+        """State after ``step_s``, transition matrix of its error and process noise, both (n, n)."""
 
 
 @dataclass(frozen=True)
@@ -137,13 +137,11 @@ class ErrorStateFilter(Generic[S]):
 
         Gauss-Newton on the posterior: every pass linearises about the last iterate ``x (+) d`` and
         asks the Kalman update for the whole error from the prediction, with the innovation
-        ``e(d) + H d`` (Bell and Cathey 1993). ``H`` includes how the error of the iterate depends on
-        d, and the covariance is carried to the new state by the same Jacobian (the reset).
+        ``e(d) + H d`` (Bell and Cathey 1993). ``H`` includes how the error of the iterate depends
+        on d, and the covariance is carried to the new state by the same Jacobian (the reset).
         """
         tests = [self.innovation(measurement) for measurement in measurements]
-        accepted = tuple(
-            bool(nis <= chi2.ppf(self._gate_probability, size)) for nis, size in tests
-        )
+        accepted = tuple(bool(nis <= chi2.ppf(self._gate_probability, size)) for nis, size in tests)
         used = [m for m, passed in zip(measurements, accepted, strict=True) if passed]
         nis, dof = tuple(t[0] for t in tests), tuple(t[1] for t in tests)
         if not used:
@@ -157,7 +155,9 @@ class ErrorStateFilter(Generic[S]):
             iteration += 1
             iterate = prior.retract(error)
             H = joint.jacobian(iterate) @ prior.retraction_jacobian(error)
-            step = self._kalman_step(joint.residual(iterate) + H @ error, H, joint.covariance, prior_covariance)
+            step = self._kalman_step(
+                joint.residual(iterate) + H @ error, H, joint.covariance, prior_covariance
+            )
             change = step - error
             error = step
             # Far below the standard deviation of every component: nothing more to gain.

@@ -19,12 +19,10 @@ from pcnav.estimation.error_state import Measurement, MotionModel
 from pcnav.spatial import exp_rotation, left_jacobian, skew
 from pcnav.state import (
     COM_MODEL,
-    INERTIA_RATIOS,
     OMEGA_BODY,
     R_HILL,
     STATE_SIZE,
     THETA_BODY,
-    V_HILL,
     NavigationState,
 )
 
@@ -79,9 +77,11 @@ class _Turn:
 
 
 def _propagate_rotation(state: NavigationState, step_s: float) -> tuple[_Turn, FloatArray]:
-    """Turn of the body over the step, and the (11, 11) transition of theta, omega and the ratios."""
+    """Turn of the body over the step; (11, 11) transition of theta, omega and the ratios."""
     inertia = inertia_from_ratios(state.inertia_ratios)
-    substeps = max(1, int(np.ceil(np.linalg.norm(state.omega_body) * abs(step_s) / _LARGEST_TURN_RAD)))
+    substeps = max(
+        1, int(np.ceil(np.linalg.norm(state.omega_body) * abs(step_s) / _LARGEST_TURN_RAD))
+    )
     h = step_s / substeps
     R, omega = np.eye(3), state.omega_body
     transition = np.eye(11)
@@ -176,7 +176,7 @@ class RectangleMeasurement(Measurement[NavigationState]):
         R_body_cam = self._R_body_cam(state)
         p_body = R_body_cam @ (self.T_cam_rect[:3, 3] - self._com_cam(state))
         _, R_rect = self._in_rectangle_axes(state)
-        # A small turn theta of the body moves any fixed camera vector, seen in body axes, by [v]x theta.
+        # A small turn theta of the body moves a fixed vector v, seen in body axes, by [v]x theta.
         residual = np.zeros((6, STATE_SIZE))
         residual[:3, R_HILL] = -R_rect_model @ R_body_cam @ self.T_cam_hill[:3, :3]
         residual[:3, COM_MODEL] = R_rect_model

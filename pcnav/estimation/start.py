@@ -103,9 +103,7 @@ class MotionStart:
         After ten frames the best motion is taken even if another one is as good, and called
         ambiguous; so it is whenever the target's symmetry maps one onto the other.
         """
-        sightings = [
-            Sighting(time_s, T_cam_world, h.T_cam_model, h.explained) for h in hypotheses
-        ]
+        sightings = [Sighting(time_s, T_cam_world, h.T_cam_model, h.explained) for h in hypotheses]
         if not sightings:
             return None
         self._frames += 1

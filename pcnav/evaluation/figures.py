@@ -8,7 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import (
+    FixedLocator,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+    StrMethodFormatter,
+)
 from scipy.stats import chi2
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
@@ -22,11 +29,13 @@ LINE, BAND, BOUND, ALERT = "#1d4ed8", "#bfdbfe", "#f59e0b", "#ea580c"
 CATEGORIES = ("#2563eb", "#f59e0b", "#0d9488", "#9333ea", "#db2777", "#65a30d", "#64748b")
 
 _WIDTH_IN = 5.8
-_ROW_IN = 1.05
+_ROW_IN = 1.15
 _BUCKETS = 250
 """Long series are drawn by the extremes of this many spans of time."""
 _MOST_OUTCOMES = 9
 _CONFIDENCE = 0.95
+_DECADES_FROM = 20.0
+"""Bounds that shrink by this factor over a run get logarithmic axes."""
 _LOG_FROM = 20.0
 """A squared error this many times its bound asks for a logarithmic axis."""
 
@@ -38,14 +47,14 @@ def envelope(values: FloatArray, buckets: int = _BUCKETS) -> IntArray:
     """
     if len(values) <= 2 * buckets:
         return np.arange(len(values))
-    chosen: set[int] = set()
-    for span in _spans(len(values), buckets):
-        part = values[span]
-        if np.isnan(part).all():
-            chosen.add(int(span[0]))
-        else:
-            chosen |= {int(span[np.nanargmin(part)]), int(span[np.nanargmax(part)])}
-    return np.array(sorted(chosen), dtype=np.intp)
+    size = -(-len(values) // buckets)
+    padded = np.full((-(-len(values) // size), size), np.nan)
+    padded.ravel()[: len(values)] = values
+    first = np.arange(0, len(values), size)
+    # In a bucket of nan both extremes are the first index, and the line breaks there.
+    smallest = first + np.where(np.isnan(padded), np.inf, padded).argmin(axis=1)
+    largest = first + np.where(np.isnan(padded), -np.inf, padded).argmax(axis=1)
+    return np.unique(np.concatenate([smallest, largest]))
 
 
 def component_figure(
@@ -59,8 +68,9 @@ def component_figure(
 ) -> Figure:
     """Components (n, k) over time, one row each, with their 3 sigma bounds.
 
-    Errors are drawn against bounds about zero, estimates inside bounds about themselves. The
-    vertical axes span what happens after the first tenth of the run, when a filter has settled.
+    Errors are drawn against bounds about zero, estimates inside bounds about themselves. Errors
+    that shrink by orders of magnitude get an axis that is linear about zero and logarithmic
+    beyond; otherwise the axes span what happens after the first tenth of the run.
     """
     settled = time_s >= time_s[0] + 0.1 * np.ptp(time_s)
     typical = np.abs(values[settled])
@@ -82,6 +92,9 @@ def component_figure(
         axes.set_ylabel(name if unit == "1" else f"{name}, {unit}")
         if is_error:
             axes.axhline(0.0, color=MUTED, linewidth=0.6)
+            if _spans_decades(time_s, bound):
+                _set_two_sided_log(axes, time_s, bound, value)
+                continue
         _span(axes, np.concatenate([value, centre - bound, centre + bound]), np.tile(settled, 3))
     _legend(figure, rows[0])
     return figure
@@ -102,6 +115,9 @@ def pose_error_figure(time_s: FloatArray, errors: TrackErrors) -> Figure:
         axes.plot(time_s[at], norm[at], color=LINE, linewidth=0.9)
         if np.any(norm > 0.0):
             axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=8))
+            axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel(label)
     return figure
 
@@ -282,6 +298,35 @@ def _span(axes: Axes, values: FloatArray, settled: BoolArray) -> None:
     if shown.size and np.ptp(shown) > 0.0:
         margin = 0.08 * np.ptp(shown)
         axes.set_ylim(shown.min() - margin, shown.max() + margin)
+
+
+def _settled_bound(time_s: FloatArray, bound: FloatArray) -> float:
+    """The typical bound in the last tenth of the run, nan without any."""
+    last = bound[time_s >= time_s[0] + 0.9 * np.ptp(time_s)]
+    last = last[np.isfinite(last) & (last > 0.0)]
+    return float(np.median(last)) if last.size else np.nan
+
+
+def _spans_decades(time_s: FloatArray, bound: FloatArray) -> bool:
+    """Whether the run settles so far that its start and its end do not fit one linear axis."""
+    known = bound[np.isfinite(bound)]
+    if not known.size:
+        return False
+    return bool(known.max() > _DECADES_FROM * _settled_bound(time_s, bound))
+
+
+def _set_two_sided_log(
+    axes: Axes, time_s: FloatArray, bound: FloatArray, error: FloatArray
+) -> None:
+    """Linear up to the power of ten below the settled bound, logarithmic beyond, all in view."""
+    linear = 10.0 ** np.floor(np.log10(_settled_bound(time_s, bound)))
+    largest = float(np.nanmax([np.nanmax(bound), np.nanmax(np.abs(error), initial=0.0)]))
+    axes.set_yscale("symlog", linthresh=linear)
+    top = max(10.0 ** np.floor(np.log10(largest)), linear)
+    axes.yaxis.set_major_locator(FixedLocator(sorted({-top, -linear, 0.0, linear, top})))
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(-1.5 * largest, 1.5 * largest)
 
 
 def _shortened(text: str, length: int) -> str:

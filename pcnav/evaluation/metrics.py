@@ -250,12 +250,12 @@ def _quantities(time_s: FloatArray, errors: TrackErrors) -> tuple[QuantityErrors
     # A truth without camera poses still knows the attitude.
     theta = np.where(errors.has_pose[:, None], errors.theta_model_rad, errors.state[:, THETA_BODY])
     series = (
-        ("position_cam", "model origin in the camera", "m", errors.p_cam_m),
+        ("position_cam", "model origin in cam", "m", errors.p_cam_m),
         ("attitude", "attitude", "deg", np.rad2deg(theta)),
-        ("r_hill", "mass centre in Hill axes", "m", errors.state[:, R_HILL]),
-        ("v_hill", "velocity in Hill axes", "m/s", errors.state[:, V_HILL]),
+        ("r_hill", "mass centre in hill", "m", errors.state[:, R_HILL]),
+        ("v_hill", "velocity in hill", "m/s", errors.state[:, V_HILL]),
         ("omega_body", "angular rate", "deg/s", np.rad2deg(errors.state[:, OMEGA_BODY])),
-        ("com_model", "mass centre in the model", "m", errors.state[:, COM_MODEL]),
+        ("com_model", "mass centre in model", "m", errors.state[:, COM_MODEL]),
         ("inertia_ratios", "inertia ratios", "1", errors.state[:, INERTIA_RATIOS]),
     )
     elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)

@@ -95,7 +95,7 @@ def _window(depth_m: DepthImage, p_image: FloatArray) -> tuple[float, float, flo
     v, u = np.nonzero(depth_m > 0.0)
     u, v = np.append(u, p_image[:, 0]), np.append(v, p_image[:, 1])
     if not u.size:
-        return -0.5, width - 0.5, height - 0.5, -0.5
+        return -0.5, width - 0.5, -0.5, height - 0.5
     left, right = max(u.min() - _BORDER_PX, -0.5), min(u.max() + _BORDER_PX, width - 0.5)
     top, bottom = max(v.min() - _BORDER_PX, -0.5), min(v.max() + _BORDER_PX, height - 0.5)
     # A tall crop would fill the page; space on both sides costs nothing.
@@ -128,7 +128,7 @@ def _draw_wireframe(
     pieces, visible = visible_pieces(camera, depth_m, edges_cam)
     image = project(camera, pieces)
     for shown, width, opacity in ((~visible, 0.5, 0.35), (visible, 1.4, 1.0)):
-        lines = [piece for piece in image[shown]]
+        lines = list(image[shown])
         axes.add_collection(
             LineCollection(lines, colors=_WIREFRAME, linewidths=width, alpha=opacity)
         )

@@ -20,7 +20,8 @@ code { font: 13px/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; 
 .card, figure, .panel { background: var(--paper); border: 1px solid var(--line);
   border-radius: 10px; }
 .card { padding: 12px 16px; }
-.card b { display: block; font-size: 23px; line-height: 1.3; font-variant-numeric: tabular-nums; }
+.card b { display: block; font-size: 20px; white-space: nowrap;
+  line-height: 1.3; font-variant-numeric: tabular-nums; }
 .card span { color: var(--muted); font-size: 13px; }
 .panel { padding: 6px 16px 10px; overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }

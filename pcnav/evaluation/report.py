@@ -34,9 +34,9 @@ from pcnav.state import (
 )
 
 _BLOCK_TITLES = {
-    "r_hill": "mass centre in Hill axes",
-    "v_hill": "velocity in Hill axes",
-    "com_model": "mass centre in the model",
+    "r_hill": "mass centre in hill",
+    "v_hill": "velocity in hill",
+    "com_model": "mass centre in model",
     "theta_body": "attitude",
     "omega_body": "angular rate",
     "inertia_ratios": "inertia ratios",
@@ -53,11 +53,11 @@ _NEES_HEADINGS = (
 _XYZ = ("x", "y", "z")
 _DEGREES = float(np.rad2deg(1.0))
 _STATE_FIGURES = (
-    ("Mass centre in Hill axes", R_HILL, 1.0, "m", _XYZ),
-    ("Velocity in Hill axes", V_HILL, 1.0, "m/s", _XYZ),
+    ("Mass centre in hill", R_HILL, 1.0, "m", _XYZ),
+    ("Velocity in hill", V_HILL, 1.0, "m/s", _XYZ),
     ("Attitude, body axes", THETA_BODY, _DEGREES, "deg", _XYZ),
     ("Angular rate, body axes", OMEGA_BODY, _DEGREES, "deg/s", _XYZ),
-    ("Mass centre in the model", COM_MODEL, 1.0, "m", _XYZ),
+    ("Mass centre in model", COM_MODEL, 1.0, "m", _XYZ),
     ("Inertia ratios over Ixx", INERTIA_RATIOS, 1.0, "1", ("Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
 )
 
@@ -149,7 +149,7 @@ def _truth_section(metrics: Metrics) -> str:
     pieces = [
         page.paragraph(
             f"{metrics.frames_compared} frames have both an estimate and a truth. Norms of the "
-            "error vectors; median, 95 % and largest are those of the last third of the run."
+            "error vectors in the frames named. Median, 95 % and largest are those of the last third of the run."
         ),
         errors,
     ]
@@ -213,19 +213,28 @@ def _state_figures(content: ReportContent) -> list[str]:
     for title, block, scale, unit, names in _STATE_FIGURES:
         values, sd = scale * series[:, block], scale * track.sd[:, block]
         figure = component_figure(track.time_s, values, sd, names, unit, is_error=compared)
-        caption = "Error and stated 3 sigma" if compared else "Estimate and stated 3 sigma"
-        caption += "; the vertical axes fit the run after its first tenth."
+        caption = (
+            "Error and stated 3 sigma; where the run settles by orders of magnitude, the axis is "
+            "linear between its two inner marks and logarithmic beyond."
+            if compared
+            else "Estimate and stated 3 sigma; the axes fit the run after its first tenth."
+        )
         if block == THETA_BODY and not compared:
             caption = "Stated 3 sigma of a turn about each axis, about the estimate."
         pieces.append(_vector(title, caption, figure))
     if content.metrics.nis.frames:
         caption = (
             "Squared normalised innovations"
-            + (" and errors, each" if content.metrics.nees else ",")
+            + (" and errors, each" if _draws_nees(content) else ",")
             + " over its frame's 95 % chi-square bound: one in twenty belongs above 1."
         )
         pieces.append(_vector("Consistency", caption, consistency_figure(track, errors)))
     return pieces
+
+
+def _draws_nees(content: ReportContent) -> bool:
+    """Whether the errors can be normalised here: by covariances that were read."""
+    return content.track.covariance is not None and bool(content.metrics.nees)
 
 
 def _estimates(track: Track) -> FloatArray:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
@@ -70,10 +71,9 @@ def run_facts(metrics: Metrics) -> list[tuple[str, str]]:
     statuses = [f"{name} {share:.1%}" for name, share in metrics.status_share.items()]
     facts.append(("status", ", ".join(statuses) or _MISSING))
     facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
-    for block in metrics.nees:
-        if block.name == "all":
-            facts.append(("NEES per degree of freedom", consistency_text(block)))
-    return facts
+    whole_state = (block for block in metrics.nees if block.name == "all")
+    name = "NEES per degree of freedom"
+    return facts + [(name, consistency_text(block)) for block in whole_state]
 
 
 def consistency_text(values: Consistency) -> str:
@@ -93,7 +93,10 @@ def summary_table(metrics: Metrics) -> Table:
         for name, value in facts:
             table.add_row(name, escape(value))
         return table
-    table = Table(title="Errors against the truth", title_justify="left", caption_justify="left")
+    # Without frame lines and padding the numbers fit a terminal of 80 columns.
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.title, table.title_justify = "Errors against the truth", "left"
+    table.caption_justify = "left"
     table.add_column("quantity")
     table.add_column("unit")
     for heading in ERROR_HEADINGS:

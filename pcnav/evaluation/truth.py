@@ -13,8 +13,8 @@ from pcnav.sequences.bop_scene import (
     read_scene_camera,
     read_scene_poses,
 )
-from pcnav.sequences.state_table import STATE_COLUMNS, states_from_rows
 from pcnav.sequences.writer import TRUTH_FILE
+from pcnav.state_table import STATE_COLUMNS, states_from_rows
 
 _QUATERNION = slice(7, 11)
 _NORM_TOLERANCE = 1e-6

@@ -1,1 +1,1 @@
-"""From depth frames to recognised rectangles: returns -> planes -> rectangles -> pose measurements."""
+"""From depth frames to pose measurements: returns -> planes -> segments -> rectangles -> faces."""

@@ -26,7 +26,7 @@ _SAME_SHIFT_FRACTION = 0.1
 """Hypotheses closer than this angle and share of the diameter are one."""
 _DEPTH_TOLERANCE_SIGMA = 4.0
 _DEPTH_TOLERANCE_FRACTION = 0.01
-"""Depths agree within this many sigma plus this share of the diameter: a hypothesis is not exact."""
+"""Depths agree within this many sigma plus this share of the diameter: hypotheses are not exact."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def explained_share(seen: DepthImage, predicted: DepthImage, tolerance_m: float)
     """Share of the pixels with a return, or a predicted surface, where both agree."""
     either = (seen > 0.0) | (predicted > 0.0)
     agree = (seen > 0.0) & (predicted > 0.0) & (np.abs(seen - predicted) < tolerance_m)
-    return float(np.count_nonzero(agree) / max(np.count_nonzero(either), 1))
+    return int(np.count_nonzero(agree)) / max(int(np.count_nonzero(either)), 1)
 
 
 def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:
@@ -68,8 +68,7 @@ def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:
     whole = [
         seen
         for seen in perceived.seen
-        if seen.recognitions
-        and seen.observation.covariance[YAW, YAW] < _LARGEST_YAW_SD_RAD**2
+        if seen.recognitions and seen.observation.covariance[YAW, YAW] < _LARGEST_YAW_SD_RAD**2
     ]
     for seen in whole[:_MOST_RECTANGLES]:
         for recognition in seen.recognitions:

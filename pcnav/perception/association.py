@@ -138,9 +138,7 @@ def _overlapping_face(
 def _compare(seen: Seen, face: ExpectedFace, gate_sigma: float) -> MeasuredFace:
     """The rectangle's pose from the seen moments and how the expected moments sit on it."""
     observed, expected = seen.observation, face.observation
-    case, _ = resolve_case(
-        observed.T_cam_rect[:3, :3], expected.T_cam_rect[:3, :3], face.rectangle
-    )
+    case, _ = resolve_case(observed.T_cam_rect[:3, :3], expected.T_cam_rect[:3, :3], face.rectangle)
     T_cam_moments = apply_case(observed.T_cam_rect, case)
     known = SQUARE if _has_no_yaw(observed) else WHOLE
     if not _same_size(observed, expected, gate_sigma):

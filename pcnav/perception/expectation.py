@@ -16,8 +16,8 @@ from pcnav.config import PerceptionTable
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
 from pcnav.perception.returns import window_of_returns
 from pcnav.perception.segmentation import segment_planes
+from pcnav.rendering import DepthRenderer, RenderedDepth
 from pcnav.sequences.sequence import Frame
-from pcnav.simulation.depth import DepthRenderer, RenderedDepth
 from pcnav.target import Rectangle, Target
 
 _ON_FACE_FRACTION = 1e-3
@@ -42,6 +42,8 @@ class Expectation:
     """The predicted view."""
 
     rendered: RenderedDepth
+    planes: tuple[FloatArray, ...]
+    """Planes ``m`` (1/m) of the catalogue rectangles in view, coplanar ones once."""
     faces: tuple[ExpectedFace, ...]
     labels: IntArray
     """(height, width) of the image: index into ``faces``, -1 for none."""
@@ -71,7 +73,7 @@ class Expecter:
         frame = Frame(0, 0.0, rendered.depth_m, rendered.camera, np.eye(4))
         window = window_of_returns(frame)
         if window is None:
-            return Expectation(rendered, (), no_labels)
+            return Expectation(rendered, (), (), no_labels)
         part = window.part
         shown = np.where(
             rendered.triangle[part] >= 0, self._face_of_triangle[rendered.triangle[part]], _NO_FACE
@@ -80,7 +82,8 @@ class Expecter:
         planes = self._visible_planes(counts, T_cam_model)
         least = self._settings.minimum_plane_points
         segments, _ = segment_planes(window, planes, self._sigma_m, least)
-        faces, labels = [], no_labels
+        faces: list[ExpectedFace] = []
+        labels = no_labels
         for segment in segments:
             votes = shown[segment.pixels]
             votes = votes[votes >= 0]
@@ -94,12 +97,15 @@ class Expecter:
             image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
             faces.append(
                 ExpectedFace(
-                    rectangle, T_cam_model @ rectangle.T_model_rect, observation, len(segment.pixels)
+                    rectangle,
+                    T_cam_model @ rectangle.T_model_rect,
+                    observation,
+                    len(segment.pixels),
                 )
             )
-        return Expectation(rendered, tuple(faces), labels)
+        return Expectation(rendered, planes, tuple(faces), labels)
 
-    def _visible_planes(self, counts: IntArray, T_cam_model: FloatArray) -> list[FloatArray]:
+    def _visible_planes(self, counts: IntArray, T_cam_model: FloatArray) -> tuple[FloatArray, ...]:
         """Planes m of the rectangles that show enough pixels, coplanar ones once, largest first."""
         planes: list[FloatArray] = []
         for index in np.argsort(-counts):
@@ -110,7 +116,7 @@ class Expecter:
             m = normal / (normal @ point)
             if all(np.linalg.norm(m - other) > 1e-6 * np.linalg.norm(m) for other in planes):
                 planes.append(m)
-        return planes
+        return tuple(planes)
 
 
 def _rectangle_of_triangle(target: Target) -> IntArray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import IntArray
+from pcnav.arrays import FloatArray, IntArray
 from pcnav.config import PerceptionTable
 from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise
@@ -55,29 +55,38 @@ def perceive(
     settings: PerceptionTable,
     range_sigma_m: float,
     seed: int,
+    planes: tuple[FloatArray, ...] | None = None,
 ) -> PerceivedFrame:
     """Planes, rectangles and their catalogue entries in a depth frame.
 
-    Deterministic for a seed. A frame without returns gives no rectangles; it is no error.
+    Without ``planes`` (each ``m``, 1/m, camera frame) they are found by RANSAC; with them, as a
+    prediction gives them, they only start the fit. Deterministic for a seed. A frame without
+    returns gives no rectangles; it is no error.
     """
     window = window_of_returns(frame)
     if window is None:
         return PerceivedFrame(frame, None, np.empty((0, 0), dtype=np.intp), ())
-    returns = np.flatnonzero(window.has_return)
-    trials = trial_count(1.0 - _LARGEST_PLANE_FRACTION, settings.ransac_success_probability)
-    planes = extract_planes(
-        window.rays[returns] * window.range_m[returns, None],
-        settings.plane_threshold_sigma * range_sigma_m,
-        trials,
-        settings.minimum_plane_points,
-        seed + frame.index,
-    )
-    segments, labels = segment_planes(
-        window, [m for m, _ in planes], range_sigma_m, settings.minimum_plane_points
-    )
+    if planes is None:
+        planes = _found_planes(window, settings, range_sigma_m, seed + frame.index)
+    segments, labels = segment_planes(window, planes, range_sigma_m, settings.minimum_plane_points)
     seen = []
     for segment in segments:
         observation = observe_segment(frame.camera, window, segment, range_sigma_m, settings.mode)
         recognitions = recognise(observation, catalogue, settings.size_gate_sigma)
         seen.append(Seen(segment, observation, recognitions))
     return PerceivedFrame(frame, window, labels, tuple(seen))
+
+
+def _found_planes(
+    window: Window, settings: PerceptionTable, range_sigma_m: float, seed: int
+) -> tuple[FloatArray, ...]:
+    returns = np.flatnonzero(window.has_return)
+    trials = trial_count(1.0 - _LARGEST_PLANE_FRACTION, settings.ransac_success_probability)
+    found = extract_planes(
+        window.rays[returns] * window.range_m[returns, None],
+        settings.plane_threshold_sigma * range_sigma_m,
+        trials,
+        settings.minimum_plane_points,
+        seed,
+    )
+    return tuple(m for m, _ in found)

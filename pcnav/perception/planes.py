@@ -90,11 +90,11 @@ def fit_plane(rays: FloatArray, range_m: FloatArray, sigma_m: float, m: FloatArr
         observed = (2.0 * predicted - range_m) / predicted**2
         weight = predicted**4 / sigma_m**2
         information = (rays * weight[:, None]).T @ rays
-        m = np.linalg.solve(information, (rays * weight[:, None]).T @ observed)
+        m = np.asarray(np.linalg.solve(information, (rays * weight[:, None]).T @ observed))
     residual = (range_m - 1.0 / (rays @ m)) / sigma_m
     chi_square = float(residual @ residual) / max(len(residual) - 3, 1)
     # Flatness or noise worse than stated widens the covariance; better never narrows it.
-    covariance = np.linalg.inv(information) * max(1.0, chi_square)
+    covariance = np.asarray(np.linalg.inv(information) * max(1.0, chi_square))
     return PlaneFit(m=m, covariance=covariance, chi_square_per_dof=chi_square)
 
 
@@ -106,7 +106,7 @@ def extract_planes(
     RANSAC is repeated on what the planes found so far leave over, until fewer than
     ``minimum_points`` agree on one.
     """
-    planes = []
+    planes: list[tuple[FloatArray, IntArray]] = []
     left = np.arange(len(points))
     while len(left) >= minimum_points:
         stride = -(-len(left) // _MOST_SEARCH_POINTS)

@@ -35,8 +35,12 @@ def recognise(
     found = []
     for rectangle in catalogue:
         size = np.array([rectangle.length_m, rectangle.width_m, rectangle.area_m2])[: len(rows)]
-        seen = np.array([observation.length_m, observation.width_m, observation.area_m2])[: len(rows)]
-        rim_effect = observation.rim_m * np.array([1.0, 1.0, rectangle.length_m + rectangle.width_m])
+        seen = np.array([observation.length_m, observation.width_m, observation.area_m2])[
+            : len(rows)
+        ]
+        rim_effect = observation.rim_m * np.array(
+            [1.0, 1.0, rectangle.length_m + rectangle.width_m]
+        )
         tolerance = np.diag((_MODEL_TOLERANCE * size) ** 2 + rim_effect[: len(rows)] ** 2)
         covariance = observation.covariance[np.ix_(rows, rows)] + tolerance
         difference = seen - size

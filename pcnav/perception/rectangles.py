@@ -1,4 +1,4 @@
-"""Rectangles from the eigen-decomposition of the point-cloud distribution matrix (Yu 2019, 2.2-2.3).
+"""Rectangles from the eigen-decomposition of the distribution matrix (Yu 2019, 2.2-2.3).
 
 Two sets of statistics share this code. `paper` takes plain means of the measured points. The
 default, `area_weighted`, first slides every point along its ray onto the fitted plane, which takes
@@ -43,7 +43,7 @@ class RectangleObservation:
     """A flat segment read as a rectangle, not yet recognised."""
 
     T_cam_rect: FloatArray
-    """(4, 4) rectangle frame: x short, y long, z normal to the sensor. Up to the 4-fold ambiguity."""
+    """(4, 4) rectangle frame: x short, y long, z normal to the sensor; up to the ambiguity."""
     length_m: float
     """Long side."""
     width_m: float
@@ -67,7 +67,7 @@ class RectangleObservation:
 
 
 def distribution(points: FloatArray, weights: FloatArray | None = None) -> Moments:
-    """Centroid (3), distribution matrix (4) and eigen-decomposition (5) of points (n, 3), camera frame.
+    """Centroid (3), distribution matrix (4), eigen-decomposition (5) of points (n, 3) in `cam`.
 
     The eigenvectors are ordered short, long, normal, with the normal turned to the sensor and the
     frame made right-handed: an eigenvector matrix as it comes may be a reflection.
@@ -93,7 +93,11 @@ def side_lengths(
         footprint_covariance: (3, 3) mean second moment of a pixel's own footprint on the face,
             put back: pixel centres spread less than the face they stand for.
     """
-    excess = noise_covariance if footprint_covariance is None else noise_covariance - footprint_covariance
+    excess = (
+        noise_covariance
+        if footprint_covariance is None
+        else noise_covariance - footprint_covariance
+    )
     along = np.einsum("ik,ij,jk->k", moments.R_cam_rect, excess, moments.R_cam_rect)
     width, length = np.sqrt(12.0 * np.maximum(moments.eigenvalues - along, 0.0))[:2]
     return float(length), float(width)
@@ -115,11 +119,15 @@ def observe_segment(
     else:
         distance = plane_range(segment.fit.m, rays)
         points = rays * distance[:, None]
-        weights = distance**3 * window.solid_angle[segment.pixels]  # range^2 / cos(incidence), up to |m|
+        weights = (
+            distance**3 * window.solid_angle[segment.pixels]
+        )  # range^2 / cos(incidence), up to |m|
         moments = distribution(points, weights)
         footprint = _mean_footprint(camera, segment.fit, points, weights)
         length, width = side_lengths(moments, np.zeros((3, 3)), footprint)
-        covariance = _area_weighted_covariance(camera, segment.fit, moments, points, weights, length, width)
+        covariance = _area_weighted_covariance(
+            camera, segment.fit, moments, points, weights, length, width
+        )
     T_cam_rect = make_transform(moments.R_cam_rect, moments.centroid)
     return RectangleObservation(
         T_cam_rect=T_cam_rect,
@@ -237,7 +245,7 @@ def _area_weighted_covariance(
     length: float,
     width: float,
 ) -> FloatArray:
-    """(9, 9) covariance from the two things that go wrong: the plane's fit and the sides' pixels."""
+    """(9, 9) covariance from the two things that go wrong: the plane's fit, the sides' pixels."""
     by_plane = _by_plane(fit, moments, points, weights)
     T_cam_rect = make_transform(moments.R_cam_rect, moments.centroid)
     sides = moment_covariance(camera, T_cam_rect, max(width, 1e-6), max(length, 1e-6))
@@ -280,7 +288,7 @@ def _by_plane(
 
 
 def _by_moments(moments: Moments, length: float, width: float) -> FloatArray:
-    """(9, 6) derivative of the observation by relative errors of the moments 1, x, y, xx, yy, xy."""
+    """(9, 6) derivative of the observation by relative errors of moments 1, x, y, xx, yy, xy."""
     lx, ly = moments.eigenvalues[:2]
     jacobian = np.zeros((9, 6))
     jacobian[X, 1] = jacobian[Y, 2] = 1.0

@@ -47,20 +47,20 @@ class Segment:
 
 
 def segment_planes(
-    window: Window, planes: list[FloatArray], sigma_m: float, minimum_pixels: int
+    window: Window, planes: tuple[FloatArray, ...], sigma_m: float, minimum_pixels: int
 ) -> tuple[list[Segment], IntArray]:
     """Connected segments of the planes, largest first, and the (height, width) segment labels.
 
     Args:
         window: the pixels.
-        planes: planes ``m`` found by RANSAC, 1/m.
+        planes: planes ``m`` to start from, 1/m.
         sigma_m: noise along the ray.
         minimum_pixels: smaller segments are dropped.
     """
     no_labels = np.full(window.shape, _NO_PLANE, dtype=np.intp)
     if not planes:
         return [], no_labels
-    labels, fits = no_labels, planes
+    labels, fits = no_labels, list(planes)
     for _ in range(2):
         ranges = np.stack([plane_range(m, window.rays) for m in fits])
         labels = _assign(window, ranges, sigma_m)

@@ -18,8 +18,8 @@ from pcnav.sequences.bop_scene import OBJECT_ID, SCENE_CAMERA_FILE, SCENE_GT_FIL
 from pcnav.sequences.depth_png import MAXIMUM_UNITS, write_depth_png
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.sequences.sequence_file import SEQUENCE_FILE, write_sequence_file
-from pcnav.sequences.state_table import STATE_COLUMNS, state_row
 from pcnav.state import NavigationState
+from pcnav.state_table import STATE_COLUMNS, state_row
 
 TRUTH_FILE = "truth.csv"
 

@@ -5,7 +5,7 @@ import numpy as np
 from pcnav.arrays import DepthImage, FloatArray
 from pcnav.camera import range_per_depth
 from pcnav.config import NoiseTable
-from pcnav.simulation.depth import RenderedDepth, depth_beyond_edge
+from pcnav.rendering import RenderedDepth, depth_beyond_edge
 
 
 def add_sensor_faults(

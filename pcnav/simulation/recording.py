@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.config import NoiseTable, Pipeline
+from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.sequences.writer import SequenceWriter
-from pcnav.simulation.depth import DepthRenderer
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.scenario import pinhole_camera, true_motion
 from pcnav.target import Target

@@ -57,12 +57,12 @@ def test_propagation_agrees_with_an_adaptive_integrator(rate_rad_s: float) -> No
 
         def slope(_: float, y: FloatArray, inertia: FloatArray = inertia) -> FloatArray:
             R = y[:9].reshape(3, 3)
-            return np.concatenate(
-                [(R @ skew(y[9:])).ravel(), euler_acceleration(inertia, y[9:])]
-            )
+            return np.concatenate([(R @ skew(y[9:])).ravel(), euler_acceleration(inertia, y[9:])])
 
         start = np.concatenate([state.R_world_body.ravel(), state.omega_body])
-        exact = solve_ivp(slope, (0.0, 0.5), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+        exact = solve_ivp(slope, (0.0, 0.5), start, method="DOP853", rtol=1e-12, atol=1e-13).y[
+            :, -1
+        ]
         np.testing.assert_allclose(moved.R_world_body.ravel(), exact[:9], atol=2e-7)
         np.testing.assert_allclose(moved.omega_body, exact[9:], atol=2e-7)
 

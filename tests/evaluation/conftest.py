@@ -85,7 +85,7 @@ def make_run() -> Callable[..., SyntheticRun]:
 
     def make(frames: int, inflation: float = 1.0) -> SyntheticRun:
         generator = np.random.default_rng(7)
-        time_s = 0.5 * np.arange(frames)
+        time_s: FloatArray = 0.5 * np.arange(frames, dtype=np.float64)
         states = [true_state(t) for t in time_s]
         estimates = tuple(
             frame_estimate(i, state, generator, inflation) for i, state in enumerate(states)

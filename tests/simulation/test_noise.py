@@ -10,7 +10,7 @@ from scipy import stats
 from pcnav.arrays import DepthImage
 from pcnav.camera import PinholeCamera, range_per_depth
 from pcnav.config import NoiseTable
-from pcnav.simulation.depth import DepthRenderer, RenderedDepth
+from pcnav.rendering import DepthRenderer, RenderedDepth
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.spatial import exp_rotation, make_transform
 

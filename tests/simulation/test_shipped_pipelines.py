@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pcnav.config import read_pipeline
+from pcnav.rendering import DepthRenderer
 from pcnav.shipped import shipped_mesh
-from pcnav.simulation.depth import DepthRenderer
 from pcnav.simulation.scenario import pinhole_camera, true_motion
 from pcnav.target import load_target
 

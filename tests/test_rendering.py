@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from pcnav.camera import PinholeCamera, pixel_rays, project
-from pcnav.simulation.depth import DepthRenderer, depth_beyond_edge
+from pcnav.rendering import DepthRenderer, depth_beyond_edge
 from pcnav.spatial import exp_rotation, invert_transform, make_transform
 
 CAMERA = PinholeCamera.from_field_of_view(96, 64, np.deg2rad(25.0))
