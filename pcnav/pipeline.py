@@ -82,10 +82,24 @@ def run(
             if on_estimate is not None:
                 on_estimate(estimate, len(sequence))
         staging = writer.finish_tables()
-        metrics = _evaluated(sequence, target, staging)
-        writer.write_json(METRICS_FILE, metrics.to_json())
+        track = read_track(staging, with_covariance=True)
+        metrics = evaluate(track, read_truth(sequence.path), target.symmetry_rotations)
+        if metrics.errors is not None:
+            writer.write_json(METRICS_FILE, metrics.to_json())
         writer.write_text(PIPELINE_FILE, pipeline_toml(pipeline, library_versions()))
-        report = _report_content(out.absolute().name, target, staging, metrics, pipeline, showcase)
+        picture, caption = _picture(target, showcase)
+        report = ReportContent(
+            title=sequence.info.name,
+            target=target.name,
+            command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+            track=track,
+            records=read_measurements(staging),
+            metrics=metrics,
+            configuration=pipeline.model_dump(mode="json"),
+            versions=library_versions(),
+            picture=picture,
+            picture_caption=caption,
+        )
         write_report(staging / REPORT_FILE, report)
     return RunSummary(out, metrics)
 
@@ -106,34 +120,6 @@ def _better(best: _Showcase | None, new: _Showcase) -> _Showcase:
     if best is None or new.estimate.n_rectangles >= best.estimate.n_rectangles:
         return new
     return best
-
-
-def _evaluated(sequence: Sequence, target: Target, staging: Path) -> Metrics:
-    track = read_track(staging, with_covariance=True)
-    return evaluate(track, read_truth(sequence.path), target.symmetry_rotations)
-
-
-def _report_content(
-    title: str,
-    target: Target,
-    staging: Path,
-    metrics: Metrics,
-    pipeline: Pipeline,
-    showcase: _Showcase | None,
-) -> ReportContent:
-    picture, caption = _picture(target, showcase)
-    return ReportContent(
-        title=title,
-        target=target.name,
-        command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        track=read_track(staging),
-        records=read_measurements(staging),
-        metrics=metrics,
-        configuration=pipeline.model_dump(mode="json"),
-        versions=library_versions(),
-        picture=picture,
-        picture_caption=caption,
-    )
 
 
 def _picture(target: Target, showcase: _Showcase | None) -> tuple[Figure | None, str]:

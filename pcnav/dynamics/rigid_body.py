@@ -9,6 +9,17 @@ from pcnav.spatial import skew
 _RATIO_ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
+def _ratio_units() -> FloatArray:
+    units = np.zeros((5, 3, 3))
+    for unit, (i, j) in zip(units, _RATIO_ENTRIES, strict=True):
+        unit[i, j] = unit[j, i] = 1.0
+    return units
+
+
+_RATIO_UNITS = _ratio_units()
+"""(5, 3, 3) derivative of the inertia matrix by each ratio."""
+
+
 def inertia_from_ratios(ratios: FloatArray) -> FloatArray:
     """(3, 3) inertia matrix over Ixx of the ratios Iyy, Izz, Ixy, Ixz, Iyz (Yu 2019 (29))."""
     inertia = np.eye(3)
@@ -37,21 +48,17 @@ def euler_acceleration(inertia: FloatArray, omega_body: FloatArray) -> FloatArra
     return np.asarray(np.linalg.solve(inertia, torque), dtype=np.float64)
 
 
-def euler_acceleration_jacobians(
-    inertia: FloatArray, omega_body: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of `euler_acceleration`: (3, 3) by the rate and (3, 5) by the inertia ratios.
+def euler_derivatives(
+    inertia: FloatArray, inverse: FloatArray, omega_body: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`euler_acceleration` (3,) and its derivatives by the rate (3, 3) and the ratios (3, 5).
 
-    From ``I a = -w x (I w)``: ``I da = -[w]x I dw + [I w]x dw`` and
-    ``I da = -dI a - [w]x dI w``.
+    From ``I a = -w x (I w)``: ``I da = -[w]x I dw + [I w]x dw`` and ``I da = -dI a - w x (dI w)``.
+    The inverse of the inertia is handed in because callers evaluate this many times for one body.
     """
-    acceleration = euler_acceleration(inertia, omega_body)
-    by_omega = skew(inertia @ omega_body) - skew(omega_body) @ inertia
-    by_ratios = np.empty((3, 5))
-    for k, (i, j) in enumerate(_RATIO_ENTRIES):
-        unit = np.zeros((3, 3))
-        unit[i, j] = unit[j, i] = 1.0
-        by_ratios[:, k] = -unit @ acceleration - np.cross(omega_body, unit @ omega_body)
-    both = np.hstack([by_omega, by_ratios])
-    solved = np.asarray(np.linalg.solve(inertia, both), dtype=np.float64)
-    return solved[:, :3], solved[:, 3:]
+    momentum = inertia @ omega_body
+    cross = skew(omega_body)
+    acceleration = -inverse @ (cross @ momentum)
+    by_omega = inverse @ (skew(momentum) - cross @ inertia)
+    by_ratios = -inverse @ (_RATIO_UNITS @ acceleration + (_RATIO_UNITS @ omega_body) @ cross.T).T
+    return acceleration, by_omega, by_ratios

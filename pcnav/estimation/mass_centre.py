@@ -10,11 +10,7 @@ import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.dynamics.orbit import hill_process_noise, hill_transition
-from pcnav.dynamics.rigid_body import (
-    euler_acceleration,
-    euler_acceleration_jacobians,
-    inertia_from_ratios,
-)
+from pcnav.dynamics.rigid_body import euler_derivatives, inertia_from_ratios
 from pcnav.estimation.error_state import Measurement, MotionModel
 from pcnav.spatial import exp_rotation, left_jacobian, skew
 from pcnav.state import (
@@ -79,6 +75,7 @@ class _Turn:
 def _propagate_rotation(state: NavigationState, step_s: float) -> tuple[_Turn, FloatArray]:
     """Turn of the body over the step; (11, 11) transition of theta, omega and the ratios."""
     inertia = inertia_from_ratios(state.inertia_ratios)
+    inverse = np.asarray(np.linalg.inv(inertia))
     substeps = max(
         1, int(np.ceil(np.linalg.norm(state.omega_body) * abs(step_s) / _LARGEST_TURN_RAD))
     )
@@ -86,13 +83,15 @@ def _propagate_rotation(state: NavigationState, step_s: float) -> tuple[_Turn, F
     R, omega = np.eye(3), state.omega_body
     transition = np.eye(11)
     for _ in range(substeps):
-        turn, step_transition = _rotation_step(inertia, omega, h)
+        turn, step_transition = _rotation_step(inertia, inverse, omega, h)
         R, omega = R @ turn.R, turn.omega
         transition = step_transition @ transition
     return _Turn(R, omega), transition
 
 
-def _rotation_step(inertia: FloatArray, omega: FloatArray, h: float) -> tuple[_Turn, FloatArray]:
+def _rotation_step(
+    inertia: FloatArray, inverse: FloatArray, omega: FloatArray, h: float
+) -> tuple[_Turn, FloatArray]:
     """One step of Runge-Kutta (rate, variational equations) and of Magnus (attitude), both order 4.
 
     The rate's derivatives D = d omega / d (omega, ratios), (3, 8), obey ``D' = A D + [0 B]`` with
@@ -103,10 +102,10 @@ def _rotation_step(inertia: FloatArray, omega: FloatArray, h: float) -> tuple[_T
     derivatives = np.hstack([np.eye(3), np.zeros((3, 5))])
 
     def slope(w: FloatArray, D: FloatArray) -> tuple[FloatArray, FloatArray]:
-        A, B = euler_acceleration_jacobians(inertia, w)
+        acceleration, A, B = euler_derivatives(inertia, inverse, w)
         rate = A @ D
         rate[:, 3:] += B
-        return euler_acceleration(inertia, w), rate
+        return acceleration, rate
 
     a1, d1 = slope(omega, derivatives)
     a2, d2 = slope(omega + 0.5 * h * a1, derivatives + 0.5 * h * d1)
@@ -117,7 +116,7 @@ def _rotation_step(inertia: FloatArray, omega: FloatArray, h: float) -> tuple[_T
     # Cubic Hermite interpolation gives the mid-point to order 4.
     middle = 0.5 * (omega + after) + h / 8.0 * (a1 - a4)
     D_middle = 0.5 * (derivatives + D_after) + h / 8.0 * (d1 - d4)
-    phi = h / 6.0 * (omega + 4.0 * middle + after) + h**2 / 12.0 * np.cross(omega, after)
+    phi = h / 6.0 * (omega + 4.0 * middle + after) + h**2 / 12.0 * (skew(omega) @ after)
     D_phi = h / 6.0 * (derivatives + 4.0 * D_middle + D_after) + h**2 / 12.0 * (
         skew(omega) @ D_after - skew(after) @ derivatives
     )

@@ -80,6 +80,11 @@ def section(title: str, *pieces: str) -> str:
     return "\n".join([f"<section>\n<h2>{escape(title)}</h2>", *pieces, "</section>"])
 
 
+def subheading(title: str) -> str:
+    """The title of one table within a part of the page."""
+    return f"<h3>{escape(title)}</h3>"
+
+
 def paragraph(text: str) -> str:
     """A paragraph of text."""
     return f"<p>{escape(text)}</p>"

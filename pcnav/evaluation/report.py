@@ -149,7 +149,8 @@ def _truth_section(metrics: Metrics) -> str:
     pieces = [
         page.paragraph(
             f"{metrics.frames_compared} frames have both an estimate and a truth. Norms of the "
-            "error vectors in the frames named. Median, 95 % and largest are those of the last third of the run."
+            "error vectors in the frames named. Median, 95 % and largest are those "
+            "of the last third of the run."
         ),
         errors,
     ]

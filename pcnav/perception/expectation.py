@@ -81,7 +81,7 @@ class Expecter:
         counts = np.bincount(shown[shown >= 0], minlength=len(self._target.rectangles))
         planes = self._visible_planes(counts, T_cam_model)
         least = self._settings.minimum_plane_points
-        segments, _ = segment_planes(window, planes, self._sigma_m, least)
+        segments, _ = segment_planes(window, planes, self._sigma_m, least, rounds=1)
         faces: list[ExpectedFace] = []
         labels = no_labels
         for segment in segments:

@@ -25,7 +25,7 @@ class Seen:
     segment: Segment
     observation: RectangleObservation
     recognitions: tuple[Recognition, ...]
-    """Catalogue entries of its size, best first."""
+    """Catalogue entries of its size, best first; not asked for where a prediction tells faces."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,17 @@ def perceive(
     window = window_of_returns(frame)
     if window is None:
         return PerceivedFrame(frame, None, np.empty((0, 0), dtype=np.intp), ())
+    predicted = planes is not None
     if planes is None:
         planes = _found_planes(window, settings, range_sigma_m, seed + frame.index)
-    segments, labels = segment_planes(window, planes, range_sigma_m, settings.minimum_plane_points)
+    least, rounds = settings.minimum_plane_points, 1 if predicted else 2
+    segments, labels = segment_planes(window, planes, range_sigma_m, least, rounds)
     seen = []
     for segment in segments:
         observation = observe_segment(frame.camera, window, segment, range_sigma_m, settings.mode)
-        recognitions = recognise(observation, catalogue, settings.size_gate_sigma)
+        recognitions: tuple[Recognition, ...] = ()
+        if not predicted:
+            recognitions = recognise(observation, catalogue, settings.size_gate_sigma)
         seen.append(Seen(segment, observation, recognitions))
     return PerceivedFrame(frame, window, labels, tuple(seen))
 

@@ -13,6 +13,10 @@ from pcnav._open3d import open3d
 from pcnav.arrays import FloatArray, IntArray
 
 _LEAST_POINTS = 3
+_LARGEST_CONDITION = 1e10
+"""Of the normal equations: a face of a few pixels in the corner of the image is at about 1e7."""
+_LEAST_COSINE = 0.03
+"""A plane seen flatter than this (88 degrees of incidence) is edge-on."""
 _MOST_SEARCH_POINTS = 1000
 """RANSAC looks for a plane in at most so many points; its inliers are then taken from all."""
 
@@ -63,14 +67,23 @@ class PlaneFit:
         return np.asarray(-self.m / np.linalg.norm(self.m))
 
 
+def is_edge_on(m: FloatArray, range_m: float) -> bool:
+    """Whether the plane is seen too flat, at that range, for its ranges to mean anything."""
+    return bool(_LEAST_COSINE * range_m * np.linalg.norm(m) > 1.0)
+
+
 def plane_range(m: FloatArray, rays: FloatArray) -> FloatArray:
     """(n,) range at which unit rays (n, 3) meet the plane; inf where they never do."""
     inverse = rays @ m
     return np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), np.inf)
 
 
-def fit_plane(rays: FloatArray, range_m: FloatArray, sigma_m: float, m: FloatArray) -> PlaneFit:
-    """Least squares on range residuals, the noise being along the ray.
+def fit_plane(
+    rays: FloatArray, range_m: FloatArray, sigma_m: float, m: FloatArray
+) -> PlaneFit | None:
+    """Least squares on range residuals, the noise being along the ray; None without a plane.
+
+    There is none in returns that lie in a line, or in one that the sensor sees edge-on.
 
     ``1 / range = m . u`` is linear in m, and noise sigma in range is ``sigma / range^2`` there:
     weighted least squares with the ranges of the previous fit in the weights (two passes; weights
@@ -90,7 +103,11 @@ def fit_plane(rays: FloatArray, range_m: FloatArray, sigma_m: float, m: FloatArr
         observed = (2.0 * predicted - range_m) / predicted**2
         weight = predicted**4 / sigma_m**2
         information = (rays * weight[:, None]).T @ rays
+        if not np.linalg.cond(information) < _LARGEST_CONDITION:  # also when not a number
+            return None
         m = np.asarray(np.linalg.solve(information, (rays * weight[:, None]).T @ observed))
+    if is_edge_on(m, float(np.mean(range_m))):
+        return None
     residual = (range_m - 1.0 / (rays @ m)) / sigma_m
     chi_square = float(residual @ residual) / max(len(residual) - 3, 1)
     # Flatness or noise worse than stated widens the covariance; better never narrows it.

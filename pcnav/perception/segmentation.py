@@ -11,13 +11,15 @@ import numpy as np
 from scipy import ndimage
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.perception.planes import PlaneFit, fit_plane, plane_range
+from pcnav.perception.planes import PlaneFit, fit_plane, is_edge_on, plane_range
 from pcnav.perception.returns import Window
 
 _GATE_SIGMA = 3.5
 """A return further than this from every plane belongs to none."""
 _SMOOTHING = 1.0
 """Cost, in squared standard deviations, of each of the 8 neighbours that another plane owns."""
+_VOTES = 3
+"""Rounds of voting."""
 _CREASE_REACH_PX = 3
 """How far from a crease noise can give pixels to the wrong face."""
 _CREASE_AGREEMENT = 0.75
@@ -26,8 +28,12 @@ _FILL_NEIGHBOURS = 5
 """Neighbours of 8 that make a pixel without a return part of the segment: a pixel on a straight
 side has five inside, one beyond the side three."""
 
+Part = tuple[slice, slice]
+"""Rows and columns of a window."""
 _EIGHT = np.ones((3, 3), dtype=np.uint8)
+_AROUND = [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1) if (dv, du) != (0, 0)]
 _NO_PLANE = -1
+_UNEXPLAINED = np.float32(1e6)
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,11 @@ class Segment:
 
 
 def segment_planes(
-    window: Window, planes: tuple[FloatArray, ...], sigma_m: float, minimum_pixels: int
+    window: Window,
+    planes: tuple[FloatArray, ...],
+    sigma_m: float,
+    minimum_pixels: int,
+    rounds: int = 2,
 ) -> tuple[list[Segment], IntArray]:
     """Connected segments of the planes, largest first, and the (height, width) segment labels.
 
@@ -56,47 +66,75 @@ def segment_planes(
         planes: planes ``m`` to start from, 1/m.
         sigma_m: noise along the ray.
         minimum_pixels: smaller segments are dropped.
+        rounds: how often pixels are assigned and planes refitted; one is enough for planes
+            that were right to begin with.
     """
     no_labels = np.full(window.shape, _NO_PLANE, dtype=np.intp)
-    if not planes:
-        return [], no_labels
-    labels, fits = no_labels, list(planes)
-    for _ in range(2):
+    typical_m = float(np.mean(window.range_m[window.has_return]))
+    fits = [m for m in planes if not is_edge_on(m, typical_m)]
+    labels, convex = no_labels, np.zeros((0, 0), dtype=bool)
+    for _ in range(rounds):
+        if not fits:
+            return [], no_labels
         ranges = np.stack([plane_range(m, window.rays) for m in fits])
         labels = _assign(window, ranges, sigma_m)
         labels, convex = _straighten_creases(labels, ranges.reshape(-1, *window.shape), sigma_m)
-        kept = [k for k in range(len(fits)) if np.count_nonzero(labels == k) >= minimum_pixels]
-        if not kept:
-            return [], no_labels
-        labels, convex = _renumber(labels, kept), convex[np.ix_(kept, kept)]
-        fits = [_refit(window, labels == k, sigma_m, fits[old]).m for k, old in enumerate(kept)]
+        labels, convex, fits = _refitted(window, labels, convex, fits, sigma_m, minimum_pixels)
     return _components(window, labels, fits, convex, sigma_m, minimum_pixels)
 
 
-def _refit(window: Window, mask: BoolArray, sigma_m: float, m: FloatArray) -> PlaneFit:
-    chosen = np.flatnonzero(mask.ravel() & window.has_return)
-    return fit_plane(window.rays[chosen], window.range_m[chosen], sigma_m, m)
-
-
-def _renumber(labels: IntArray, kept: list[int]) -> IntArray:
-    table = np.full(labels.max() + 2, _NO_PLANE, dtype=np.intp)
-    table[kept] = np.arange(len(kept))
-    return table[labels]
+def _refitted(
+    window: Window,
+    labels: IntArray,
+    convex: BoolArray,
+    planes: list[FloatArray],
+    sigma_m: float,
+    minimum_pixels: int,
+) -> tuple[IntArray, BoolArray, list[FloatArray]]:
+    """Planes refitted to their pixels; those with too few pixels, or seen edge-on, are gone."""
+    table = np.full(len(planes) + 1, _NO_PLANE, dtype=np.intp)  # the last serves the label -1
+    kept: list[int] = []
+    fits: list[FloatArray] = []
+    flat = labels.ravel()
+    for k, m in enumerate(planes):
+        own = np.flatnonzero(flat == k)
+        if len(own) < minimum_pixels:
+            continue
+        fit = fit_plane(window.rays[own], window.range_m[own], sigma_m, m)
+        if fit is not None:
+            table[k] = len(kept)
+            kept.append(k)
+            fits.append(fit.m)
+    return table[labels], convex[np.ix_(kept, kept)], fits
 
 
 def _assign(window: Window, ranges: FloatArray, sigma_m: float) -> IntArray:
-    """(height, width) best plane of each return: residual first, then the neighbours' vote."""
-    cost = np.minimum(((window.range_m - ranges) / sigma_m) ** 2, 1e6)
-    cost[:, ~window.has_return] = 1e6
-    explained = cost.min(axis=0) < _GATE_SIGMA**2
-    labels = np.where(explained, cost.argmin(axis=0), _NO_PLANE).reshape(window.shape)
-    cost = cost.reshape(-1, *window.shape)
-    for _ in range(3):  # iterated conditional modes of a Potts model
-        votes = np.stack([_neighbours(labels == k) for k in range(len(cost))])
-        best = (cost - _SMOOTHING * votes).argmin(axis=0)
-        labels = np.where(explained.reshape(window.shape), best, _NO_PLANE)
-    own = np.take_along_axis(cost, np.maximum(labels, 0)[None], axis=0)[0]
-    return np.where(own < (_GATE_SIGMA + 1.0) ** 2, labels, _NO_PLANE)
+    """(height, width) best plane of each return: residual first, then the neighbours' vote.
+
+    The vote is one of iterated conditional modes in a Potts model. Only pixels whose two best
+    planes are nearer than the vote could ever decide take part.
+    """
+    returns = np.flatnonzero(window.has_return)
+    residual = ((window.range_m[returns] - ranges[:, returns]) / sigma_m).astype(np.float32)
+    cost = np.minimum(residual**2, _UNEXPLAINED)
+    best = cost.argmin(axis=0)
+    lowest = np.take_along_axis(cost, best[None], axis=0)[0]
+    explained = lowest < _GATE_SIGMA**2
+    padded = np.full((window.height + 2, window.width + 2), _NO_PLANE, dtype=np.intp)
+    inner = padded[1:-1, 1:-1]
+    rows, columns = np.divmod(returns, window.width)
+    inner[rows, columns] = np.where(explained, best, _NO_PLANE)
+    doubtful = explained & (np.sum(cost < lowest + 8.0 * _SMOOTHING, axis=0) > 1)
+    v, u, doubtful_cost = rows[doubtful], columns[doubtful], cost[:, doubtful]
+    numbers = np.arange(len(ranges))[:, None]
+    for _ in range(_VOTES):
+        votes = np.zeros(doubtful_cost.shape, dtype=np.float32)
+        for dv, du in _AROUND:
+            votes += padded[v + 1 + dv, u + 1 + du] == numbers
+        chosen = np.argmin(doubtful_cost - _SMOOTHING * votes, axis=0)
+        own = np.take_along_axis(doubtful_cost, chosen[None], axis=0)[0]
+        inner[v, u] = np.where(own < (_GATE_SIGMA + 1.0) ** 2, chosen, _NO_PLANE)
+    return inner.copy()
 
 
 def _neighbours(mask: BoolArray) -> IntArray:
@@ -153,30 +191,78 @@ def _components(
     minimum_pixels: int,
 ) -> tuple[list[Segment], IntArray]:
     """Split each plane's pixels into connected segments: coplanar parts are different faces."""
-    pieces: list[tuple[int, BoolArray]] = []
+    pieces: list[tuple[int, Part, BoolArray]] = []
     for k in range(len(planes)):
         parts, count = ndimage.label(labels == k, structure=_EIGHT)
         sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
-        pieces += [(k, parts == part + 1) for part in np.flatnonzero(sizes >= minimum_pixels)]
+        boxes = ndimage.find_objects(parts)
+        for number in np.flatnonzero(sizes >= minimum_pixels):
+            box = _widened(boxes[number], window.shape)
+            pieces.append((k, box, parts[box] == number + 1))
     # What is left of a label are stray pixels of other surfaces: they say nothing of their plane.
     kept = np.zeros(window.shape, dtype=bool)
-    for _, piece in pieces:
-        kept |= piece
+    for _, box, piece in pieces:
+        kept[box] |= piece
     labels = np.where(kept, labels, _NO_PLANE)
+    if not planes:
+        return [], labels
     seen = np.stack([plane_range(m, window.rays) for m in planes])
     surface = np.take_along_axis(seen, np.maximum(labels.ravel(), 0)[None], axis=0)[0]
-    segments = []
-    for k, piece in pieces:
-        mask = _filled(piece, labels)
-        fit = _refit(window, piece, sigma_m, planes[k])
-        cut, outline = _cut_outline(window, mask, fit.m, labels, surface, convex[k], sigma_m)
-        n_returns = int(np.count_nonzero(piece))
-        segments.append(Segment(fit, np.flatnonzero(mask.ravel()), n_returns, cut, outline))
+    scene = _Scene(window, labels, surface.reshape(window.shape), sigma_m)
+    found = [_segment(scene, planes[k], convex[k], box, piece) for k, box, piece in pieces]
+    segments = [segment for segment in found if segment is not None]
     segments.sort(key=lambda segment: -len(segment.pixels))
     numbered = np.full(window.shape, _NO_PLANE, dtype=np.intp)
-    for number, segment in enumerate(segments):
-        numbered.ravel()[segment.pixels] = number
+    for index, segment in enumerate(segments):
+        numbered.ravel()[segment.pixels] = index
     return segments, numbered
+
+
+def _widened(box: tuple[slice, ...], shape: tuple[int, int]) -> Part:
+    """A box with one pixel more on every side, as far as the window goes."""
+    rows, columns = (
+        slice(max(side.start - 1, 0), min(side.stop + 1, size))
+        for side, size in zip(box, shape, strict=True)
+    )
+    return rows, columns
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """All segments' surroundings."""
+
+    window: Window
+    labels: IntArray
+    """(height, width) plane of each pixel, stray pixels removed."""
+    surface: FloatArray
+    """(height, width) range to the pixel's plane; meaningless where it has none."""
+    sigma_m: float
+
+    def flat(self, mask: BoolArray, box: Part) -> IntArray:
+        """Flat window indices of the pixels set in a mask of a box."""
+        v, u = np.nonzero(mask)
+        return np.asarray((v + box[0].start) * self.window.width + u + box[1].start)
+
+
+def _segment(
+    scene: _Scene, m: FloatArray, convex_with: BoolArray, box: Part, piece: BoolArray
+) -> Segment | None:
+    mask = _filled(piece, scene.labels[box])
+    returns = scene.flat(piece, box)
+    rays, ranges = scene.window.rays[returns], scene.window.range_m[returns]
+    fit = fit_plane(rays, ranges, scene.sigma_m, m)
+    if fit is None:
+        return None
+    outline = scene.flat((_neighbours(mask) > 0) & ~mask, box)
+    border = scene.flat(mask & _at_border(scene.window)[box], box)
+    cut = outline[_is_hidden(scene, fit.m, convex_with, outline)]
+    return Segment(
+        fit=fit,
+        pixels=scene.flat(mask, box),
+        n_returns=len(returns),
+        cut_pixels=np.concatenate([cut, border]),
+        n_outline=len(outline) + len(border),
+    )
 
 
 def _filled(mask: BoolArray, labels: IntArray) -> BoolArray:
@@ -190,33 +276,30 @@ def _filled(mask: BoolArray, labels: IntArray) -> BoolArray:
     return mask
 
 
-def _cut_outline(
-    window: Window,
-    mask: BoolArray,
-    m: FloatArray,
-    labels: IntArray,
-    surface: FloatArray,
-    convex_with: BoolArray,
-    sigma_m: float,
-) -> tuple[IntArray, int]:
-    """Flat indices where the outline is a cut, and the number of pixels in the outline.
+def _is_hidden(
+    scene: _Scene, m: FloatArray, convex_with: BoolArray, outline: IntArray
+) -> BoolArray:
+    """Which pixels just outside a segment hide more of its face.
 
     A face ends where what lies beyond its outline is further away or empty; it is cut where
-    something nearer hides it, or where the image ends.
+    something nearer stands in front of it.
     """
-    outline = np.flatnonzero(((_neighbours(mask) > 0) & ~mask).ravel())
-    own = plane_range(m, window.rays[outline])
-    label = labels.ravel()[outline]
+    own = plane_range(m, scene.window.rays[outline])
+    label = scene.labels.ravel()[outline]
     # A neighbour with a plane is compared by its plane, which has no pixel noise.
     on_plane = (label != _NO_PLANE) & ~convex_with[np.maximum(label, 0)]
-    hidden = on_plane & (surface[outline] < own - 0.5 * sigma_m)
-    seen = window.range_m[outline]
-    hidden |= (label == _NO_PLANE) & (seen > 0.0) & (seen < own - _GATE_SIGMA * sigma_m)
+    hidden = on_plane & (scene.surface.ravel()[outline] < own - 0.5 * scene.sigma_m)
+    seen = scene.window.range_m[outline]
+    nearer = (seen > 0.0) & (seen < own - _GATE_SIGMA * scene.sigma_m)
+    return np.asarray(hidden | ((label == _NO_PLANE) & nearer))
+
+
+def _at_border(window: Window) -> BoolArray:
+    """(height, width) pixels of the window on the image's own border: it cuts what it shows."""
     top, bottom, left, right = window.touches_border
     at_border = np.zeros(window.shape, dtype=bool)
     at_border[0, :] |= top
     at_border[-1, :] |= bottom
     at_border[:, 0] |= left
     at_border[:, -1] |= right
-    border = np.flatnonzero((at_border & mask).ravel())
-    return np.concatenate([outline[hidden], border]), len(outline) + len(border)
+    return at_border
