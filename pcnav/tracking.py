@@ -23,6 +23,7 @@ from pcnav.perception.association import (
 )
 from pcnav.perception.expectation import Expecter
 from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.perception.segmentation import ExpectedSurface
 from pcnav.results import ACCEPTED, FrameEstimate, RectangleRecord
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.spatial import make_transform, rotation_angle
@@ -263,11 +264,9 @@ class Tracker:
         """Whether rectangles are recognised by their size alone, as the paper does."""
         return self._perception.mode is PerceptionMode.PAPER
 
-    def _perceive(
-        self, frame: Frame, planes: tuple[FloatArray, ...] | None = None
-    ) -> PerceivedFrame:
+    def _perceive(self, frame: Frame, expected: ExpectedSurface | None = None) -> PerceivedFrame:
         catalogue = self._target.rectangles
-        return perceive(frame, catalogue, self._perception, self._sigma_m, self._seed, planes)
+        return perceive(frame, catalogue, self._perception, self._sigma_m, self._seed, expected)
 
     def _view(self, frame: Frame, T_cam_model: FloatArray) -> _View:
         """Read a frame. RANSAC finds the planes unless a trusted prediction knows them."""
@@ -276,7 +275,7 @@ class Tracker:
             return _View(perceived, *measure_by_size(perceived, T_cam_model))
         expectation = self._expecter_of(frame).expect(T_cam_model)
         trusted = self._blind_frames == 0
-        perceived = self._perceive(frame, expectation.planes if trusted else None)
+        perceived = self._perceive(frame, expectation.surface if trusted else None)
         gate_sigma = self._perception.size_gate_sigma
         return _View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
 

@@ -14,14 +14,16 @@ from pcnav.arrays import FloatArray, IntArray
 from pcnav.camera import PinholeCamera
 from pcnav.config import PerceptionTable
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
-from pcnav.perception.returns import window_of_returns
-from pcnav.perception.segmentation import segment_planes
+from pcnav.perception.returns import Window, window_of_returns
+from pcnav.perception.segmentation import ExpectedSurface, segment_planes, settled_pixels
 from pcnav.rendering import DepthRenderer, RenderedDepth
 from pcnav.sequences.sequence import Frame
 from pcnav.target import Rectangle, Target
 
 _ON_FACE_FRACTION = 1e-3
 """A triangle lies on a catalogue rectangle when it is this close to it, over the diameter."""
+_SAME_PLANE = 1e-6
+"""Relative difference below which two planes are one."""
 _NO_FACE = -1
 
 
@@ -42,8 +44,8 @@ class Expectation:
     """The predicted view."""
 
     rendered: RenderedDepth
-    planes: tuple[FloatArray, ...]
-    """Planes ``m`` (1/m) of the catalogue rectangles in view, coplanar ones once."""
+    surface: ExpectedSurface | None
+    """What each pixel should show; None when the target is out of view."""
     faces: tuple[ExpectedFace, ...]
     labels: IntArray
     """(height, width) of the image: index into ``faces``, -1 for none."""
@@ -73,28 +75,31 @@ class Expecter:
         frame = Frame(0, 0.0, rendered.depth_m, rendered.camera, np.eye(4))
         window = window_of_returns(frame)
         if window is None:
-            return Expectation(rendered, (), (), no_labels)
+            return Expectation(rendered, None, (), no_labels)
         part = window.part
         shown = np.where(
             rendered.triangle[part] >= 0, self._face_of_triangle[rendered.triangle[part]], _NO_FACE
         ).ravel()
         counts = np.bincount(shown[shown >= 0], minlength=len(self._target.rectangles))
-        planes = self._visible_planes(counts, T_cam_model)
+        planes, plane_of = self._visible_planes(counts, T_cam_model)
         least = self._settings.minimum_plane_points
         segments, _ = segment_planes(window, planes, self._sigma_m, least, rounds=1)
         faces: list[ExpectedFace] = []
         labels = no_labels
+        plane_labels = np.full(window.shape, _NO_FACE, dtype=np.intp)
         for segment in segments:
             votes = shown[segment.pixels]
             votes = votes[votes >= 0]
             if len(votes) == 0:
                 continue
-            rectangle = self._target.rectangles[int(np.bincount(votes).argmax())]
+            index = int(np.bincount(votes).argmax())
+            rectangle = self._target.rectangles[index]
             observation = observe_segment(
                 frame.camera, window, segment, self._sigma_m, self._settings.mode
             )
             image = labels[part]
             image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
+            plane_labels.ravel()[segment.pixels] = plane_of[index]
             faces.append(
                 ExpectedFace(
                     rectangle,
@@ -103,20 +108,47 @@ class Expecter:
                     len(segment.pixels),
                 )
             )
-        return Expectation(rendered, planes, tuple(faces), labels)
+        surface = self._surface(window, planes, plane_labels)
+        return Expectation(rendered, surface, tuple(faces), labels)
 
-    def _visible_planes(self, counts: IntArray, T_cam_model: FloatArray) -> tuple[FloatArray, ...]:
-        """Planes m of the rectangles that show enough pixels, coplanar ones once, largest first."""
+    def _surface(
+        self, window: Window, planes: tuple[FloatArray, ...], plane_labels: IntArray
+    ) -> ExpectedSurface:
+        """The expected surface over the whole image."""
+        range_m = window.range_m.reshape(window.shape)
+        settled = settled_pixels(plane_labels, range_m, self._sigma_m)
+        shape = (self.camera.height, self.camera.width)
+        surface = ExpectedSurface(
+            planes,
+            np.full(shape, _NO_FACE, dtype=np.intp),
+            np.zeros(shape),
+            np.zeros(shape, dtype=bool),
+        )
+        surface.labels[window.part] = plane_labels
+        surface.range_m[window.part] = range_m
+        surface.settled[window.part] = settled
+        return surface
+
+    def _visible_planes(
+        self, counts: IntArray, T_cam_model: FloatArray
+    ) -> tuple[tuple[FloatArray, ...], dict[int, int]]:
+        """Planes m of the rectangles that show enough pixels, largest first, coplanar ones once;
+        and which plane each rectangle lies in."""
         planes: list[FloatArray] = []
-        for index in np.argsort(-counts):
+        plane_of: dict[int, int] = {}
+        for index in np.argsort(-counts).tolist():
             if counts[index] < self._settings.minimum_plane_points:
                 break
             T_cam_rect = T_cam_model @ self._target.rectangles[index].T_model_rect
             normal, point = T_cam_rect[:3, 2], T_cam_rect[:3, 3]
             m = normal / (normal @ point)
-            if all(np.linalg.norm(m - other) > 1e-6 * np.linalg.norm(m) for other in planes):
+            distance = [np.linalg.norm(m - other) / np.linalg.norm(m) for other in planes]
+            if distance and min(distance) < _SAME_PLANE:
+                plane_of[index] = int(np.argmin(distance))
+            else:
+                plane_of[index] = len(planes)
                 planes.append(m)
-        return tuple(planes)
+        return tuple(planes), plane_of
 
 
 def _rectangle_of_triangle(target: Target) -> IntArray:

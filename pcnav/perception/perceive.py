@@ -10,7 +10,7 @@ from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
 from pcnav.perception.returns import Window, window_of_returns
-from pcnav.perception.segmentation import Segment, segment_planes
+from pcnav.perception.segmentation import ExpectedSurface, Segment, segment_planes
 from pcnav.sequences.sequence import Frame
 from pcnav.target import Rectangle
 
@@ -55,27 +55,35 @@ def perceive(
     settings: PerceptionTable,
     range_sigma_m: float,
     seed: int,
-    planes: tuple[FloatArray, ...] | None = None,
+    expected: ExpectedSurface | None = None,
 ) -> PerceivedFrame:
     """Planes, rectangles and their catalogue entries in a depth frame.
 
-    Without ``planes`` (each ``m``, 1/m, camera frame) they are found by RANSAC; with them, as a
-    prediction gives them, they only start the fit. Deterministic for a seed. A frame without
-    returns gives no rectangles; it is no error.
+    The planes are found by RANSAC, unless a trusted prediction says what the image should show:
+    its planes then start the fit. Deterministic for a seed. A frame without returns gives no
+    rectangles; it is no error.
     """
     window = window_of_returns(frame)
     if window is None:
         return PerceivedFrame(frame, None, np.empty((0, 0), dtype=np.intp), ())
-    predicted = planes is not None
-    if planes is None:
+    least = settings.minimum_plane_points
+    if expected is None:
         planes = _found_planes(window, settings, range_sigma_m, seed + frame.index)
-    least, rounds = settings.minimum_plane_points, 1 if predicted else 2
-    segments, labels = segment_planes(window, planes, range_sigma_m, least, rounds)
+        segments, labels = segment_planes(window, planes, range_sigma_m, least)
+    else:
+        segments, labels = segment_planes(
+            window,
+            expected.planes,
+            range_sigma_m,
+            least,
+            rounds=1,
+            expected=expected.part(window.part),
+        )
     seen = []
     for segment in segments:
         observation = observe_segment(frame.camera, window, segment, range_sigma_m, settings.mode)
         recognitions: tuple[Recognition, ...] = ()
-        if not predicted:
+        if expected is None:
             recognitions = recognise(observation, catalogue, settings.size_gate_sigma)
         seen.append(Seen(segment, observation, recognitions))
     return PerceivedFrame(frame, window, labels, tuple(seen))

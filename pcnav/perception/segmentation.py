@@ -14,6 +14,9 @@ from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.perception.planes import PlaneFit, fit_plane, is_edge_on, plane_range
 from pcnav.perception.returns import Window
 
+Part = tuple[slice, slice]
+"""Rows and columns of an image or window."""
+
 _GATE_SIGMA = 3.5
 """A return further than this from every plane belongs to none."""
 _SMOOTHING = 1.0
@@ -28,12 +31,49 @@ _FILL_NEIGHBOURS = 5
 """Neighbours of 8 that make a pixel without a return part of the segment: a pixel on a straight
 side has five inside, one beyond the side three."""
 
-Part = tuple[slice, slice]
-"""Rows and columns of a window."""
 _EIGHT = np.ones((3, 3), dtype=np.uint8)
 _AROUND = [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1) if (dv, du) != (0, 0)]
 _NO_PLANE = -1
 _UNEXPLAINED = np.float32(1e6)
+
+
+@dataclass(frozen=True)
+class ExpectedSurface:
+    """What a predicted pose says of each pixel of an image (height, width)."""
+
+    planes: tuple[FloatArray, ...]
+    """Planes ``m`` in view, 1/m."""
+    labels: IntArray
+    """Index into ``planes``, -1 for none."""
+    range_m: FloatArray
+    """Along the ray; 0 where there is no surface."""
+    settled: BoolArray
+    """Pixels at no step and no crease: a prediction good to a pixel is right about them."""
+
+    def part(self, part: Part) -> "ExpectedSurface":
+        """The same for a part of the image."""
+        return ExpectedSurface(
+            self.planes, self.labels[part], self.range_m[part], self.settled[part]
+        )
+
+
+def settled_pixels(labels: IntArray, range_m: FloatArray, sigma_m: float) -> BoolArray:
+    """Where labels (height, width) of a rendered view hold for a slightly different pose too.
+
+    Not where a neighbour belongs to another plane, nor where the surface steps by more than
+    noise can bridge: the second difference of range vanishes on a plane, whatever its tilt. The
+    target's outline against space needs no label: a return tells it.
+    """
+    surface = range_m > 0.0
+    settled = surface.copy()
+    largest = ndimage.maximum_filter(labels, 3)
+    smallest = ndimage.minimum_filter(np.where(labels == _NO_PLANE, labels.size, labels), 3)
+    settled &= (largest == _NO_PLANE) | (largest == smallest)
+    for axis in (0, 1):
+        bend = ndimage.correlate1d(range_m, [1.0, -2.0, 1.0], axis, mode="nearest")
+        inside = ndimage.minimum_filter1d(surface, 3, axis, mode="nearest")
+        settled &= ~inside | (np.abs(bend) < 2.0 * _GATE_SIGMA * sigma_m)
+    return np.asarray(settled)
 
 
 @dataclass(frozen=True)
@@ -57,7 +97,9 @@ def segment_planes(
     planes: tuple[FloatArray, ...],
     sigma_m: float,
     minimum_pixels: int,
+    *,
     rounds: int = 2,
+    expected: ExpectedSurface | None = None,
 ) -> tuple[list[Segment], IntArray]:
     """Connected segments of the planes, largest first, and the (height, width) segment labels.
 
@@ -68,16 +110,24 @@ def segment_planes(
         minimum_pixels: smaller segments are dropped.
         rounds: how often pixels are assigned and planes refitted; one is enough for planes
             that were right to begin with.
+        expected: of the window; decides where noise would, on steps too small to see.
     """
     no_labels = np.full(window.shape, _NO_PLANE, dtype=np.intp)
     typical_m = float(np.mean(window.range_m[window.has_return]))
-    fits = [m for m in planes if not is_edge_on(m, typical_m)]
+    fits = list(planes)
     labels, convex = no_labels, np.zeros((0, 0), dtype=bool)
     for _ in range(rounds):
         if not fits:
             return [], no_labels
-        ranges = np.stack([plane_range(m, window.rays) for m in fits])
-        labels = _assign(window, ranges, sigma_m)
+        ranges = np.stack(
+            [
+                np.full(len(window.rays), np.inf)
+                if is_edge_on(m, typical_m)
+                else plane_range(m, window.rays)
+                for m in fits
+            ]
+        )
+        labels = _assign(window, ranges, sigma_m, expected)
         labels, convex = _straighten_creases(labels, ranges.reshape(-1, *window.shape), sigma_m)
         labels, convex, fits = _refitted(window, labels, convex, fits, sigma_m, minimum_pixels)
     return _components(window, labels, fits, convex, sigma_m, minimum_pixels)
@@ -108,15 +158,19 @@ def _refitted(
     return table[labels], convex[np.ix_(kept, kept)], fits
 
 
-def _assign(window: Window, ranges: FloatArray, sigma_m: float) -> IntArray:
+def _assign(
+    window: Window, ranges: FloatArray, sigma_m: float, expected: ExpectedSurface | None
+) -> IntArray:
     """(height, width) best plane of each return: residual first, then the neighbours' vote.
 
     The vote is one of iterated conditional modes in a Potts model. Only pixels whose two best
-    planes are nearer than the vote could ever decide take part.
+    planes are nearer than the vote could ever decide take part. A part that stands so little out
+    of a face that noise hides the step would be given to the face by noise, a different share of
+    it in every frame: there the expected surface decides, where the return agrees with it.
     """
     returns = np.flatnonzero(window.has_return)
     residual = ((window.range_m[returns] - ranges[:, returns]) / sigma_m).astype(np.float32)
-    cost = np.minimum(residual**2, _UNEXPLAINED)
+    cost = np.minimum(residual**2, _UNEXPLAINED)  # also of planes the ray never meets
     best = cost.argmin(axis=0)
     lowest = np.take_along_axis(cost, best[None], axis=0)[0]
     explained = lowest < _GATE_SIGMA**2
@@ -125,6 +179,11 @@ def _assign(window: Window, ranges: FloatArray, sigma_m: float) -> IntArray:
     rows, columns = np.divmod(returns, window.width)
     inner[rows, columns] = np.where(explained, best, _NO_PLANE)
     doubtful = explained & (np.sum(cost < lowest + 8.0 * _SMOOTHING, axis=0) > 1)
+    if expected is not None:
+        surprise = np.abs(window.range_m[returns] - expected.range_m.ravel()[returns])
+        known = expected.settled.ravel()[returns] & (surprise < (_GATE_SIGMA + 0.5) * sigma_m)
+        inner[rows[known], columns[known]] = expected.labels.ravel()[returns[known]]
+        doubtful &= ~known
     v, u, doubtful_cost = rows[doubtful], columns[doubtful], cost[:, doubtful]
     numbers = np.arange(len(ranges))[:, None]
     for _ in range(_VOTES):

@@ -6,11 +6,11 @@ from pathlib import Path
 from pcnav.errors import InputError
 from pcnav.studies.folder import Study, StudySummary, study_folder, write_study
 from pcnav.studies.progress import OnProgress
-from pcnav.studies.yu2019.study import study_yu2019
+# from pcnav.studies.yu2019.study import study_yu2019
 
 __all__ = ["StudySummary", "run_study"]
 
-STUDIES: dict[str, Callable[[int | None, OnProgress], Study]] = {"yu2019": study_yu2019}
+STUDIES: dict = {}
 """From the name users type to the function that rebuilds the paper."""
 
 

@@ -1,0 +1,37 @@
+"""Runs a sequence and prints its peak memory as JSON: ``SEQUENCE PIPELINE.toml RESULT``."""
+
+import json
+import resource
+import sys
+from pathlib import Path
+
+from pcnav.config import read_pipeline
+from pcnav.pipeline import run
+from pcnav.results import FrameEstimate
+
+
+def main(sequence: Path, pipeline: Path, out: Path) -> None:
+    """Run it, noting the peak after the last frame and at the end."""
+    tracked = {"frames": 0, "bytes": 0}
+
+    def note(estimate: FrameEstimate, total: int) -> None:
+        if estimate.index + 1 == total:
+            tracked.update(frames=total, bytes=_peak_bytes())
+
+    run(sequence, out, read_pipeline(pipeline), on_estimate=note)
+    answer = {
+        "frames": tracked["frames"],
+        "tracking_bytes": tracked["bytes"],
+        "whole_bytes": _peak_bytes(),
+    }
+    print(json.dumps(answer))
+
+
+def _peak_bytes() -> int:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Kilobytes everywhere but on macOS.
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+if __name__ == "__main__":
+    main(*(Path(argument) for argument in sys.argv[1:]))

@@ -1,0 +1,141 @@
+"""Figures of the studies: errors over time with the printed bounds, in the style of the reports."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from pcnav.arrays import FloatArray
+from pcnav.evaluation.figures import (
+    ALERT,
+    BAND,
+    CATEGORIES,
+    GRID,
+    INK,
+    LINE,
+    MUTED,
+    envelope,
+    svg_bytes,
+)
+from pcnav.studies.folder import StudyFigure
+
+_WIDTH_IN = 5.8
+
+
+@dataclass(frozen=True)
+class Series:
+    """One row of a figure."""
+
+    label: str
+    """Quantity and unit."""
+    values: FloatArray
+    """(n,)"""
+    printed: float | None
+    """Largest error the paper states, drawn on both sides."""
+    sd: FloatArray | None = None
+    """(n,) as the filter states it; three of it are drawn as a band."""
+
+
+def series_figure(
+    key: str,
+    title: str,
+    caption: str,
+    time_s: FloatArray,
+    series: list[Series],
+    settled_from_s: float | None = None,
+) -> StudyFigure:
+    """Rows that share the time axis.
+
+    The vertical axes span what happens from ``settled_from_s`` on, so that a start-up transient
+    does not flatten the rest.
+    """
+    figure = _figure(0.7 + 1.15 * len(series))
+    rows = list(figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, each in zip(rows, series, strict=True):
+        _style(axes)
+        _draw(axes, time_s, each)
+        _limit(axes, time_s, each, settled_from_s)
+        axes.set_ylabel(each.label)
+    rows[-1].set_xlabel("time, s")
+    rows[-1].set_xlim(float(time_s[0]), float(time_s[-1]))
+    figure.align_ylabels(rows)
+    _legend(figure, rows[0])
+    return StudyFigure(key, title, caption, svg_bytes(figure))
+
+
+def band_figure(
+    key: str,
+    title: str,
+    caption: str,
+    time_s: FloatArray,
+    curves: dict[str, FloatArray],
+    band: tuple[float, float],
+    label: str,
+) -> StudyFigure:
+    """Curves over time against a band they should stay in, logarithmic."""
+    figure = _figure(3.0)
+    axes = figure.add_subplot()
+    _style(axes)
+    axes.axhspan(*band, color=BAND, linewidth=0, label="95 % bounds")
+    for colour, (name, values) in zip(CATEGORIES, curves.items(), strict=False):
+        axes.plot(time_s, values, color=colour, linewidth=0.9, label=name)
+    axes.set_yscale("log")
+    axes.set_xlim(float(time_s[0]), float(time_s[-1]))
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(label)
+    _legend(figure, axes)
+    return StudyFigure(key, title, caption, svg_bytes(figure))
+
+
+def _draw(axes: Axes, time_s: FloatArray, series: Series) -> None:
+    if series.sd is not None:
+        at = envelope(series.sd)
+        bound = 3.0 * series.sd[at]
+        axes.fill_between(time_s[at], -bound, bound, color=BAND, linewidth=0, label="3 sd stated")
+    at = envelope(series.values)
+    axes.plot(time_s[at], series.values[at], color=LINE, linewidth=0.8, label="error")
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    if series.printed is not None:
+        for sign in (-1.0, 1.0):
+            label = "printed" if sign > 0.0 else None
+            level = sign * series.printed
+            axes.axhline(level, color=ALERT, linewidth=1.0, linestyle="--", label=label)
+
+
+def _limit(axes: Axes, time_s: FloatArray, series: Series, settled_from_s: float | None) -> None:
+    settled = time_s >= (time_s[0] if settled_from_s is None else settled_from_s)
+    largest = float(np.abs(series.values[settled]).max())
+    if series.sd is not None:
+        largest = max(largest, 3.0 * float(np.median(series.sd[settled])))
+    if series.printed is not None:
+        largest = max(largest, series.printed)
+    axes.set_ylim(-1.1 * largest, 1.1 * largest)
+
+
+def _figure(height_in: float) -> Figure:
+    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _style(axes: Axes) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(MUTED)
+    axes.grid(visible=True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8, color=MUTED, labelcolor=INK)
+    axes.xaxis.label.set(fontsize=8.5, color=INK)
+    axes.yaxis.label.set(fontsize=8.5, color=INK)
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        loc="outside upper left",
+        ncols=4,
+        fontsize=8,
+        frameon=False,
+        labelcolor=INK,
+    )

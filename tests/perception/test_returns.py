@@ -1,0 +1,79 @@
+"""The window of returns against the full image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcnav.arrays import DepthImage
+from pcnav.camera import PinholeCamera, pixel_rays, solid_angle, unproject
+from pcnav.perception.returns import Window, window_of_returns
+from pcnav.sequences.sequence import Frame
+
+CAMERA = PinholeCamera(60, 40, 80.0, 85.0, 28.5, 21.0)
+
+
+def frame_with(pixels: list[tuple[int, int]], depth_m: float = 7.0) -> Frame:
+    """A frame whose only returns are at these (u, v)."""
+    depth = np.zeros((40, 60), dtype=np.float32)
+    for u, v in pixels:
+        depth[v, u] = depth_m + 0.1 * u
+    return Frame(0, 0.0, depth, CAMERA, np.eye(4))
+
+
+def window_of(frame: Frame) -> Window:
+    window = window_of_returns(frame)
+    assert window is not None
+    return window
+
+
+def test_no_returns_give_no_window() -> None:
+    assert window_of_returns(frame_with([])) is None
+
+
+def test_window_holds_every_return_and_its_neighbours() -> None:
+    frame = frame_with([(20, 10), (35, 14)])
+    window = window_of(frame)
+    assert (window.left, window.top, window.width, window.height) == (18, 8, 20, 9)
+    assert window.touches_border == (False, False, False, False)
+    assert window.has_return.sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("pixel", "border"),
+    [
+        ((30, 0), (True, False, False, False)),
+        ((30, 39), (False, True, False, False)),
+        ((0, 20), (False, False, True, False)),
+        ((59, 20), (False, False, False, True)),
+        ((59, 39), (False, True, False, True)),
+    ],
+)
+def test_window_ends_at_the_image(
+    pixel: tuple[int, int], border: tuple[bool, bool, bool, bool]
+) -> None:
+    window = window_of(frame_with([pixel]))
+    assert window.touches_border == border
+    assert window.part[0].start >= 0 and window.part[0].stop <= 40
+    assert window.part[1].start >= 0 and window.part[1].stop <= 60
+
+
+def test_arrays_are_those_of_the_pixels_they_stand_for() -> None:
+    rng = np.random.default_rng(0)
+    depth: DepthImage = np.zeros((40, 60), dtype=np.float32)
+    depth[5:30, 12:50] = rng.uniform(5.0, 9.0, (25, 38)) * (rng.random((25, 38)) > 0.2)
+    frame = replace(frame_with([]), depth_m=depth)
+    window = window_of(frame)
+    returns = np.flatnonzero(window.has_return)
+    u, v = window.pixel(returns).T
+    np.testing.assert_array_equal(np.count_nonzero(depth), len(returns))
+    points = window.rays[returns] * window.range_m[returns, None]
+    np.testing.assert_allclose(points, unproject(CAMERA, depth)[v, u], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(window.rays, axis=1), 1.0, atol=1e-15)
+    np.testing.assert_array_equal(window.solid_angle[returns], solid_angle(CAMERA)[v, u])
+    np.testing.assert_array_equal(
+        window.range_m.reshape(window.shape) > 0.0, depth[window.part] > 0.0
+    )
+    all_u, all_v = window.pixel(np.arange(window.height * window.width)).T
+    along = pixel_rays(CAMERA)[all_v, all_u]
+    np.testing.assert_allclose(window.rays / window.rays[:, 2:], along, atol=1e-12)
