@@ -41,8 +41,7 @@ def main(
     """
     parts = only or list(Part)
     console = Console(width=max(150, Console().width))
-    load_average = f", load average {os.getloadavg()[0]:.1f}"
-    console.print(f"{os.cpu_count()} cores{load_average if hasattr(os, 'getloadavg') else ''}")
+    console.print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before the start")
     with tempfile.TemporaryDirectory(prefix="pcnav-bench-") as name:
         folder = Path(name)
         if Part.SPEED in parts:
@@ -68,7 +67,7 @@ def _accuracy(frames: int, every_case: bool, folder: Path, console: Console) -> 
 
 
 def _scenes(frames: int, every_case: bool, folder: Path) -> list[Scene]:
-    """The benchmark's scene; with ``every_case`` all satellites at their own noise and half of it."""
+    """The benchmark's scene; with ``every_case`` all satellites at their noise and half of it."""
     if not every_case:
         return [record("boxsat", shortened("boxsat", frames), folder / "boxsat")]
     scenes = []

@@ -61,19 +61,35 @@ def score_case(case: Case, methods: tuple[Method, ...] = METHODS) -> tuple[Score
 def _score(case: Case, method: Method, answer: Poses, compared: BoolArray, frames: int) -> Score:
     truth = case.T_cam_model[compared]
     estimated = answer.T_cam_model[compared]
-    # A symmetric target may be followed in any of its equivalent attitudes, but in one throughout.
-    options = [truth @ symmetry for symmetry in case.scene.target.symmetry_rotations]
-    turns = [rotation_angle(_between(estimated, option)) for option in options]
-    best = int(np.argmin([np.median(turn) for turn in turns]))
-    shift_m = np.linalg.norm(estimated[:, :3, 3] - options[best][:, :3, 3], axis=1)
+    shift_m, turn_rad = _errors(case, method, estimated, truth)
     return Score(
         method=method,
         position_mm=Spread.of(1e3 * shift_m),
-        attitude_deg=Spread.of(np.rad2deg(turns[best])),
+        attitude_deg=Spread.of(np.rad2deg(turn_rad)),
         mean_ms=1e3 * float(np.mean(answer.seconds)),
         median_ms=1e3 * float(np.median(answer.seconds)),
         frames=frames,
     )
+
+
+def _errors(
+    case: Case, method: Method, estimated: FloatArray, truth: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Distance (n,), m, and angle (n,), rad, to the equivalent truth that fits best.
+
+    A symmetric target may be followed in any of its equivalent attitudes, but in one throughout; a
+    method without memory may take another in every frame.
+    """
+    options = [truth @ symmetry for symmetry in case.scene.target.symmetry_rotations]
+    turns = np.stack([rotation_angle(_between(estimated, option)) for option in options])
+    shifts = np.stack(
+        [np.linalg.norm(estimated[:, :3, 3] - option[:, :3, 3], axis=1) for option in options]
+    )
+    if method.remembers:
+        best = int(np.argmin(np.median(turns, axis=1)))
+        return shifts[best], turns[best]
+    chosen = turns.argmin(axis=0)[None]
+    return np.take_along_axis(shifts, chosen, 0)[0], np.take_along_axis(turns, chosen, 0)[0]
 
 
 def _between(T_from: FloatArray, T_to: FloatArray) -> FloatArray:
@@ -89,7 +105,8 @@ def score_table(case: Case, scores: tuple[Score, ...]) -> Table:
         caption=(
             "Errors over the frames in which every method has a pose; times over all frames, from "
             "depth image to pose. Open3D and small_gicp use all cores and align to "
-            f"{SAMPLES} points sampled from the mesh, started from their own extrapolated pose; "
+            f"those of {SAMPLES} samples of the mesh that face the camera, started from their own "
+            "extrapolated pose; "
             f"having no cold start, they are given the first pose to 5 deg and {shift_m:.2g} m. "
             "Ratios are of medians (position, attitude) and means (time), pcnav over peer."
         ),

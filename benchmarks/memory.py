@@ -31,7 +31,7 @@ class PeakMemory:
 
 
 def long_pipeline(frames: int) -> Pipeline:
-    """The benchmark's satellite seen by a small camera, at rest in the orbit so that it stays in view.
+    """The benchmark's satellite before a small camera, held in the orbit so that it stays in view.
 
     Small images and a near target make many frames affordable; what is kept from one frame to the
     next does not depend on their size.

@@ -1,8 +1,10 @@
 """The methods compared: pcnav and its peers, each from the same frames to poses and times.
 
 Point-cloud peers know the mesh as 20,000 points sampled from it and start every frame at the pose
-extrapolated from their own last two. They have no cold start, so they are given the first pose,
-true but for `START_TURN_DEG` and `START_SHIFT_M`.
+extrapolated from their own last two. Samples that face away from the camera there are left out:
+returns would be matched to the back of a thin panel, which triples the error. The peers have no
+cold start, so they are given the first pose, true but for `START_TURN_DEG` and
+`START_SHIFT_FRACTION`.
 """
 
 import os
@@ -17,8 +19,12 @@ import trimesh
 from benchmarks.scenes import Case
 from pcnav._open3d import open3d
 from pcnav.arrays import FloatArray
+from pcnav.estimation.single_frame import single_frame_pose
+from pcnav.perception.expectation import Expecter
 from pcnav.perception.odometry import follow
+from pcnav.perception.perceive import perceive
 from pcnav.perception.returns import window_of_returns
+from pcnav.sequences.poses import nearest_rotation
 from pcnav.sequences.sequence import Frame
 from pcnav.spatial import exp_rotation, invert_transform, make_transform
 from pcnav.target import Target
@@ -53,6 +59,8 @@ class Method:
     start: str
     """What it is given to begin with."""
     estimate: Callable[[Case], Poses]
+    remembers: bool = True
+    """Whether a pose follows from earlier ones: then a symmetric target must keep one attitude."""
 
 
 def pcnav_filtered(case: Case) -> Poses:
@@ -71,19 +79,33 @@ def pcnav_filtered(case: Case) -> Poses:
     return Poses(T_cam_model, seconds)
 
 
+def pcnav_single_frame(case: Case) -> Poses:
+    """Every frame on its own, without prediction or memory."""
+    settings, target = case.scene.pipeline.perception, case.scene.target
+    sigma_m = settings.range_sigma_m or case.info.range_sigma_m
+    expecter = Expecter(target, case.frames[0].camera, settings, sigma_m)
+    T_cam_model, seconds = _empty(len(case.frames))
+    for k, frame in enumerate(case.frames):
+        start = perf_counter()
+        perceived = perceive(frame, target.rectangles, settings, sigma_m, case.scene.pipeline.seed)
+        pose = single_frame_pose(perceived, target, expecter, settings, sigma_m)
+        seconds[k] = perf_counter() - start
+        if pose is not None:
+            T_cam_model[k] = pose.T_cam_model
+    return Poses(T_cam_model, seconds)
+
+
 def open3d_plane_icp(case: Case) -> Poses:
     """Open3D's point-to-plane ICP; the model's normals are those of the mesh."""
     registration = open3d.pipelines.registration
-    points, normals = _sampled(case.scene.target)
-    model = _open3d_cloud(points)
-    model.normals = open3d.utility.Vector3dVector(normals)
     estimation = registration.TransformationEstimationPointToPlane()
     criteria = registration.ICPConvergenceCriteria(1e-7, 1e-7, _MOST_ITERATIONS)
 
-    def align(frame: Frame, T_model_cam: FloatArray, reach_m: float) -> FloatArray:
-        cloud = _open3d_cloud(_returns(frame))
+    def align(cloud: FloatArray, model: _Samples, start: FloatArray, reach_m: float) -> FloatArray:
+        faced = _open3d_cloud(model.points)
+        faced.normals = open3d.utility.Vector3dVector(model.normals)
         result = registration.registration_icp(
-            cloud, model, reach_m, T_model_cam, estimation, criteria
+            _open3d_cloud(cloud), faced, reach_m, start, estimation, criteria
         )
         return np.array(result.transformation)
 
@@ -93,19 +115,20 @@ def open3d_plane_icp(case: Case) -> Poses:
 def small_gicp_gicp(case: Case) -> Poses:
     """small_gicp's GICP with covariances from 10 neighbours, on all cores."""
     threads = os.cpu_count() or 1
-    model = small_gicp.PointCloud(_sampled(case.scene.target)[0])
-    tree = small_gicp.KdTree(model, num_threads=threads)
-    small_gicp.estimate_covariances(model, tree, _NEIGHBOURS, num_threads=threads)
 
-    def align(frame: Frame, T_model_cam: FloatArray, reach_m: float) -> FloatArray:
-        cloud = small_gicp.PointCloud(_returns(frame))
-        own = small_gicp.KdTree(cloud, num_threads=threads)
-        small_gicp.estimate_covariances(cloud, own, _NEIGHBOURS, num_threads=threads)
+    def prepared(points: FloatArray) -> tuple[small_gicp.PointCloud, small_gicp.KdTree]:
+        cloud = small_gicp.PointCloud(points)
+        tree = small_gicp.KdTree(cloud, num_threads=threads)
+        small_gicp.estimate_covariances(cloud, tree, _NEIGHBOURS, num_threads=threads)
+        return cloud, tree
+
+    def align(cloud: FloatArray, model: _Samples, start: FloatArray, reach_m: float) -> FloatArray:
+        target, tree = prepared(model.points)
         result = small_gicp.align(
-            model,
-            cloud,
+            target,
+            prepared(cloud)[0],
             tree,
-            T_model_cam,
+            start,
             registration_type="GICP",
             max_correspondence_distance=reach_m,
             num_threads=threads,
@@ -130,33 +153,60 @@ OURS = Method("pcnav filtered", "nothing", pcnav_filtered)
 _NEAR = f"first pose within {START_TURN_DEG:g} deg"
 METHODS = (
     OURS,
+    Method("pcnav single frame", "nothing, every frame anew", pcnav_single_frame, remembers=False),
     Method("Open3D point-to-plane ICP", _NEAR, open3d_plane_icp),
     Method("small_gicp GICP", _NEAR, small_gicp_gicp),
     Method("KISS-ICP (no model)", "first pose exact", kiss_icp),
 )
 """Ours first; a further method is one more line here."""
 
-_Align = Callable[[Frame, FloatArray, float], FloatArray]
+
+@dataclass(frozen=True)
+class _Samples:
+    """Points of the mesh, model frame."""
+
+    points: FloatArray
+    """(n, 3) m"""
+    normals: FloatArray
+    """(n, 3) outward."""
+
+    def facing(self, p_model_cam: FloatArray) -> "_Samples":
+        """Those whose side of the surface a camera at (3,) could see."""
+        facing = np.einsum("ij,ij->i", self.normals, p_model_cam - self.points) > 0.0
+        return _Samples(self.points[facing], self.normals[facing])
+
+
+_Align = Callable[[FloatArray, _Samples, FloatArray, float], FloatArray]
+"""From a cloud (n, 3), the samples facing it, the predicted T_model_cam and the largest distance of
+corresponding points, m, to T_model_cam."""
 
 
 def _tracked(case: Case, align: _Align) -> Poses:
-    """Align frame after frame to the model, from a constant-velocity prediction.
-
-    ``align`` takes a frame, the predicted T_model_cam and the largest distance of correspondence.
-    """
+    """Align frame after frame to the model, from a constant-velocity prediction."""
     diameter = case.scene.target.diameter_m
+    samples = _sampled(case.scene.target)
     T_cam_model, seconds = _empty(len(case.frames))
     before = previous = _disturbed(case.T_cam_model[0], diameter)
     for k, frame in enumerate(case.frames):
         start = perf_counter()
-        # The last step is repeated in the model frame: the target turns about itself.
-        predicted = previous @ invert_transform(before) @ previous if k > 1 else previous
+        # What the first frame corrects is the disturbance: it says nothing of the motion.
+        predicted = _repeated_step(before, previous) if k > 1 else previous
+        T_model_cam = invert_transform(predicted)
         reach_m = (_REACH if k > 0 else _FIRST_REACH) * diameter
-        pose = invert_transform(align(frame, invert_transform(predicted), reach_m))
+        facing = samples.facing(T_model_cam[:3, 3])
+        pose = invert_transform(align(_returns(frame), facing, T_model_cam, reach_m))
         seconds[k] = perf_counter() - start
         before, previous = previous, pose
         T_cam_model[k] = pose
     return Poses(T_cam_model, seconds)
+
+
+def _repeated_step(T_before: FloatArray, T_now: FloatArray) -> FloatArray:
+    """The next pose when the last step between two is made once more."""
+    T_next = T_now @ invert_transform(T_before) @ T_now
+    # Products of products: rounding errors of the rotation would double with every frame.
+    T_next[:3, :3] = nearest_rotation(T_next[:3, :3])
+    return T_next
 
 
 def _disturbed(T_cam_model: FloatArray, diameter_m: float) -> FloatArray:
@@ -166,10 +216,10 @@ def _disturbed(T_cam_model: FloatArray, diameter_m: float) -> FloatArray:
     return T_cam_model @ make_transform(turn, START_SHIFT_FRACTION * diameter_m * direction)
 
 
-def _sampled(target: Target) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) points spread evenly over the mesh and (n, 3) normals of their faces."""
+def _sampled(target: Target) -> _Samples:
+    """Points spread evenly over the mesh with the normals of their faces."""
     points, faces = trimesh.sample.sample_surface(target.mesh, SAMPLES, seed=0)[:2]
-    return np.array(points), np.array(target.mesh.face_normals[faces])
+    return _Samples(np.array(points), np.array(target.mesh.face_normals[faces]))
 
 
 def _open3d_cloud(points: FloatArray) -> open3d.geometry.PointCloud:

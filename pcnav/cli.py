@@ -1,10 +1,12 @@
 """The command line: each command parses, calls one function and prints its summary."""
 
 import logging
+import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:  # heavy imports sit inside the commands, so that --help answe
 
 app = typer.Typer(
     help="Pose, motion, mass centre and inertia of a tumbling satellite from depth frames.",
-    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
 )
@@ -24,17 +26,59 @@ app = typer.Typer(
 _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 _Advance = Callable[[int, int], None]
 _BAD_INPUT = 2
+_INTERRUPTED = 130
+# Of the classes of usage errors typer exports this one only; its parent is every wrong command line.
+_UsageError = cast(type[typer.BadParameter], typer.BadParameter.__base__)
 
 
 def main() -> None:
-    """Entry point: bad input is one line on stderr and exit code 2, never a traceback."""
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
-    logging.getLogger("pcnav").setLevel(logging.INFO)
+    """Entry point: whatever goes wrong is one line on stderr and an exit code other than 0.
+
+    2 for bad input, a wrong command line and a file system that refuses; 130 when interrupted.
+    """
+    # A batch system that ends a run must leave no more behind than a user who does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        app()
+        with _log_lines():
+            code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+    except KeyboardInterrupt:
+        code = _INTERRUPTED
+    except _UsageError as error:
+        command = "pcnav" if error.ctx is None else error.ctx.command_path
+        message = " ".join(error.format_message().split()).rstrip(".")
+        code = _failed(f"{message}; see {command} --help")
     except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise SystemExit(_BAD_INPUT) from None
+        code = _failed(str(error))
+    except OSError as error:
+        code = _failed(f"{error.filename or 'file'}: {error.strerror or error}")
+    if code == _INTERRUPTED:
+        print("interrupted: nothing was written by the step under way", file=sys.stderr)
+    raise SystemExit(code)
+
+
+def _failed(message: str) -> int:
+    print(f"error: {message}", file=sys.stderr)
+    return _BAD_INPUT
+
+
+class _LogLines(logging.Handler):
+    """Log lines on stderr, above the progress bar where there is one."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        # Looked up anew each time: a progress bar puts its own stream there while it is shown.
+        print(self.format(record), file=sys.stderr)
+
+
+@contextmanager
+def _log_lines() -> Iterator[None]:
+    logger, lines = logging.getLogger("pcnav"), _LogLines()
+    lines.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+    logger.setLevel(logging.INFO)
+    logger.addHandler(lines)
+    try:
+        yield
+    finally:
+        logger.removeHandler(lines)
 
 
 def _print_version(wanted: bool) -> None:
@@ -60,14 +104,18 @@ def demo(
     out: Annotated[Path, typer.Option("-o", "--out", help="Where to put both folders.")] = Path(
         "runs/demo"
     ),
+    overwrite: _Overwrite = False,
 ) -> None:
     """Simulate the shipped satellite, navigate, print the table and write the report.
 
     Example: `pcnav demo`
     """
     sequence, result = out / "sequence", out / "result"
-    _simulate("demo", sequence, overwrite=True)
-    _run(sequence, None, "demo", result, overwrite=True)
+    # Found out before half of the work is done.
+    if result.is_dir() and any(result.iterdir()) and not overwrite:
+        raise InputError(result, "folder", "expected a new folder; --overwrite replaces this one")
+    _simulate("demo", sequence, overwrite)
+    _run(sequence, None, "demo", result, overwrite)
 
 
 @app.command()
@@ -88,10 +136,18 @@ def run(
     sequence: Annotated[Path, typer.Argument(help="Folder of a depth sequence.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Result folder.")],
     target: Annotated[
-        str | None, typer.Option(help="Mesh of the target, or the name of a shipped one.")
+        str | None,
+        typer.Option(
+            help="Mesh of the target, or the name of a shipped one; "
+            "without it the sequence's own, else the pipeline's."
+        ),
     ] = None,
     pipeline: Annotated[
-        str | None, typer.Option(help="Pipeline file, or the name of a shipped one.")
+        str | None,
+        typer.Option(
+            help="File with the settings of perception and filter, or the name of a shipped one; "
+            "a result's pipeline.toml repeats its run."
+        ),
     ] = None,
     overwrite: _Overwrite = False,
 ) -> None:
@@ -108,6 +164,7 @@ def target(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also write the catalogue as TOML.")
     ] = None,
+    overwrite: _Overwrite = False,
 ) -> None:
     """Print the rectangle catalogue, symmetry group and mass properties of a mesh.
 
@@ -117,10 +174,14 @@ def target(
 
     from pcnav.target import describe, load_target, write_target_toml
 
+    if out is not None and out.exists() and not (overwrite and out.is_file()):
+        raise InputError(out, "file", "expected a new file; --overwrite replaces an existing one")
     satellite = load_target(_mesh(mesh))
-    Console().print(describe(satellite))
     if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
         write_target_toml(satellite, out)
+    Console().print(*describe(satellite), sep="\n")
+    if out is not None:
         typer.echo(f"catalogue: {out}")
 
 
@@ -156,7 +217,7 @@ def _simulate(pipeline: str, out: Path, overwrite: bool) -> None:
     path, content = _pipeline(pipeline)
     if content.target_mesh is None:
         raise InputError(path, "target_mesh", "expected the mesh of the satellite to simulate")
-    satellite = load_target(_mesh(content.target_mesh, path.parent))
+    satellite = load_target(_mesh_of_pipeline(path, content.target_mesh))
     with _progress("simulate") as advance:
         summary = write_sequence(content, satellite, out, overwrite, advance, path)
     typer.echo(f"sequence: {summary.path} ({summary.frames} frames)")
@@ -171,20 +232,23 @@ def _run(
     from pcnav.evaluation.summary import summary_table
     from pcnav.pipeline import run as run_sequence
 
-    content = Pipeline() if pipeline is None else _pipeline(pipeline)[1]
-    mesh = None if target_mesh is None else _mesh(target_mesh)
+    content = Pipeline()
+    if pipeline is not None:
+        path, content = _pipeline(pipeline)
+        if content.target_mesh is not None:
+            mesh = _mesh_of_pipeline(path, content.target_mesh)
+            content = content.model_copy(update={"target_mesh": str(mesh)})
     with _progress("run") as advance:
         summary = run_sequence(
             sequence,
             out,
             content,
-            target_mesh=mesh,
+            target_mesh=None if target_mesh is None else _mesh(target_mesh),
             overwrite=overwrite,
             on_estimate=lambda estimate, total: advance(estimate.index + 1, total),
         )
     Console().print(summary_table(summary.metrics))
     typer.echo(f"report: {summary.report}")
-    typer.echo(f"web view: pcnav view {summary.folder}")
 
 
 def _pipeline(name: str) -> "tuple[Path, Pipeline]":
@@ -202,18 +266,32 @@ def _pipeline(name: str) -> "tuple[Path, Pipeline]":
     return path, read_pipeline(path)
 
 
-def _mesh(name: str, folder: Path = Path()) -> Path:
-    """A mesh by path, relative to a folder, or by shipped name."""
-    from pcnav.shipped import shipped_mesh, shipped_mesh_names
+def _mesh(name: str) -> Path:
+    """A mesh by path or shipped name."""
+    from pcnav.shipped import shipped_mesh
 
-    path = folder / name
-    if path.is_file():
-        return path
-    shipped = shipped_mesh(name)
-    if shipped is None:
-        known = ", ".join(shipped_mesh_names())
-        raise InputError(path, "mesh", f"expected a mesh file or one of: {known}")
-    return shipped
+    path = Path(name)
+    found = path if path.is_file() else shipped_mesh(name)
+    if found is None:
+        raise InputError(path, "mesh", _known_meshes())
+    return found
+
+
+def _mesh_of_pipeline(pipeline: Path, name: str) -> Path:
+    """The mesh a pipeline file names: a path relative to the file, or a shipped name."""
+    from pcnav.shipped import shipped_mesh
+
+    path = pipeline.parent / name
+    found = path if path.is_file() else shipped_mesh(name)
+    if found is None:
+        raise InputError(pipeline, "target_mesh", f"{_known_meshes()}, got {name}")
+    return found
+
+
+def _known_meshes() -> str:
+    from pcnav.shipped import shipped_mesh_names
+
+    return f"expected a mesh file or one of: {', '.join(shipped_mesh_names())}"
 
 
 @contextmanager
@@ -228,7 +306,9 @@ def _progress(title: str) -> Iterator[_Advance]:
     )
 
     columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    # What is not a terminal keeps every frame of a bar: a log file gets none.
+    hidden = not sys.stderr.isatty()
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=hidden) as bar:
         task = bar.add_task(title, total=None)
 
         def advance(done: int, total: int) -> None:

@@ -130,6 +130,8 @@ class Pipeline(_Table):
     seed: Annotated[int, Field(ge=0)] = 0
     target_mesh: str | None = None
     """Mesh of the target: a path relative to the pipeline file, or the name of a shipped one."""
+    sequence: str | None = None
+    """Folder the run was made from, written by `pcnav run`, ignored otherwise."""
     scenario: ScenarioTable = ScenarioTable()
     orbit: OrbitTable = OrbitTable()
     body: BodyTable = BodyTable()

@@ -1,5 +1,6 @@
 """The main job as a list of verbs: open, track, write, evaluate, report."""
 
+import logging
 import shlex
 import sys
 from collections.abc import Callable
@@ -30,6 +31,11 @@ from pcnav.sequences.opening import open_sequence
 from pcnav.sequences.sequence import Sequence
 from pcnav.target import Target, load_target
 from pcnav.tracking import Tracker
+
+_LOG = logging.getLogger("pcnav")
+
+_USED_BY_A_RUN = {"seed", "sequence", "target_mesh", "perception", "filter"}
+"""What of a pipeline a run reads or adds; the rest of the file describes a simulation."""
 
 OnEstimate = Callable[[FrameEstimate, int], None]
 """Told of every estimate and of how many frames there are."""
@@ -68,25 +74,27 @@ def run(
 ) -> RunSummary:
     """Estimate a target's motion from a depth sequence and write the result folder.
 
-    Raises `InputError` for a bad sequence, mesh or existing result folder; nothing is then left.
+    The mesh is ``target_mesh``, else the one the sequence names, else the pipeline's
+    ``target_mesh`` taken as a path. The pipeline saved with the result names the sequence and the
+    mesh as absolute paths. Raises `InputError` for a bad sequence, mesh, truth or existing result
+    folder; nothing is then left, and an earlier result stays as it was.
     """
     sequence = open_sequence(sequence_path, target_mesh)
-    target = load_target(_mesh_of(sequence, target_mesh))
-    tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
-    showcase: _Showcase | None = None
+    mesh = target_mesh or _mesh_of(sequence, pipeline)
+    _refuse_to_replace_input(out, sequence.path, mesh)
+    target = load_target(mesh)
+    # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
+    truth = read_truth(sequence.path)
+    origin = {"sequence": str(sequence.path.resolve()), "target_mesh": str(mesh.resolve())}
+    as_run = pipeline.model_copy(update=origin)
     with ResultWriter(out, overwrite) as writer:
-        for frame in sequence:
-            estimate, perceived = tracker.step(frame)
-            writer.add(estimate)
-            showcase = _better(showcase, _Showcase(estimate, perceived))
-            if on_estimate is not None:
-                on_estimate(estimate, len(sequence))
+        showcase = _track(sequence, target, as_run, writer, on_estimate)
         staging = writer.finish_tables()
         track = read_track(staging, with_covariance=True)
-        metrics = evaluate(track, read_truth(sequence.path), target.symmetry_rotations)
+        metrics = evaluate(track, truth, target.symmetry_rotations)
         if metrics.errors is not None:
             writer.write_json(METRICS_FILE, metrics.to_json())
-        writer.write_text(PIPELINE_FILE, pipeline_toml(pipeline, library_versions()))
+        writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions()))
         picture, caption = _picture(target, showcase)
         report = ReportContent(
             title=sequence.info.name,
@@ -95,7 +103,7 @@ def run(
             track=track,
             records=read_measurements(staging),
             metrics=metrics,
-            configuration=pipeline.model_dump(mode="json"),
+            configuration=as_run.model_dump(mode="json", include=_USED_BY_A_RUN),
             versions=library_versions(),
             picture=picture,
             picture_caption=caption,
@@ -104,15 +112,46 @@ def run(
     return RunSummary(out, metrics)
 
 
-def _mesh_of(sequence: Sequence, given: Path | None) -> Path:
-    mesh = given or sequence.info.target_mesh
+def _track(
+    sequence: Sequence,
+    target: Target,
+    pipeline: Pipeline,
+    writer: ResultWriter,
+    on_estimate: OnEstimate | None,
+) -> _Showcase | None:
+    """Follow the target through the sequence; the estimates go to the writer as they come."""
+    tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
+    showcase: _Showcase | None = None
+    for frame in sequence:
+        estimate, perceived = tracker.step(frame)
+        writer.add(estimate)
+        showcase = _better(showcase, _Showcase(estimate, perceived))
+        if on_estimate is not None:
+            on_estimate(estimate, len(sequence))
+    return showcase
+
+
+def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
+    """The mesh where none was given: the sequence knows best what it shows."""
+    stated = sequence.info.target_mesh
+    named = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
+    mesh = stated or named
     if mesh is None:
         raise InputError(
             sequence.path,
             "target_mesh",
             "expected the target's mesh, in sequence.toml or by --target",
         )
+    if named is not None and mesh.resolve() != named.resolve():
+        _LOG.warning("%s: its mesh %s is used, not the pipeline's %s", sequence.path, mesh, named)
     return mesh
+
+
+def _refuse_to_replace_input(out: Path, sequence: Path, mesh: Path) -> None:
+    """Replacing a result folder must not delete what the new result is made from."""
+    for source in (sequence, mesh):
+        if source.resolve().is_relative_to(out.resolve()):
+            raise InputError(out, "folder", f"expected a result folder that does not hold {source}")
 
 
 def _better(best: _Showcase | None, new: _Showcase) -> _Showcase:

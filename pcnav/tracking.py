@@ -27,7 +27,7 @@ from pcnav.perception.segmentation import ExpectedSurface
 from pcnav.results import ACCEPTED, FrameEstimate, RectangleRecord
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.spatial import make_transform, rotation_angle
-from pcnav.state import NavigationState
+from pcnav.state import COM_MODEL, R_HILL, THETA_BODY, NavigationState
 from pcnav.target import Target
 
 _log = logging.getLogger("pcnav")
@@ -36,10 +36,16 @@ _MOST_BLIND_FRAMES = 10
 """Frames with returns but without an accepted measurement before the track is given up."""
 _ARC_LENGTHS = (8, 16, 32, 64)
 """Numbers of frames after which the whole arc since the start is fitted anew."""
+_START_PASSES = 6
+"""Most times the first frames are read anew with the poses that fit them."""
+_LARGEST_START_CHI_SQUARE = 4.0
+"""Per degree of freedom: a first motion that fits its frames worse is not believed."""
 _PASSES = 3
 """Most times the expected view is rendered anew because the update moved the pose."""
-_STILL_SHIFT_FRACTION = 2e-4
-"""An update that moves no point of the target further than this share of the range is final."""
+_STILL_PX = 0.1
+"""An update that moves no point of the target further than this is final."""
+_SHARP_PX = 0.7
+"""A prediction that is off by less than this settles which face a pixel shows."""
 _UNITS_RATIO = (0.02, 5.0)
 """What is seen of a target spans between these shares of its diameter, or the units differ."""
 
@@ -145,14 +151,26 @@ class Tracker:
         poses = [s.T_cam_model for s in decision.motion.sightings]
         com, ratios = self._prior_mass()
         self._arc_guess = first_state(decision.motion, com, ratios, self._info.mean_motion_rad_s)
-        views = [self._view(seen, pose) for seen, pose in zip(frames, poses, strict=True)]
-        for _ in range(_PASSES):
+        views: list[_View] = []
+        for attempt in range(_START_PASSES):
+            # A pose from one rectangle can be off by pixels; one from all of them is not.
+            views = [
+                self._view(seen, pose, sharp=attempt > 0)
+                for seen, pose in zip(frames, poses, strict=True)
+            ]
             self._arc = [self._timed(view) for view in views]
             fit = self._fit_arc()
-            views = [
-                self._viewed_again(view, self._pose(state, view.perceived.frame))
-                for view, state in zip(views, fit.states, strict=True)
+            before = poses
+            poses = [
+                self._pose(state, seen) for state, seen in zip(fit.states, frames, strict=True)
             ]
+            moved = map(self._moved_px, before, poses, frames)
+            if attempt > 0 and max(moved) < _STILL_PX:
+                break
+        if fit.chi_square > _LARGEST_START_CHI_SQUARE * fit.dof:
+            _log.info("frame %d: the first motion did not hold", frames[-1].index)
+            self._forget()
+            return self._estimate(views[-1], None, Status.ACQUIRING)
         self._ambiguous = decision.ambiguous
         self._restart(fit)
         status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
@@ -227,22 +245,40 @@ class Tracker:
         """Measure against the expected view and update; again while the view still moves."""
         prior = kalman.snapshot()
         pose = self._pose(kalman.state, frame)
-        view = self._view(frame, pose)
+        view = self._view(frame, pose, sharp=self._is_sharp(kalman, frame))
         result = kalman.update(self._timed(view).measurements)
         for _ in range(_PASSES - 1):
             before, pose = pose, self._pose(kalman.state, frame)
-            if self._by_size or self._is_still(before, pose):
+            moved_px = self._moved_px(before, pose, frame)
+            if self._by_size or moved_px < _STILL_PX:
                 break
-            view = self._viewed_again(view, pose)
+            if moved_px < _SHARP_PX:
+                view = self._viewed_again(view, pose)
+            else:
+                view = self._view(frame, pose, sharp=True)
             kalman.restore(prior)
             result = kalman.update(self._timed(view).measurements)
         return view, result
 
-    def _is_still(self, before: FloatArray, after: FloatArray) -> bool:
-        shift = np.linalg.norm(after[:3, 3] - before[:3, 3])
+    def _moved_px(self, before: FloatArray, after: FloatArray, frame: Frame) -> float:
+        """How far apart, in pixels, two poses may show a point of the target."""
+        shift = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
         turn = float(rotation_angle(before[:3, :3].T @ after[:3, :3]))
-        moved = float(shift) + 0.5 * self._target.diameter_m * turn
-        return moved < _STILL_SHIFT_FRACTION * float(np.linalg.norm(after[:3, 3]))
+        return self._pixels(shift, turn, after, frame)
+
+    def _is_sharp(self, kalman: ErrorStateFilter[NavigationState], frame: Frame) -> bool:
+        """Whether the prediction is good to a pixel, going by the filter's own covariance."""
+        variance = np.diag(kalman.covariance)
+        # The mass centre errs in space and in the model alike: the model itself is seen far better.
+        origin = _origin_covariance(kalman, self._geometry(frame).R_hill_world)
+        shift = float(np.sqrt(np.trace(origin)))
+        turn = float(np.sqrt(np.sum(variance[THETA_BODY])))
+        return self._pixels(shift, turn, self._pose(kalman.state, frame), frame) < _SHARP_PX
+
+    def _pixels(self, shift_m: float, turn_rad: float, pose: FloatArray, frame: Frame) -> float:
+        """A shift and a turn of the target as pixels at its edge."""
+        moved_m = shift_m + 0.5 * self._target.diameter_m * turn_rad
+        return moved_m * max(frame.camera.fx, frame.camera.fy) / float(np.linalg.norm(pose[:3, 3]))
 
     def _extend_arc(self, view: _View, result: UpdateResult) -> None:
         """Keep the young track's measurements, and fit the whole arc anew at set lengths."""
@@ -268,14 +304,19 @@ class Tracker:
         catalogue = self._target.rectangles
         return perceive(frame, catalogue, self._perception, self._sigma_m, self._seed, expected)
 
-    def _view(self, frame: Frame, T_cam_model: FloatArray) -> _View:
-        """Read a frame. RANSAC finds the planes unless a trusted prediction knows them."""
+    def _view(self, frame: Frame, T_cam_model: FloatArray, *, sharp: bool) -> _View:
+        """Read a frame. RANSAC finds the planes unless a trusted prediction knows them.
+
+        A sharp prediction is good to a pixel and settles what noise hides.
+        """
         if self._by_size:
             perceived = self._perceive(frame)
             return _View(perceived, *measure_by_size(perceived, T_cam_model))
         expectation = self._expecter_of(frame).expect(T_cam_model)
-        trusted = self._blind_frames == 0
-        perceived = self._perceive(frame, expectation.surface if trusted else None)
+        surface = expectation.surface if self._blind_frames == 0 else None
+        if surface is not None and not sharp:
+            surface = surface.planes_only()
+        perceived = self._perceive(frame, surface)
         gate_sigma = self._perception.size_gate_sigma
         return _View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
 
@@ -356,6 +397,16 @@ class Tracker:
             n_rectangles=sum(passed),
             records=tuple(records),
         )
+
+
+def _origin_covariance(
+    kalman: ErrorStateFilter[NavigationState], R_hill_world: FloatArray
+) -> FloatArray:
+    """(3, 3) covariance of the model origin ``r - R com``, attitude held: m^2, Hill axes."""
+    select = np.zeros((3, len(kalman.covariance)))
+    select[:, R_HILL] = np.eye(3)
+    select[:, COM_MODEL] = -R_hill_world @ kalman.state.R_world_body
+    return np.asarray(select @ kalman.covariance @ select.T)
 
 
 def _face_record(time_s: float, face: MeasuredFace, outcome: str) -> RectangleRecord:

@@ -18,6 +18,9 @@ from pcnav.state import NavigationState
 
 State = NavigationState
 
+_MOST_STEPS = 40
+"""Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
+
 
 @dataclass(frozen=True)
 class TimedMeasurements:
@@ -104,8 +107,11 @@ def fit_arc(
         residual_of,
         np.zeros(size),
         jac=jacobian_of,
-        method="lm",
+        # A trust region that starts at one standard deviation of the prior: a first step a hundred
+        # times that, as other methods allow, may try rates that take ages to propagate.
+        method="trf",
         x_scale=np.sqrt(np.diag(prior_covariance)),
+        max_nfev=_MOST_STEPS,
     )
     states, residual, jacobian = evaluate(solution.x)
     initial = cho_solve(cho_factor(jacobian.T @ jacobian), np.eye(size))

@@ -96,11 +96,10 @@ def _refined(
     settings: PerceptionTable,
     range_sigma_m: float,
 ) -> SingleFramePose | None:
-    estimate, converged = None, False
+    estimate: SingleFramePose | None = None
+    converged = False
     for _ in range(_PASSES):
-        faces, perceived = _faces(
-            perceived, target, expecter, settings, range_sigma_m, T_cam_model
-        )
+        faces, perceived = _faces(perceived, target, expecter, settings, range_sigma_m, T_cam_model)
         if not faces:
             break
         before, estimate = estimate, fuse_faces(faces, T_cam_model, target.diameter_m)
@@ -190,7 +189,9 @@ def _fused(
     sd = np.full(STATE_SIZE, _HELD_SD)
     sd[R_HILL], sd[THETA_BODY] = _POSITION_SD_FRACTION * diameter_m, _ATTITUDE_SD_RAD
     # The prior is no knowledge that a measurement could contradict: nothing is gated against it.
-    kalman = ErrorStateFilter(state, np.diag(sd**2), gate_probability=1.0 - 1e-15, most_iterations=10)
+    kalman = ErrorStateFilter(
+        state, np.diag(sd**2), gate_probability=1.0 - 1e-15, most_iterations=10
+    )
     kalman.update([_measurement(face) for face in faces])
     return kalman
 

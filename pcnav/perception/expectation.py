@@ -99,7 +99,7 @@ class Expecter:
             )
             image = labels[part]
             image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
-            plane_labels.ravel()[segment.pixels] = plane_of[index]
+            plane_labels.ravel()[segment.pixels] = plane_of.get(index, _NO_FACE)
             faces.append(
                 ExpectedFace(
                     rectangle,

@@ -103,7 +103,9 @@ def fit_plane(
         observed = (2.0 * predicted - range_m) / predicted**2
         weight = predicted**4 / sigma_m**2
         information = (rays * weight[:, None]).T @ rays
-        if not np.linalg.cond(information) < _LARGEST_CONDITION:  # also when not a number
+        if not np.all(np.isfinite(information)):
+            return None
+        if np.linalg.cond(information) > _LARGEST_CONDITION:
             return None
         m = np.asarray(np.linalg.solve(information, (rays * weight[:, None]).T @ observed))
     if is_edge_on(m, float(np.mean(range_m))):

@@ -5,7 +5,7 @@ Here every pixel is given to the plane that explains it best once all planes are
 crease of two faces, where noise decides between them, geometry decides instead of noise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -49,6 +49,10 @@ class ExpectedSurface:
     """Along the ray; 0 where there is no surface."""
     settled: BoolArray
     """Pixels at no step and no crease: a prediction good to a pixel is right about them."""
+
+    def planes_only(self) -> "ExpectedSurface":
+        """The same of a prediction that may be off by pixels: nothing is settled."""
+        return replace(self, settled=np.zeros_like(self.settled))
 
     def part(self, part: Part) -> "ExpectedSurface":
         """The same for a part of the image."""

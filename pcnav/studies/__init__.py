@@ -6,11 +6,11 @@ from pathlib import Path
 from pcnav.errors import InputError
 from pcnav.studies.folder import Study, StudySummary, study_folder, write_study
 from pcnav.studies.progress import OnProgress
-# from pcnav.studies.yu2019.study import study_yu2019
+from pcnav.studies.yu2019.study import study_yu2019
 
 __all__ = ["StudySummary", "run_study"]
 
-STUDIES: dict = {}
+STUDIES: dict[str, Callable[[int | None, OnProgress], Study]] = {"yu2019": study_yu2019}
 """From the name users type to the function that rebuilds the paper."""
 
 
@@ -25,7 +25,7 @@ def run_study(
     """Rebuild a paper and write its folder: tables, figures, pipelines and a page.
 
     ``runs`` replaces the study's own number of Monte Carlo repetitions. Raises `InputError` for an
-    unknown name, fewer than two runs, and a folder that must not be replaced (nothing is then left).
+    unknown name, fewer than two runs, and a folder that must not be replaced; nothing is then left.
     """
     if name not in STUDIES:
         raise InputError(name, "study", f"expected one of: {', '.join(sorted(STUDIES))}")

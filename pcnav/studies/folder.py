@@ -114,7 +114,7 @@ def _refuse_unless_replaceable(folder: Path, overwrite: bool) -> None:
 
 
 def write_study(staging: Path, study: Study) -> None:
-    """Write tables (CSV and Markdown), figures (SVG), pipelines and the page that shows them all."""
+    """Write tables (CSV and Markdown), figures (SVG), pipelines and the page with them all."""
     for name in (_TABLES, _FIGURES, _PIPELINES):
         (staging / name).mkdir()
     for chapter in study.chapters:
@@ -135,8 +135,7 @@ def _page(study: Study, versions: Mapping[str, str]) -> str:
     body = [page.heading(study.title, study.lead), page.cards(study.headline)]
     for chapter in study.chapters:
         pieces = [page.paragraph(text) for text in chapter.text]
-        for table in chapter.tables:
-            pieces.append(_titled_table(table))
+        pieces += [_titled_table(table) for table in chapter.tables]
         if chapter.figures:
             drawn = [
                 page.image(f.title, f.caption, "image/svg+xml", f.svg) for f in chapter.figures

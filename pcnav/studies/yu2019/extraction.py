@@ -229,14 +229,15 @@ def _comparison_table(key: str, title: str, comparisons: list[_Comparison]) -> S
 
 
 def _text(inside: int, compared: int) -> tuple[str, ...]:
-    low, high = binom.ppf([0.025, 0.975], compared, 0.95)
+    low, high = np.asarray(binom.ppf([0.025, 0.975], compared, 0.95))
     return (
         "The paper prints one draw of each cloud. A draw cannot be repeated, but its distribution "
         "can: the tables give mean, spread and 95 % range of ours. If the printed draws come from "
         f"the same distribution, {low:.0f} to {high:.0f} of the {compared} numbers that are random "
         f"lie inside our 95 % ranges (were they independent); {inside} do.",
         "The errors printed are those of placing points at random, not of the method: an even grid "
-        "of as many points (last column) has no such error, only that of the noise and of the cells' "
+        "of as many points (last column) has no such error, only that of the noise and of the "
+        "cells' "
         "finite size.",
         "The distance threshold 0.005 is printed without a unit. In centimetres, the unit of all "
         "else there, it lets through about one outlier of 1250, and the paper counts 1252 points "

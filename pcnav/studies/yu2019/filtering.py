@@ -82,7 +82,7 @@ def filter_chapter(
     pipeline, tumble = shortened(pipeline, cut), shortened(tumble, cut)
     seed = pipeline.seed
     printed_motion = _run(pipeline, seed, progress)
-    slow = run_filter_at_1_hz(pipeline, seed, progress)
+    slow = _run_at_1_hz(pipeline, seed, progress)
     tumbling = _run(tumble, tumble.seed + 1, progress)
     disturbed = _disturbed(runs, shortened(tumble, _DISTURBED_FRAMES), progress)
     tables = (
@@ -101,7 +101,7 @@ def _run(pipeline: Pipeline, seed: int, progress: Progress) -> FilterRun:
     return run_filter(true_motion(pipeline), pipeline, model_of(pipeline), seed, progress)
 
 
-def run_filter_at_1_hz(pipeline: Pipeline, seed: int, progress: Progress) -> FilterRun:
+def _run_at_1_hz(pipeline: Pipeline, seed: int, progress: Progress) -> FilterRun:
     """The same time at one frame a second.
 
     There a variance held over a frame interval and a spectral density are the same number.
@@ -150,8 +150,10 @@ def _error_table(printed: FilterRun, slow: FilterRun, tumble: FilterRun) -> Stud
     rejected = [run.rejected for run in (printed, slow, tumble)]
     frames = [len(run.time_s) for run in (printed, slow, tumble)]
     note = (
-        "Largest error over the last third of the run. Position and velocity in Hill axes, the rest "
-        f"in body axes. Frames: {frames[0]} at 4 Hz, {frames[1]} at 1 Hz, {frames[2]} at 4 Hz in the "
+        "Largest error over the last third of the run. Position and velocity in Hill axes, the "
+        "rest "
+        f"in body axes. Frames: {frames[0]} at 4 Hz, {frames[1]} at 1 Hz, {frames[2]} at 4 Hz in "
+        "the "
         f"tumble; measurements in a wrong case: {flips[0]}, {flips[1]}, {flips[2]}; outside the "
         f"99.99 % gate: {rejected[0]}, {rejected[1]}, {rejected[2]}."
     )
@@ -195,15 +197,13 @@ def _ratio_table(printed: FilterRun, tumble: FilterRun) -> StudyTable:
     )
 
 
-def _nees_table(
-    printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun]
-) -> StudyTable:
+def _nees_table(printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun]) -> StudyTable:
     rows = []
     for name, block in BLOCKS.items():
         size = block.stop - block.start
         runs = len(disturbed)
         at_end = [float(run.nees[name][-1]) for run in disturbed]
-        low, high = chi2.ppf([0.025, 0.975], runs * size) / (runs * size)
+        low, high = np.asarray(chi2.ppf([0.025, 0.975], runs * size)) / (runs * size)
         rows.append(
             (
                 name,
@@ -256,9 +256,7 @@ def _ratio_figure(run: FilterRun) -> StudyFigure:
     title = "Fig. 16 in a tumble: inertia ratio errors"
     caption = "The same satellite at (0.5, -0.8, 1) deg/s; the axes span the time after 100 s."
     settled = min(100.0, 0.3 * float(run.time_s[-1]))
-    return series_figure(
-        "fig_16_tumble", title, caption, run.time_s, _ratio_series(run), settled
-    )
+    return series_figure("fig_16_tumble", title, caption, run.time_s, _ratio_series(run), settled)
 
 
 def _ratio_series(run: FilterRun) -> list[Series]:
@@ -270,7 +268,8 @@ def _ratio_series(run: FilterRun) -> list[Series]:
 
 
 def _nees_figure(runs: list[FilterRun]) -> StudyFigure:
-    low, high = chi2.ppf([0.025, 0.975], len(runs) * STATE_SIZE) / (len(runs) * STATE_SIZE)
+    degrees = len(runs) * STATE_SIZE
+    low, high = np.asarray(chi2.ppf([0.025, 0.975], degrees)) / degrees
     mean: FloatArray = np.mean([run.nees["all"] for run in runs], axis=0)
     return band_figure(
         "nees",
@@ -287,26 +286,40 @@ def _text(pipeline: Pipeline) -> tuple[str, ...]:
     rate = pipeline.scenario.frame_rate_hz
     minutes = pipeline.scenario.frames / rate / 60.0
     return (
-        "Printed: the prior (1 m, 0.1 m/s, 0.1 m, 0.1 rad, 0.01 rad/s, 0.1), the disturbance variance "
+        "Printed: the prior (1 m, 0.1 m/s, 0.1 m, 0.1 rad, 0.01 rad/s, 0.1), the disturbance "
+        "variance "
         "1e-12, the starting values and the motion. Not printed: orbit, frame rate, duration, "
-        f"initial attitude, where the rectangle sits. Taken here: 400 km, {rate:g} Hz, {minutes:.0f} "
-        "minutes, the spin axis along the line of sight at first, the rectangle across the spin axis "
+        f"initial attitude, where the rectangle sits. Taken here: 400 km, {rate:g} Hz, "
+        f"{minutes:.0f} "
+        "minutes, the spin axis along the line of sight at first, the rectangle across the spin "
+        "axis "
         "through the nominal origin.",
         "The printed disturbance is a variance, so it is held over a frame interval: at 4 Hz a "
-        "spectral density of 2.5e-13. At one frame a second the two readings of the 1e-12 are the same "
+        "spectral density of 2.5e-13. At one frame a second the two readings of the 1e-12 are "
+        "the same "
         "and the filter's bandwidth is wide: its velocity then errs by more than printed (column "
         "1 Hz). That is the printed noise at that rate, not something to be tuned.",
-        "Along the spin axis the mass centre is hard to tell from the position: the measured centroid "
+        "Along the spin axis the mass centre is hard to tell from the position: the measured "
+        "centroid "
         "shows their sum, and turning does not move that part. Only the orbit separates them. An "
-        "offset fixed in inertial axes does not obey Hill's equations; a wrong split of c asks for a "
-        "tidal acceleration of the order n2 c, 1 nanometre per second squared for a millimetre, which "
-        "takes thousands of seconds to rise above the noise. Across the spin axis the mass centre is "
+        "offset fixed in inertial axes does not obey Hill's equations; a wrong split of c asks "
+        "for a "
+        "tidal acceleration of the order n2 c, 1 nanometre per second squared for a millimetre, "
+        "which "
+        "takes thousands of seconds to rise above the noise. Across the spin axis the mass "
+        "centre is "
         "found within minutes, and in a tumble on all axes.",
-        "In the printed spin about z the transverse acceleration depends on Ixz and Iyz only: these "
-        "two converge. Iyy, Izz and Ixy act only through transverse rates that are not there, which "
-        "is the rank 8 of 11 of a pure spin. The filter's small claims about them come from linearising "
-        "at rates that are noise. The spin is also about the axis of the middle moment (30, 15, 20): "
-        "a disturbance grows with an e-folding time of 172 s, so a simulation with any disturbance at "
-        "all leaves the printed motion and then does show the ratios. The tumble shows what happens "
+        "In the printed spin about z the transverse acceleration depends on Ixz and Iyz only: "
+        "these "
+        "two converge. Iyy, Izz and Ixy act only through transverse rates that are not there, "
+        "which "
+        "is the rank 8 of 11 of a pure spin. The filter's small claims about them come from "
+        "linearising "
+        "at rates that are noise. The spin is also about the axis of the middle moment (30, 15, "
+        "20): "
+        "a disturbance grows with an e-folding time of 172 s, so a simulation with any "
+        "disturbance at "
+        "all leaves the printed motion and then does show the ratios. The tumble shows what "
+        "happens "
         "when they can be observed.",
     )

@@ -20,7 +20,7 @@ from pcnav.studies.yu2019.sensor import CloudSensor, resolved
 FRAMES = 360
 """One turn of the target at one frame a second."""
 COUNTED = 180
-"""Half a turn, after which the rectangle looks the same: the frames the largest error is taken over.
+"""Half a turn, after which the rectangle looks the same: the largest error is taken over these.
 The paper does not print its number of frames."""
 _FIRST_GUESS_RAD = (0.2, -0.1, 0.15)
 """How far the attitude known before the first frame is off: one rectangle cannot tell its own case,
@@ -157,9 +157,7 @@ def largest_of(errors: list[FloatArray], frames: int = COUNTED) -> FloatArray:
     return np.array([np.abs(each[:frames]).max(axis=0) for each in errors])
 
 
-def _rows(
-    spread: Spread, errors: list[FrameErrors]
-) -> list[tuple[str, ...]]:
+def _rows(spread: Spread, errors: list[FrameErrors]) -> list[tuple[str, ...]]:
     r, n, sigma = paper.RECTANGLE, paper.CLOUD_POINTS, paper.CLOUD_NOISE_M
     x, y, z = 1e3 * np.array(centroid_sd(r.width_m, r.length_m, n, sigma, spread))
     tilt_x, tilt_y, yaw = np.rad2deg(rotation_sd(r.width_m, r.length_m, n, sigma, spread))
@@ -180,7 +178,7 @@ def _rows(
             [np.rad2deg(e.attitude_rad) for e in errors],
         ),
     )
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, unit, printed, sd, values in blocks:
         worst, whole_turn = largest_of(values), largest_of(values, FRAMES)
         rms = np.sqrt(np.mean(np.concatenate(values) ** 2, axis=0))
@@ -211,7 +209,8 @@ def _flip_table(flips: int, raw_flips: int, frames: int) -> StudyTable:
             ("not solved (Fig. 9)", str(frames), str(raw_flips), f"{raw_flips / frames:.1%}"),
             ("solved (Fig. 10)", str(frames), str(flips), f"{flips / frames:.1%}"),
         ),
-        "The attitude of the frame before, 1 degree back, predicts the case. Before the first frame "
+        "The attitude of the frame before, 1 degree back, predicts the case. Before the first "
+        "frame "
         "the attitude is known to 15 degrees: one rectangle alone cannot tell its own case.",
     )
 
@@ -238,7 +237,8 @@ def _bound_table() -> StudyTable:
             "independent: attitude sd, deg",
         ),
         tuple(rows),
-        "Worst axis, one standard deviation; the largest of some hundred errors is about three times that. "
+        "Worst axis, one standard deviation; the largest of some hundred errors is about three "
+        "times that. "
         "Printed: 10 mm and 0.16 deg at most, so about 3 mm and 0.05 deg.",
     )
 
@@ -285,11 +285,14 @@ _TEXT = (
     "The paper prints neither the size of the rectangle nor how the 1800 points lie on it, and the "
     "errors depend on both. What it prints does decide between the readings. The centroid of "
     "independent uniform draws on a side a errs by a / sqrt(12 n) before any noise: 68 and 122 mm "
-    "on 10 x 18 m. To bring the largest error down to the printed 10 mm the long side must be below "
-    "about 0.3 m, and there 0.1 m of noise hides the rectangle: its attitude is worse than 5 degrees, "
+    "on 10 x 18 m. To bring the largest error down to the printed 10 mm the long side must be "
+    "below "
+    "about 0.3 m, and there 0.1 m of noise hides the rectangle: its attitude is worse than 5 "
+    "degrees, "
     "not 0.2 (third table). No size gives both.",
     "Points that cover the rectangle evenly leave only the noise: sigma / sqrt(n) = 2.4 mm for the "
-    "centroid, on every axis and for every size, whose largest value over some hundred frames is the "
+    "centroid, on every axis and for every size, whose largest value over some hundred frames is "
+    "the "
     "printed 0.01 m on x, y and z alike. A tilt is that over the arm a / sqrt(12), which on the "
     "rectangle of Tables 1-4 read in metres gives 0.026 and 0.047 degrees, and the turn about the "
     "normal comes to 0.043: three to four times these are the printed 0.13, 0.12 and 0.16. An even "

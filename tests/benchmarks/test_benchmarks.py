@@ -1,0 +1,130 @@
+"""Every part of the benchmarks runs, and its numbers are what they say. Nothing about seconds."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("small_gicp", reason="the peers are installed with the extra `bench`")
+
+from benchmarks.accuracy import Spread, score_case, score_table
+from benchmarks.memory import PeakMemory, long_pipeline, memory_table
+from benchmarks.peers import METHODS, OURS, Method, Poses
+from benchmarks.scenes import Case, load, record, shortened
+from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
+from benchmarks.stopwatch import Stopwatch
+from pcnav.simulation.scenario import true_motion
+from pcnav.spatial import exp_rotation, make_transform
+
+_FRAMES = 8
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """The first frames of the benchmark's scene."""
+    folder = tmp_path_factory.mktemp("bench") / "boxsat"
+    return load(record("boxsat", shortened("boxsat", _FRAMES), folder))
+
+
+@pytest.mark.parametrize(
+    "method", [method for method in METHODS if method is not OURS], ids=lambda method: method.name
+)
+def test_peer_follows_the_target(case: Case, method: Method) -> None:
+    ours = Method(OURS.name, OURS.start, lambda given: Poses(given.T_cam_model, np.ones(_FRAMES)))
+    truth, peer = score_case(case, (ours, method))
+    assert truth.position_mm == Spread(0.0, 0.0, 0.0)
+    assert peer.frames == _FRAMES
+    assert 0.0 < peer.position_mm.median < 30.0
+    assert 0.0 < peer.attitude_deg.median < 1.0
+    assert peer.mean_ms > 0.0
+
+
+def test_errors_are_those_put_in(case: Case) -> None:
+    wrong = make_transform(exp_rotation(np.array([0.0, 0.02, 0.0])), np.array([0.003, 0.0, 0.004]))
+
+    def shifted(given: Case) -> Poses:
+        return Poses(given.T_cam_model @ wrong, np.full(_FRAMES, 0.002))
+
+    scores = score_case(case, (OURS, Method("shifted", "all", shifted)))
+    known = scores[1]
+    np.testing.assert_allclose(
+        [known.position_mm.median, known.position_mm.rms, known.position_mm.p95], 5.0
+    )
+    np.testing.assert_allclose(known.attitude_deg.rms, np.rad2deg(0.02))
+    np.testing.assert_allclose([known.mean_ms, known.median_ms], 2.0)
+    assert score_table(case, scores).row_count == 2
+
+
+def test_throughput_accounts_for_the_whole_run(case: Case, tmp_path: Path) -> None:
+    throughput = measure_throughput(case.scene, tmp_path / "result")
+    assert (tmp_path / "result" / "report.html").is_file()
+    assert throughput.frames == _FRAMES
+    assert min(throughput.seconds.values()) >= 0.0
+    for stage in PER_FRAME[:3]:
+        assert throughput.seconds[stage] > 0.0
+    running = sum(throughput.seconds.get(stage, 0.0) for stage in PER_FRAME)
+    assert throughput.frames_per_second == pytest.approx(_FRAMES / running)
+    assert throughput_table(case.scene, throughput).row_count == len(PER_FRAME) + 2
+
+
+def test_stopwatch_counts_time_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+
+    def spend(seconds: float) -> None:
+        clock[0] += seconds
+
+    monkeypatch.setattr("benchmarks.stopwatch.perf_counter", lambda: clock[0])
+    watch = Stopwatch()
+    inner = watch.timed("inner", spend)
+
+    def calls() -> None:
+        spend(1.0)
+        inner(2.0)
+        spend(4.0)
+
+    outer = watch.timed("outer", calls)
+    outer()
+    spend(100.0)
+    inner(8.0)
+    assert watch.seconds == {"outer": 5.0, "inner": 10.0}
+
+    def fails() -> None:
+        spend(1.0)
+        raise LookupError
+
+    with pytest.raises(LookupError):
+        watch.timed("outer", fails)()
+    outer()
+    assert watch.seconds == {"outer": 11.0, "inner": 12.0}
+
+
+def test_stopwatch_restores_what_it_watches() -> None:
+    before = SimpleNamespace(load=record)
+    watch = Stopwatch()
+    with watch.watching({"benchmarks.scenes.record": "recording"}):
+        import benchmarks.scenes
+
+        assert benchmarks.scenes.record is not before.load
+    assert benchmarks.scenes.record is before.load
+    with (
+        pytest.raises(AttributeError),
+        watch.watching({"benchmarks.scenes.nothing_of_this_name": "x"}),
+    ):
+        pass
+
+
+def test_long_sequence_stays_in_view() -> None:
+    """Hill's equations hold a target at rest on the along-track axis where it is."""
+    motion = true_motion(long_pipeline(1000))
+    start = motion.states[0].r_hill
+    assert np.linalg.norm(motion.states[-1].r_hill - start) < 1e-9
+
+
+def test_memory_table_shows_growth() -> None:
+    table = memory_table(
+        PeakMemory(500, 400_000_000, 450_000_000), PeakMemory(5000, 400_900_000, 495_000_000)
+    )
+    cells = [list(column.cells) for column in table.columns]
+    assert cells[3] == ["1.002", "1.100"]
+    assert cells[4] == ["0.20", "10.00"]

@@ -1,0 +1,78 @@
+"""Running a study: the folder it leaves, what it refuses, and the whole study."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from pcnav.config import read_pipeline
+from pcnav.errors import InputError
+from pcnav.studies import run_study
+from pcnav.studies.folder import study_folder
+from pcnav.studies.tables import StudyTable
+
+
+def test_unknown_study_and_too_few_runs_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected one of: .*yu2019"):
+        run_study("yu1999", tmp_path / "out")
+    with pytest.raises(InputError, match="at least 2"):
+        run_study("yu2019", tmp_path / "out", runs=1)
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder_is_refused_replaced_or_left_alone(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    with study_folder(out, overwrite=False) as staging:
+        (staging / "index.html").write_text("first")
+    with pytest.raises(InputError, match="overwrite"), study_folder(out, overwrite=False):
+        pass
+    with pytest.raises(RuntimeError, match="half"), study_folder(out, overwrite=True) as staging:
+        (staging / "index.html").write_text("second")
+        raise RuntimeError("half way")
+    assert (out / "index.html").read_text() == "first"
+    with study_folder(out, overwrite=True) as staging:
+        (staging / "index.html").write_text("third")
+    assert (out / "index.html").read_text() == "third"
+    foreign = tmp_path / "thesis"
+    foreign.mkdir()
+    (foreign / "chapter.txt").write_text("years of work")
+    with pytest.raises(InputError, match="something else"), study_folder(foreign, overwrite=True):
+        pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study", "thesis"]
+
+
+def test_table_in_its_three_forms() -> None:
+    table = StudyTable("t", "Title", ("what", "m"), (("a|b", "1.0"), ("c,d", "2.0")), "A note.")
+    assert table.to_csv() == 'what,m\na|b,1.0\n"c,d",2.0\n'
+    assert "| a\\|b | 1.0 |" in table.to_markdown()
+    assert table.to_rich().row_count == 2
+    with pytest.raises(ValueError, match="differ in length"):
+        StudyTable("t", "Title", ("what", "m"), (("a",),))
+
+
+def test_a_quick_study_writes_everything(tmp_path: Path) -> None:
+    out = tmp_path / "yu"
+    done: list[tuple[int, int]] = []
+    summary = run_study("yu2019", out, runs=2, on_progress=lambda k, n: done.append((k, n)))
+    assert summary.page == out / "index.html"
+    page = summary.page.read_text(encoding="utf-8")
+    assert page.count("<figure>") == len(list((out / "figures").glob("*.svg"))) > 8
+    for name in ("verdict", "table_1", "table_2", "figs_8_10", "fig_16", "panel", "boxsat_filter"):
+        with (out / "tables" / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+        assert len(rows) > 1 and all(len(row) == len(rows[0]) for row in rows)
+        assert (out / "tables" / f"{name}.md").stat().st_size > 0
+    assert read_pipeline(out / "pipelines" / "yu2019.toml").seed == 2019
+    assert [path.name for path in tmp_path.iterdir()] == ["yu"]
+    counts = [k for k, _ in done]
+    assert counts == sorted(counts) and 0.8 * done[0][1] < counts[-1] <= done[0][1]
+
+
+@pytest.mark.study
+def test_the_whole_study_meets_the_paper(tmp_path: Path) -> None:
+    run_study("yu2019", tmp_path / "yu")
+    with (tmp_path / "yu" / "tables" / "verdict.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    missed = [row["quantity"] for row in rows if row["met"] != "yes"]
+    # In a pure spin about a principal axis three ratios cannot be observed, whatever the filter.
+    assert missed == ["inertia ratios that converge, printed spin"]

@@ -1,0 +1,147 @@
+"""The parts of the Yu 2019 study against closed forms and against what they promise."""
+
+import numpy as np
+import pytest
+
+from pcnav.config import BodyTable, OrbitTable, Pipeline, ScenarioTable
+from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.perception.rectangles import distribution, observe_cloud
+from pcnav.simulation.scenario import true_motion
+from pcnav.spatial import exp_rotation, log_rotation, make_transform, transform_points
+from pcnav.studies.progress import Progress
+from pcnav.studies.yu2019 import paper
+from pcnav.studies.yu2019.clouds import (
+    Spread,
+    centroid_sd,
+    grid_shape,
+    rectangle_cloud,
+    rotation_sd,
+)
+from pcnav.studies.yu2019.extraction import extraction_tables
+from pcnav.studies.yu2019.filter_run import disturbed_motion, model_of, run_filter
+from pcnav.studies.yu2019.sensor import CloudSensor
+from pcnav.studies.yu2019.single_frame import frame_errors
+
+QUIET = Progress(1, lambda done, total: None)
+
+
+def scenario(frames: int, omega_deg_s: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Pipeline:
+    return Pipeline(
+        seed=3,
+        scenario=ScenarioTable(frames=frames, frame_rate_hz=1.0),
+        orbit=OrbitTable(mean_motion_rad_s=0.00113),
+        body=BodyTable(
+            attitude_rotvec_deg=(0.0, -90.0, 0.0),
+            omega_body_deg_s=omega_deg_s,
+            com_model_m=(-0.1, -0.1, -0.1),
+            inertia_ratios=(0.5, 2.0 / 3.0, 0.0, 0.0, 0.0),
+        ),
+    ).model_copy(update={"noise": Pipeline().noise.model_copy(update={"range_sigma_m": 0.1})})
+
+
+@pytest.mark.parametrize("n", [625, 1250, 1800, 2500, 5000, 10000])
+def test_grid_has_exactly_so_many_cells_of_about_a_square(n: int) -> None:
+    across, along = grid_shape(10.0, 18.0, n)
+    assert across * along == n
+    assert 0.3 < (10.0 / across) / (18.0 / along) < 3.0
+
+
+@pytest.mark.parametrize("spread", list(Spread))
+def test_clouds_fill_the_rectangle(spread: Spread) -> None:
+    cloud = rectangle_cloud(10.0, 18.0, 10000, spread, np.random.default_rng(1))
+    assert cloud.shape == (10000, 3)
+    assert np.abs(cloud[:, 0]).max() <= 5.0 and np.abs(cloud[:, 1]).max() <= 9.0
+    eigenvalues = distribution(cloud + [0.0, 0.0, 6.5]).eigenvalues
+    assert eigenvalues == pytest.approx([100.0 / 12.0, 324.0 / 12.0, 0.0], rel=0.04, abs=1e-9)
+
+
+@pytest.mark.parametrize("spread", list(Spread))
+def test_closed_forms_of_the_pose_errors(spread: Spread) -> None:
+    """500 clouds: a standard deviation is known to 3 %, so 15 % is five of those."""
+    width, length, n, sigma = 10.0, 18.0, 200, 0.5
+    generator = np.random.default_rng(2)
+    T = make_transform(exp_rotation(np.array([0.3, -0.2, 0.4])), np.array([1.0, 2.0, 25.0]))
+    shifts, turns = [], []
+    for _ in range(500):
+        cloud = rectangle_cloud(width, length, n, spread, generator)
+        points = transform_points(T, cloud) + sigma * generator.standard_normal((n, 3))
+        found = observe_cloud(points, sigma**2 * np.eye(3)).T_cam_rect
+        turn = T[:3, :3].T @ found[:3, :3]
+        turn = turn @ np.diag(np.sign(np.diag(turn)))  # the case nearest to the truth
+        shifts.append(T[:3, :3].T @ (found[:3, 3] - T[:3, 3]))
+        turns.append(log_rotation(turn))
+    args = (width, length, n, sigma, spread)
+    assert np.std(shifts, axis=0) == pytest.approx(centroid_sd(*args), rel=0.15)
+    assert np.std(turns, axis=0) == pytest.approx(rotation_sd(*args), rel=0.15)
+
+
+def test_no_size_of_rectangle_explains_the_printed_errors_by_independent_draws() -> None:
+    for length in np.geomspace(0.1, 100.0, 60):
+        args = (length / 1.8, length, 1800, 0.1, Spread.INDEPENDENT)
+        assert 3.0 * max(centroid_sd(*args)) > 0.01 or 3.0 * max(rotation_sd(*args)) > np.deg2rad(2)
+    even = (10.0, 18.0, 1800, 0.1, Spread.EVEN)
+    assert 3.0 * max(centroid_sd(*even)) < 0.01
+    assert np.rad2deg(3.0 * max(rotation_sd(*even))) < 0.16
+
+
+def test_extraction_finds_the_plane_and_the_printed_draws_look_like_ours() -> None:
+    result = extraction_tables(10, 5, QUIET)
+    assert result.extracted_as_printed
+    assert result.compared == 38
+    assert result.inside >= 31
+    table = next(table for table in result.chapter.tables if table.key == "table_1")
+    # All points that are no outliers are found, and with the loose threshold many that are.
+    counts = {row[0]: (float(row[2]), float(row[4])) for row in table.rows}
+    assert counts["0"] == (2500.0, 2500.0)
+    assert 1250.0 <= counts["1250"][0] < 1254.0
+    assert counts["1250"][1] > 1300.0
+
+
+def test_the_ambiguity_flips_frames_unless_solved() -> None:
+    motion = true_motion(scenario(60))
+    errors = frame_errors(motion, CloudSensor(motion, 0.1, Spread.EVEN, 4))
+    assert not errors.flipped.any()
+    assert 0 < np.count_nonzero(errors.raw_flipped) < 60
+    # A wrong case is one by 180 degrees, to the noise.
+    angles = np.rad2deg(np.linalg.norm(errors.raw_attitude_rad[errors.raw_flipped], axis=1))
+    assert angles == pytest.approx(180.0, abs=1.0)
+    assert np.abs(errors.position_m).max() < 0.012
+
+
+def test_filter_converges_in_a_tumble_and_keeps_its_cases() -> None:
+    pipeline = scenario(240, (0.5, -0.8, 1.0))
+    run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), 6, QUIET)
+    assert run.flips == 0
+    assert np.linalg.norm(run.errors[0, 6:9]) == pytest.approx(0.1 * np.sqrt(3.0))
+    assert np.linalg.norm(run.errors[-1, 6:9]) < 0.02
+    assert (run.sd[-1, 15:] < 0.1 * paper.PRIOR_SD[15:]).all()
+    assert 0.2 < np.nanmean(run.nees["all"][-50:]) < 4.0
+
+
+def test_pure_spin_leaves_three_ratios_unknown() -> None:
+    pipeline = scenario(240)
+    run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), 7, QUIET)
+    share = run.sd[-1, 15:] / paper.PRIOR_SD[15:]
+    assert (share[:3] > 0.15).all(), "Iyy, Izz, Ixy"
+    assert (share[3:] < 0.05).all(), "Ixz, Iyz"
+
+
+def test_disturbances_have_the_strength_the_filter_assumes() -> None:
+    """Without a torque the angular momentum is kept; with it, it walks as the density says."""
+    pipeline = scenario(100)
+    density = 1e-9
+    filtering = pipeline.filter.model_copy(
+        update={"angular_acceleration_psd_rad2_s3": density, "acceleration_psd_m2_s3": density}
+    )
+    pipeline = pipeline.model_copy(update={"filter": filtering})
+    inertia = inertia_from_ratios(np.array(pipeline.body.inertia_ratios))
+    steps = []
+    for seed in range(3):
+        motion = disturbed_motion(pipeline, model_of(pipeline), seed)
+        momentum = [s.R_world_body @ inertia @ s.omega_body for s in motion.states]
+        body = [
+            np.linalg.solve(inertia, s.R_world_body.T @ (after - before))
+            for s, before, after in zip(motion.states[1:], momentum, momentum[1:], strict=False)
+        ]
+        steps += body
+    assert np.std(steps, axis=0) == pytest.approx(np.sqrt(density), rel=0.2)
