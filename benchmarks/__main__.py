@@ -41,7 +41,11 @@ def main(
     """
     parts = only or list(Part)
     console = Console(width=max(150, Console().width))
-    console.print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before the start")
+    blas_threads = os.environ.get("OPENBLAS_NUM_THREADS", "not set")
+    console.print(
+        f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before the start, "
+        f"OPENBLAS_NUM_THREADS {blas_threads}"
+    )
     with tempfile.TemporaryDirectory(prefix="pcnav-bench-") as name:
         folder = Path(name)
         if Part.SPEED in parts:

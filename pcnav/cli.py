@@ -27,7 +27,7 @@ _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existi
 _Advance = Callable[[int, int], None]
 _BAD_INPUT = 2
 _INTERRUPTED = 130
-# Of the classes of usage errors typer exports this one only; its parent is every wrong command line.
+# Typer exports this one class of usage errors; its parent stands for every wrong command line.
 _UsageError = cast(type[typer.BadParameter], typer.BadParameter.__base__)
 
 
@@ -50,9 +50,10 @@ def main() -> None:
     except InputError as error:
         code = _failed(str(error))
     except OSError as error:
-        code = _failed(f"{error.filename or 'file'}: {error.strerror or error}")
+        expected = f"expected a file system that allows it ({error.strerror or error})"
+        code = _failed(f"{error.filename or 'output'}: file: {expected}")
     if code == _INTERRUPTED:
-        print("interrupted: nothing was written by the step under way", file=sys.stderr)
+        print("interrupted: nothing is left half-written", file=sys.stderr)
     raise SystemExit(code)
 
 

@@ -1,32 +1,31 @@
 """The tracker: perception and filter joined, one frame in, one estimate out."""
 
 import logging
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
 
 from pcnav.arrays import FloatArray
-from pcnav.config import FilterTable, PerceptionMode, PerceptionTable
+from pcnav.config import FilterTable, PerceptionTable
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.errors import InputError
 from pcnav.estimation.batch import ArcFit, TimedMeasurements, fit_arc
 from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult
 from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.estimation.start import Decision, MotionStart, first_state, start_covariance
-from pcnav.perception.acquisition import pose_hypotheses
-from pcnav.perception.association import (
-    MeasuredFace,
-    Unused,
-    measure_by_expectation,
-    measure_by_size,
+from pcnav.estimation.start import (
+    MOST_SIGHTINGS,
+    Decision,
+    MotionStart,
+    first_state,
+    start_covariance,
 )
-from pcnav.perception.expectation import Expecter
-from pcnav.perception.perceive import PerceivedFrame, perceive
-from pcnav.perception.segmentation import ExpectedSurface
+from pcnav.perception.association import MeasuredFace, Unused
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.reading import FrameReader, Trust, View
 from pcnav.results import ACCEPTED, FrameEstimate, RectangleRecord
 from pcnav.sequences.sequence import Frame, SequenceInfo
-from pcnav.spatial import make_transform, rotation_angle
+from pcnav.spatial import make_transform
 from pcnav.state import COM_MODEL, R_HILL, THETA_BODY, NavigationState
 from pcnav.target import Target
 
@@ -46,8 +45,6 @@ _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
 _SHARP_PX = 0.7
 """A prediction that is off by less than this settles which face a pixel shows."""
-_UNITS_RATIO = (0.02, 5.0)
-"""What is seen of a target spans between these shares of its diameter, or the units differ."""
 
 
 class Status(StrEnum):
@@ -58,24 +55,6 @@ class Status(StrEnum):
     AMBIGUOUS = "ambiguous"
     COASTING = "coasting"
     LOST = "lost"
-
-
-@dataclass(frozen=True)
-class _Geometry:
-    """Where the camera is at the time of a frame."""
-
-    T_cam_world: FloatArray
-    T_cam_hill: FloatArray
-    R_hill_world: FloatArray
-
-
-@dataclass(frozen=True)
-class _View:
-    """One frame read with a pose in mind."""
-
-    perceived: PerceivedFrame
-    faces: list[MeasuredFace]
-    unused: list[Unused]
 
 
 class Tracker:
@@ -92,25 +71,24 @@ class Tracker:
         filtering: FilterTable,
         seed: int,
     ) -> None:
-        self._target, self._info = target, info
-        self._perception, self._filtering, self._seed = perception, filtering, seed
-        self._sigma_m = perception.range_sigma_m or info.range_sigma_m
+        self._target, self._info, self._filtering = target, info, filtering
+        sigma_m = perception.range_sigma_m or info.range_sigma_m
+        self._reader = FrameReader(target, perception, sigma_m, seed)
         self._model = MassCentreModel(
             info.mean_motion_rad_s,
             filtering.acceleration_psd_m2_s3,
             filtering.angular_acceleration_psd_rad2_s3,
         )
-        self._expecter: Expecter | None = None
-        self._filter: ErrorStateFilter[NavigationState] | None = None
-        self._time_s = 0.0
         self._units_checked = False
         self._status = Status.ACQUIRING
         self._forget()
 
     def _forget(self) -> None:
-        self._filter = None
+        """Start from nothing."""
+        self._filter: ErrorStateFilter[NavigationState] | None = None
+        self._time_s = 0.0
         self._start = MotionStart(self._target)
-        self._start_frames: list[PerceivedFrame] = []
+        self._start_frames: deque[Frame] = deque(maxlen=MOST_SIGHTINGS)
         self._arc: list[TimedMeasurements] | None = []
         self._arc_guess: NavigationState | None = None
         self._blind_frames = 0
@@ -130,42 +108,41 @@ class Tracker:
     # Acquisition.
 
     def _acquire(self, frame: Frame) -> tuple[FrameEstimate, PerceivedFrame]:
-        perceived = self._perceive(frame)
+        perceived = self._reader.look(frame)
         if not self._units_checked and perceived.window is not None:
-            self._check_units(perceived)
-        hypotheses = pose_hypotheses(
-            perceived, self._target, self._expecter_of(frame), self._sigma_m
-        )
+            self._reader.check_units(perceived)
+            self._units_checked = True
+        hypotheses = self._reader.hypotheses(perceived)
+        if hypotheses:
+            self._start_frames.append(frame)
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
-        self._start_frames.append(perceived)
         if decision is not None:
             return self._begin(decision), perceived
         unused = [Unused(seen, "no motion decided on yet") for seen in perceived.seen]
-        view = _View(perceived, [], unused)
-        return self._estimate(view, None, Status.ACQUIRING), perceived
+        return self._estimate(View(perceived, [], unused), None, Status.ACQUIRING), perceived
 
     def _begin(self, decision: Decision) -> FrameEstimate:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
-        by_time = {seen.frame.time_s: seen for seen in self._start_frames}
-        frames = [by_time[s.time_s].frame for s in decision.motion.sightings]
-        poses = [s.T_cam_model for s in decision.motion.sightings]
+        by_time = {frame.time_s: frame for frame in self._start_frames}
+        frames = [by_time[sighting.time_s] for sighting in decision.motion.sightings]
+        poses = [sighting.T_cam_model for sighting in decision.motion.sightings]
         com, ratios = self._prior_mass()
         self._arc_guess = first_state(decision.motion, com, ratios, self._info.mean_motion_rad_s)
-        views: list[_View] = []
+        views: list[View] = []
         for attempt in range(_START_PASSES):
-            # A pose from one rectangle can be off by pixels; one from all of them is not.
+            # A pose from one rectangle can be off by pixels; one fitted to all of them is not.
+            trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
             views = [
-                self._view(seen, pose, sharp=attempt > 0)
-                for seen, pose in zip(frames, poses, strict=True)
+                self._reader.read(frame, pose, trust)
+                for frame, pose in zip(frames, poses, strict=True)
             ]
             self._arc = [self._timed(view) for view in views]
             fit = self._fit_arc()
-            before = poses
-            poses = [
-                self._pose(state, seen) for state, seen in zip(fit.states, frames, strict=True)
-            ]
-            moved = map(self._moved_px, before, poses, frames)
-            if attempt > 0 and max(moved) < _STILL_PX:
+            before, poses = (
+                poses,
+                [self._pose(state, frame) for state, frame in zip(fit.states, frames, strict=True)],
+            )
+            if attempt > 0 and max(map(self._reader.moved_px, before, poses, frames)) < _STILL_PX:
                 break
         if fit.chi_square > _LARGEST_START_CHI_SQUARE * fit.dof:
             _log.info("frame %d: the first motion did not hold", frames[-1].index)
@@ -241,46 +218,39 @@ class Tracker:
 
     def _update(
         self, frame: Frame, kalman: ErrorStateFilter[NavigationState]
-    ) -> tuple[_View, UpdateResult]:
+    ) -> tuple[View, UpdateResult]:
         """Measure against the expected view and update; again while the view still moves."""
         prior = kalman.snapshot()
         pose = self._pose(kalman.state, frame)
-        view = self._view(frame, pose, sharp=self._is_sharp(kalman, frame))
+        view = self._reader.read(frame, pose, self._trust(kalman, frame))
         result = kalman.update(self._timed(view).measurements)
         for _ in range(_PASSES - 1):
             before, pose = pose, self._pose(kalman.state, frame)
-            moved_px = self._moved_px(before, pose, frame)
-            if self._by_size or moved_px < _STILL_PX:
+            moved_px = self._reader.moved_px(before, pose, frame)
+            if moved_px < _STILL_PX or not self._reader.depends_on_pose:
                 break
             if moved_px < _SHARP_PX:
-                view = self._viewed_again(view, pose)
+                view = self._reader.read_again(view, pose)
             else:
-                view = self._view(frame, pose, sharp=True)
+                view = self._reader.read(frame, pose, Trust.PIXELS)
             kalman.restore(prior)
             result = kalman.update(self._timed(view).measurements)
         return view, result
 
-    def _moved_px(self, before: FloatArray, after: FloatArray, frame: Frame) -> float:
-        """How far apart, in pixels, two poses may show a point of the target."""
-        shift = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
-        turn = float(rotation_angle(before[:3, :3].T @ after[:3, :3]))
-        return self._pixels(shift, turn, after, frame)
-
-    def _is_sharp(self, kalman: ErrorStateFilter[NavigationState], frame: Frame) -> bool:
-        """Whether the prediction is good to a pixel, going by the filter's own covariance."""
-        variance = np.diag(kalman.covariance)
+    def _trust(self, kalman: ErrorStateFilter[NavigationState], frame: Frame) -> Trust:
+        """How good the prediction is, going by the filter's own covariance and recent frames."""
+        if self._blind_frames > 0:
+            return Trust.NONE
         # The mass centre errs in space and in the model alike: the model itself is seen far better.
-        origin = _origin_covariance(kalman, self._geometry(frame).R_hill_world)
+        origin = _origin_covariance(
+            kalman, R_hill_world(frame.time_s, self._info.mean_motion_rad_s)
+        )
         shift = float(np.sqrt(np.trace(origin)))
-        turn = float(np.sqrt(np.sum(variance[THETA_BODY])))
-        return self._pixels(shift, turn, self._pose(kalman.state, frame), frame) < _SHARP_PX
+        turn = float(np.sqrt(np.trace(kalman.covariance[THETA_BODY, THETA_BODY])))
+        off_px = self._reader.pixels(shift, turn, self._pose(kalman.state, frame), frame)
+        return Trust.PIXELS if off_px < _SHARP_PX else Trust.PLANES
 
-    def _pixels(self, shift_m: float, turn_rad: float, pose: FloatArray, frame: Frame) -> float:
-        """A shift and a turn of the target as pixels at its edge."""
-        moved_m = shift_m + 0.5 * self._target.diameter_m * turn_rad
-        return moved_m * max(frame.camera.fx, frame.camera.fy) / float(np.linalg.norm(pose[:3, 3]))
-
-    def _extend_arc(self, view: _View, result: UpdateResult) -> None:
+    def _extend_arc(self, view: View, result: UpdateResult) -> None:
         """Keep the young track's measurements, and fit the whole arc anew at set lengths."""
         if self._arc is None:
             return
@@ -293,46 +263,12 @@ class Tracker:
         if len(self._arc) >= _ARC_LENGTHS[-1]:
             self._arc = None
 
-    # From a frame to measurements.
+    # Between frames, states and measurements.
 
-    @property
-    def _by_size(self) -> bool:
-        """Whether rectangles are recognised by their size alone, as the paper does."""
-        return self._perception.mode is PerceptionMode.PAPER
-
-    def _perceive(self, frame: Frame, expected: ExpectedSurface | None = None) -> PerceivedFrame:
-        catalogue = self._target.rectangles
-        return perceive(frame, catalogue, self._perception, self._sigma_m, self._seed, expected)
-
-    def _view(self, frame: Frame, T_cam_model: FloatArray, *, sharp: bool) -> _View:
-        """Read a frame. RANSAC finds the planes unless a trusted prediction knows them.
-
-        A sharp prediction is good to a pixel and settles what noise hides.
-        """
-        if self._by_size:
-            perceived = self._perceive(frame)
-            return _View(perceived, *measure_by_size(perceived, T_cam_model))
-        expectation = self._expecter_of(frame).expect(T_cam_model)
-        surface = expectation.surface if self._blind_frames == 0 else None
-        if surface is not None and not sharp:
-            surface = surface.planes_only()
-        perceived = self._perceive(frame, surface)
-        gate_sigma = self._perception.size_gate_sigma
-        return _View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
-
-    def _viewed_again(self, view: _View, T_cam_model: FloatArray) -> _View:
-        """The same segments measured against the view expected from a better pose."""
-        perceived = view.perceived
-        if self._by_size:
-            return _View(perceived, *measure_by_size(perceived, T_cam_model))
-        expectation = self._expecter_of(perceived.frame).expect(T_cam_model)
-        gate_sigma = self._perception.size_gate_sigma
-        return _View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
-
-    def _timed(self, view: _View) -> TimedMeasurements:
-        geometry = self._geometry(view.perceived.frame)
+    def _timed(self, view: View) -> TimedMeasurements:
+        R, T_cam_hill = self._hill(view.frame)
         return TimedMeasurements(
-            view.perceived.frame.time_s,
+            view.frame.time_s,
             tuple(
                 RectangleMeasurement(
                     rectangle=face.rectangle.name,
@@ -340,44 +276,23 @@ class Tracker:
                     T_cam_rect=face.T_cam_rect,
                     known=face.known,
                     full_covariance=face.covariance,
-                    T_cam_hill=geometry.T_cam_hill,
-                    R_hill_world=geometry.R_hill_world,
+                    T_cam_hill=T_cam_hill,
+                    R_hill_world=R,
                 )
                 for face in view.faces
             ),
         )
 
-    def _geometry(self, frame: Frame) -> _Geometry:
+    def _hill(self, frame: Frame) -> tuple[FloatArray, FloatArray]:
+        """R_hill_world (3, 3) and T_cam_hill (4, 4) at the time of a frame."""
         R = R_hill_world(frame.time_s, self._info.mean_motion_rad_s)
-        T_world_hill = make_transform(R.T, np.zeros(3))
-        return _Geometry(frame.T_cam_world, frame.T_cam_world @ T_world_hill, R)
+        return R, frame.T_cam_world @ make_transform(R.T, np.zeros(3))
 
     def _pose(self, state: NavigationState, frame: Frame) -> FloatArray:
-        geometry = self._geometry(frame)
-        return state.T_cam_model(geometry.T_cam_world, geometry.R_hill_world)
+        """(4, 4) T_cam_model of a state at the time of a frame."""
+        return state.T_cam_model(frame.T_cam_world, self._hill(frame)[0])
 
-    def _expecter_of(self, frame: Frame) -> Expecter:
-        if self._expecter is None or self._expecter.camera != frame.camera:
-            self._expecter = Expecter(self._target, frame.camera, self._perception, self._sigma_m)
-        return self._expecter
-
-    def _check_units(self, perceived: PerceivedFrame) -> None:
-        """A mesh in millimetres and a cloud in metres make nonsense of everything after."""
-        assert perceived.window is not None, "checked by the caller"
-        window = perceived.window
-        points = window.rays[window.has_return] * window.range_m[window.has_return, None]
-        low, high = np.percentile(points, [2, 98], axis=0)
-        ratio = float(np.linalg.norm(high - low)) / self._target.diameter_m
-        if not _UNITS_RATIO[0] < ratio < _UNITS_RATIO[1]:
-            raise InputError(
-                self._target.mesh_path,
-                "units",
-                "expected a mesh in metres of about the size of what is seen: its diameter is "
-                f"{self._target.diameter_m:.4g} m, the returns span {ratio:.3g} times that",
-            )
-        self._units_checked = True
-
-    def _estimate(self, view: _View, result: UpdateResult | None, status: Status) -> FrameEstimate:
+    def _estimate(self, view: View, result: UpdateResult | None, status: Status) -> FrameEstimate:
         kalman, frame = self._filter, view.perceived.frame
         passed = [True] * len(view.faces) if result is None else list(result.accepted)
         records = [

@@ -1,6 +1,6 @@
 """The first state of a track: pose hypotheses followed over frames until one motion stands out."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,7 +25,8 @@ _LARGEST_STEP_RAD = 0.5
 _LARGEST_SHIFT_FRACTION = 0.3
 """... and the model origin this near, over the diameter."""
 _FEWEST_FRAMES = 3
-_MOST_FRAMES = 10
+MOST_SIGHTINGS = 10
+"""A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _LEAST_EXPLAINED = 0.5
 """A motion that explains less of the frames than this on average is not believed."""
 _CLEAR_LEAD = 0.03
@@ -124,7 +125,7 @@ class MotionStart:
         shift = float(np.linalg.norm(best.T_cam_model[:3, 3] - before))
         if shift > _LARGEST_SHIFT_FRACTION * self._target.diameter_m:
             return None
-        return replace(motion, sightings=(*motion.sightings, best))
+        return Motion((*motion.sightings, best)[-MOST_SIGHTINGS:])
 
     def _decide(self) -> Decision | None:
         if self._frames < _FEWEST_FRAMES:
@@ -135,7 +136,7 @@ class MotionStart:
         rivals = [m for m in self._motions[1:] if best.explained - m.explained < _CLEAR_LEAD]
         rivals = [m for m in rivals if m.sightings[-1] is not best.sightings[-1]]
         undecided = [m for m in rivals if not self._symmetric(best, m)]
-        if undecided and self._frames < _MOST_FRAMES:
+        if undecided and self._frames < MOST_SIGHTINGS:
             return None
         return Decision(best, ambiguous=bool(undecided) or len(self._target.symmetry_rotations) > 1)
 

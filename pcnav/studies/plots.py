@@ -22,6 +22,8 @@ from pcnav.evaluation.figures import (
 from pcnav.studies.folder import StudyFigure
 
 _WIDTH_IN = 5.8
+_LOG_FROM = 20.0
+"""A curve this many times its band asks for a logarithmic axis."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ class Series:
     """Largest error the paper states, drawn on both sides."""
     sd: FloatArray | None = None
     """(n,) as the filter states it; three of it are drawn as a band."""
+    dots: bool = False
+    """Drawn as dots: for values that jump from frame to frame."""
 
 
 def series_figure(
@@ -74,14 +78,17 @@ def band_figure(
     band: tuple[float, float],
     label: str,
 ) -> StudyFigure:
-    """Curves over time against a band they should stay in, logarithmic."""
+    """Curves over time against a band they should stay in."""
     figure = _figure(3.0)
     axes = figure.add_subplot()
     _style(axes)
     axes.axhspan(*band, color=BAND, linewidth=0, label="95 % bounds")
     for colour, (name, values) in zip(CATEGORIES, curves.items(), strict=False):
         axes.plot(time_s, values, color=colour, linewidth=0.9, label=name)
-    axes.set_yscale("log")
+    if max(float(np.nanmax(values)) for values in curves.values()) > _LOG_FROM * band[1]:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0)
     axes.set_xlim(float(time_s[0]), float(time_s[-1]))
     axes.set_xlabel("time, s")
     axes.set_ylabel(label)
@@ -94,8 +101,17 @@ def _draw(axes: Axes, time_s: FloatArray, series: Series) -> None:
         at = envelope(series.sd)
         bound = 3.0 * series.sd[at]
         axes.fill_between(time_s[at], -bound, bound, color=BAND, linewidth=0, label="3 sd stated")
-    at = envelope(series.values)
-    axes.plot(time_s[at], series.values[at], color=LINE, linewidth=0.8, label="error")
+    at = np.arange(len(time_s)) if series.dots else envelope(series.values)
+    style = "." if series.dots else "-"
+    axes.plot(
+        time_s[at],
+        series.values[at],
+        style,
+        color=LINE,
+        linewidth=0.8,
+        markersize=2.5,
+        label="error",
+    )
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     if series.printed is not None:
         for sign in (-1.0, 1.0):

@@ -202,12 +202,12 @@ def test_iterated_update_of_an_attitude_resets_its_error(seed: int) -> None:
     rng = np.random.default_rng(seed)
     R_true = exp_rotation(rng.normal(size=3))
     P = np.diag([0.5, 0.6, 0.4]) ** 2
-    prior = Attitude(R_true @ exp_rotation(rng.normal(0.0, 0.4, 3)))
+    prior = Attitude(R_true @ exp_rotation(rng.normal(0.0, 0.25, 3)))
     world = [np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])]
-    seen = [Direction(w, R_true.T @ w + rng.normal(0.0, 0.01, 3), 0.01) for w in world]
+    seen = [Direction(w, R_true.T @ w + rng.normal(0.0, 0.03, 3), 0.03) for w in world]
     optimum = map_estimate(
         prior.retract,
-        lambda s: np.concatenate([m.residual(s) / 0.01 for m in seen]),  # type: ignore[arg-type]
+        lambda s: np.concatenate([m.residual(s) / 0.03 for m in seen]),  # type: ignore[arg-type]
         P,
         3,
     )
@@ -223,7 +223,7 @@ def test_iterated_update_of_an_attitude_resets_its_error(seed: int) -> None:
         state = mean.retract(error)
         at_prior = Rotation.from_matrix(prior.R.T @ state.R).as_rotvec()
         return np.concatenate(
-            [np.linalg.solve(np.sqrt(P), at_prior), *(m.residual(state) / 0.01 for m in seen)]
+            [np.linalg.solve(np.sqrt(P), at_prior), *(m.residual(state) / 0.03 for m in seen)]
         )
 
     step = 1e-5

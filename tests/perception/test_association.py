@@ -64,7 +64,10 @@ def test_right_faces_from_a_prediction_that_is_off(
         measured, _ = measure_by_expectation(perceived, expectation, 4.0)
         assert len(measured) >= 2
         for face in measured:
-            error = pose_error(T @ face.rectangle.T_model_rect, face.T_cam_rect)
+            truth = T @ face.rectangle.T_model_rect
+            if -truth[:3, 2] @ truth[:3, 3] < 0.15 * np.linalg.norm(truth[:3, 3]):
+                continue  # flatter than 81 degrees: the rim is as much of the view as the face
+            error = pose_error(truth, face.T_cam_rect)
             z.append(np.where(face.known, error / np.sqrt(np.diag(face.covariance)), np.nan))
             assert np.all(np.abs(z[-1][2:5]) < 6.0), face.rectangle.name
     rms = np.sqrt(np.nanmean(np.square(z), axis=0))

@@ -13,7 +13,7 @@ from pcnav.studies.tables import StudyTable
 
 
 def test_unknown_study_and_too_few_runs_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected one of: .*yu2019"):
+    with pytest.raises(InputError, match=r"expected one of: .*yu2019"):
         run_study("yu1999", tmp_path / "out")
     with pytest.raises(InputError, match="at least 2"):
         run_study("yu2019", tmp_path / "out", runs=1)

@@ -51,7 +51,7 @@ def test_clouds_fill_the_rectangle(spread: Spread) -> None:
     cloud = rectangle_cloud(10.0, 18.0, 10000, spread, np.random.default_rng(1))
     assert cloud.shape == (10000, 3)
     assert np.abs(cloud[:, 0]).max() <= 5.0 and np.abs(cloud[:, 1]).max() <= 9.0
-    eigenvalues = distribution(cloud + [0.0, 0.0, 6.5]).eigenvalues
+    eigenvalues = distribution(cloud + np.array([0.0, 0.0, 6.5])).eigenvalues
     assert eigenvalues == pytest.approx([100.0 / 12.0, 324.0 / 12.0, 0.0], rel=0.04, abs=1e-9)
 
 
@@ -98,10 +98,10 @@ def test_extraction_finds_the_plane_and_the_printed_draws_look_like_ours() -> No
 
 
 def test_the_ambiguity_flips_frames_unless_solved() -> None:
-    motion = true_motion(scenario(60))
+    motion = true_motion(scenario(360))  # LAPACK's sign changes once or twice in a turn
     errors = frame_errors(motion, CloudSensor(motion, 0.1, Spread.EVEN, 4))
     assert not errors.flipped.any()
-    assert 0 < np.count_nonzero(errors.raw_flipped) < 60
+    assert 0 < np.count_nonzero(errors.raw_flipped) < 360
     # A wrong case is one by 180 degrees, to the noise.
     angles = np.rad2deg(np.linalg.norm(errors.raw_attitude_rad[errors.raw_flipped], axis=1))
     assert angles == pytest.approx(180.0, abs=1.0)

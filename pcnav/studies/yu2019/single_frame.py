@@ -124,14 +124,15 @@ def single_frame_chapter(runs: int, pipeline: Pipeline, progress: Progress) -> S
             "quantity",
             "printed",
             "closed-form sd",
-            "our RMS",
-            "our largest, median of runs",
-            "95 % of our runs",
-            "printed or less in",
-            "median over a whole turn",
+            "RMS",
+            "largest",
+            "95 % of runs",
+            "at most printed",
+            "largest, whole turn",
         ),
         tuple(rows),
-        f"{runs} runs at one frame a second. Axes of the first frame's camera: z along the line of "
+        f"{runs} runs at one frame a second; largest: median over the runs. Axes of the first "
+        "frame's camera: z along the line of "
         "sight, the normal of the rectangle and the spin axis. The closed-form sd of the attitude "
         "about x and y is the root mean square of the two tilts, which the spin mixes.",
         text_columns=2,
@@ -262,7 +263,7 @@ def _figures(motion: TrueMotion, errors: FrameErrors) -> tuple[StudyFigure, ...]
             "Rotation vector in camera axes. A wrong case is a turn by 180 degrees.",
             time_s,
             [
-                Series(f"{a}, deg", np.rad2deg(errors.raw_attitude_rad[:, k]), None)
+                Series(f"{a}, deg", np.rad2deg(errors.raw_attitude_rad[:, k]), None, dots=True)
                 for k, a in enumerate(_AXES)
             ],
         ),

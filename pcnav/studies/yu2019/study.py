@@ -22,7 +22,7 @@ _RUNS_PER_DISTURBED = 5
 _QUICK_RUNS = 5
 _QUICK_FRAMES = 100
 """With fewer runs than `_QUICK_RUNS` motions are cut to so many frames: a look at the machinery."""
-_QUICK_BOXSAT_FRAMES = 5
+_QUICK_BOXSAT_FRAMES = 2
 _PIPELINES = ("yu2019", "yu2019_tumble", "yu2019_boxsat")
 
 

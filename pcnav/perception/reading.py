@@ -1,0 +1,143 @@
+"""Reading a frame with a pose in mind: the whole of perception behind one door."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.config import PerceptionMode, PerceptionTable
+from pcnav.errors import InputError
+from pcnav.perception.acquisition import PoseHypothesis, pose_hypotheses
+from pcnav.perception.association import (
+    MeasuredFace,
+    Unused,
+    measure_by_expectation,
+    measure_by_size,
+)
+from pcnav.perception.expectation import Expecter
+from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.sequences.sequence import Frame
+from pcnav.spatial import rotation_angle
+from pcnav.target import Target
+
+_UNITS_RATIO = (0.02, 5.0)
+"""What is seen of a target spans between these shares of its diameter, or the units differ."""
+
+
+class Trust(IntEnum):
+    """How far the segmentation of a frame may lean on a predicted pose."""
+
+    NONE = 0
+    """RANSAC finds the planes."""
+    PLANES = 1
+    """The prediction knows the planes, but may be off by pixels."""
+    PIXELS = 2
+    """It is good to a pixel, and settles which face a pixel shows where noise hides it."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One frame read with a pose in mind."""
+
+    perceived: PerceivedFrame
+    faces: list[MeasuredFace]
+    unused: list[Unused]
+
+    @property
+    def frame(self) -> Frame:
+        """The frame."""
+        return self.perceived.frame
+
+
+class FrameReader:
+    """Reads the frames of one target in the mode the settings say."""
+
+    def __init__(
+        self, target: Target, settings: PerceptionTable, range_sigma_m: float, seed: int
+    ) -> None:
+        self._target, self._settings = target, settings
+        self._sigma_m, self._seed = range_sigma_m, seed
+        self._expecter: Expecter | None = None
+
+    def look(self, frame: Frame) -> PerceivedFrame:
+        """What a frame shows without any prediction."""
+        catalogue = self._target.rectangles
+        return perceive(frame, catalogue, self._settings, self._sigma_m, self._seed)
+
+    def hypotheses(self, perceived: PerceivedFrame) -> tuple[PoseHypothesis, ...]:
+        """Where the target may be, judging by one frame alone."""
+        expecter = self._expecter_of(perceived.frame)
+        return pose_hypotheses(perceived, self._target, expecter, self._sigma_m)
+
+    def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
+        """Segment a frame and measure its faces against the view that a pose predicts."""
+        if self._by_size:
+            perceived = self.look(frame)
+            return View(perceived, *measure_by_size(perceived, T_cam_model))
+        expectation = self._expecter_of(frame).expect(T_cam_model)
+        surface = None if trust is Trust.NONE else expectation.surface
+        if surface is not None and trust is Trust.PLANES:
+            surface = surface.planes_only()
+        perceived = perceive(
+            frame, self._target.rectangles, self._settings, self._sigma_m, self._seed, surface
+        )
+        gate_sigma = self._settings.size_gate_sigma
+        return View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+
+    def read_again(self, view: View, T_cam_model: FloatArray) -> View:
+        """The same segments measured against the view that a better pose predicts."""
+        perceived = view.perceived
+        if self._by_size:
+            return View(perceived, *measure_by_size(perceived, T_cam_model))
+        expectation = self._expecter_of(perceived.frame).expect(T_cam_model)
+        gate_sigma = self._settings.size_gate_sigma
+        return View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+
+    @property
+    def _by_size(self) -> bool:
+        """Whether rectangles are recognised by their size alone, as the paper does."""
+        return self._settings.mode is PerceptionMode.PAPER
+
+    @property
+    def depends_on_pose(self) -> bool:
+        """Whether a better pose gives better measurements: not when only sizes are compared."""
+        return not self._by_size
+
+    def moved_px(self, before: FloatArray, after: FloatArray, frame: Frame) -> float:
+        """How far apart, in pixels, two poses (4, 4) may show a point of the target."""
+        shift = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
+        turn = float(rotation_angle(before[:3, :3].T @ after[:3, :3]))
+        return self.pixels(shift, turn, after, frame)
+
+    def pixels(
+        self, shift_m: float, turn_rad: float, T_cam_model: FloatArray, frame: Frame
+    ) -> float:
+        """A shift and a turn of the target as pixels at its edge."""
+        moved_m = shift_m + 0.5 * self._target.diameter_m * turn_rad
+        focal = max(frame.camera.fx, frame.camera.fy)
+        return moved_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
+
+    def check_units(self, perceived: PerceivedFrame) -> None:
+        """Raise `InputError` when what is seen cannot be the target for its size.
+
+        A mesh in millimetres and a cloud in metres make nonsense of everything after.
+        """
+        window = perceived.window
+        if window is None:
+            return
+        points = window.rays[window.has_return] * window.range_m[window.has_return, None]
+        low, high = np.percentile(points, [2, 98], axis=0)
+        ratio = float(np.linalg.norm(high - low)) / self._target.diameter_m
+        if not _UNITS_RATIO[0] < ratio < _UNITS_RATIO[1]:
+            raise InputError(
+                self._target.mesh_path,
+                "units",
+                "expected a mesh in metres of about the size of what is seen: its diameter is "
+                f"{self._target.diameter_m:.4g} m, the returns span {ratio:.3g} times that",
+            )
+
+    def _expecter_of(self, frame: Frame) -> Expecter:
+        if self._expecter is None or self._expecter.camera != frame.camera:
+            self._expecter = Expecter(self._target, frame.camera, self._settings, self._sigma_m)
+        return self._expecter

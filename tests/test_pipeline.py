@@ -1,0 +1,207 @@
+"""The whole way from a pipeline file to a result folder, on a short piece of the shipped demo."""
+
+import json
+import logging
+import re
+import shutil
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo.tools.file_interface import read_tum_trajectory_file
+
+from pcnav.config import Pipeline, ScenarioTable, read_pipeline
+from pcnav.evaluation.truth import read_truth
+from pcnav.pipeline import run
+from pcnav.results import ACCEPTED, FrameEstimate, read_measurements, read_track
+from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.simulation.recording import simulate
+from pcnav.spatial import rotation_angle
+from pcnav.target import load_target
+
+FRAMES = 24
+ESTIMATES = ("states.csv", "poses.tum", "measurements.csv")
+
+
+@dataclass(frozen=True)
+class Made:
+    """A simulated sequence, the result made of it, and what the run told on its way."""
+
+    sequence: Path
+    result: Path
+    mesh: Path
+    told: list[tuple[FrameEstimate, int]]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """The shipped demo, shortened."""
+    folder = tmp_path_factory.mktemp("made")
+    demo, mesh = shipped_pipeline("demo"), shipped_mesh("boxsat")
+    assert demo is not None and mesh is not None
+    pipeline = read_pipeline(demo)
+    rate = pipeline.scenario.frame_rate_hz
+    short = pipeline.model_copy(
+        update={"scenario": ScenarioTable(frames=FRAMES, frame_rate_hz=rate)}
+    )
+    sequence, result = folder / "sequence", folder / "result"
+    simulate(short, load_target(mesh), sequence)
+    told: list[tuple[FrameEstimate, int]] = []
+    run(sequence, result, Pipeline(seed=5), on_estimate=lambda *news: told.append(news))
+    return Made(sequence, result, mesh, told)
+
+
+def same_estimates(one: Path, other: Path) -> bool:
+    """Whether two results hold the same estimates, bit for bit."""
+    with np.load(one / "covariances.npz") as a, np.load(other / "covariances.npz") as b:
+        same_P = a["P"].tobytes() == b["P"].tobytes()
+    return same_P and all(
+        (one / name).read_bytes() == (other / name).read_bytes() for name in ESTIMATES
+    )
+
+
+def test_every_frame_is_told_of_once(made: Made) -> None:
+    assert [estimate.index for estimate, _ in made.told] == list(range(FRAMES))
+    assert {total for _, total in made.told} == {FRAMES}
+    track = read_track(made.result)
+    assert track.status == tuple(estimate.status for estimate, _ in made.told)
+
+
+def test_the_pose_is_found_and_as_good_as_it_should_be(made: Made) -> None:
+    track, truth = read_track(made.result), read_truth(made.sequence)
+    assert truth is not None and truth.T_cam_model is not None and truth.omega_body is not None
+    assert track.has_estimate[4:].all()
+    settled = slice(8, None)
+    T, true_T = track.T_cam_model[settled], truth.T_cam_model[settled]
+    position_m = np.linalg.norm(T[:, :3, 3] - true_T[:, :3, 3], axis=1)
+    turn = rotation_angle(np.swapaxes(true_T[:, :3, :3], 1, 2) @ T[:, :3, :3])
+    # At 18 m with 10 mm of noise a single frame is good to about 0.5 mm and 0.03 degrees.
+    assert np.max(position_m) < 2e-3
+    assert np.max(np.degrees(turn)) < 0.1
+    spin = np.linalg.norm(track.omega_body[-1] - truth.omega_body[-1])
+    assert np.degrees(spin) < 0.1
+    assert np.linalg.norm(truth.omega_body[-1]) > np.radians(5.0)
+
+
+def test_the_rectangles_are_in_the_catalogue_and_of_its_sizes(made: Made) -> None:
+    catalogue = {rectangle.name: rectangle for rectangle in load_target(made.mesh).rectangles}
+    used = [record for record in read_measurements(made.result) if record.outcome == ACCEPTED]
+    assert len(used) > FRAMES
+    assert {record.rectangle for record in used} <= set(catalogue)
+    assert len({record.rectangle for record in used}) >= 3
+    counts = read_track(made.result).n_rectangles
+    assert len(used) == counts.sum()
+
+
+def test_evo_reads_the_poses(made: Made) -> None:
+    track = read_track(made.result)
+    trajectory = read_tum_trajectory_file(str(made.result / "poses.tum"))
+    assert trajectory.check()[0]
+    known = track.has_estimate
+    np.testing.assert_allclose(trajectory.timestamps, track.time_s[known], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.array(trajectory.poses_se3), track.T_cam_model[known], rtol=0, atol=1e-12
+    )
+
+
+def test_metrics_have_every_quantity_and_its_unit(made: Made) -> None:
+    metrics = json.loads((made.result / "metrics.json").read_text())
+    assert {"errors", "frames", "nees", "nis"} <= set(metrics)
+    errors = json.dumps(metrics["errors"])
+    for quantity in ("position_cam", "attitude", "com_model", "inertia_ratios", "omega_body"):
+        assert quantity in errors
+    assert "NaN" not in errors
+    assert metrics["frames"] == FRAMES
+
+
+def self_contained(page: str) -> bool:
+    """Whether a page asks for nothing from elsewhere: links and images hold their own data."""
+    asked = re.findall(r"""(?:src|href|action|data)\s*=\s*["']([^"']*)""", page)
+    asked += re.findall(r"url\(([^)]*)\)", page) + re.findall(r"@import\s+([^;]*)", page)
+    return bool(asked) and all(link.strip("'\"").startswith(("data:", "#")) for link in asked)
+
+
+def test_the_report_stands_alone(made: Made) -> None:
+    page = (made.result / "report.html").read_text()
+    assert self_contained(page)
+    assert "<script" not in page
+    assert not self_contained(page + '<img src="https://example.org/a.png">')
+    assert "Against the truth" in page
+    assert str(made.sequence) in page
+
+
+def test_the_truth_never_enters_an_estimate(made: Made, tmp_path: Path) -> None:
+    """The same frames without truth give the same bits, and a report without errors."""
+    sequence, result = tmp_path / made.sequence.name, tmp_path / "result"
+    shutil.copytree(made.sequence, sequence)
+    for name in ("scene_gt.json", "truth.csv"):
+        (sequence / name).unlink()
+    summary = run(sequence, result, Pipeline(seed=5), target_mesh=made.mesh)
+    assert same_estimates(result, made.result)
+    assert summary.metrics.errors is None
+    assert not (result / "metrics.json").exists()
+    page = summary.report.read_text()
+    assert self_contained(page)
+    assert "Against the truth" not in page
+
+
+def test_the_saved_pipeline_repeats_the_run(made: Made, tmp_path: Path) -> None:
+    saved = read_pipeline(made.result / "pipeline.toml")
+    assert saved.seed == 5
+    assert saved.sequence == str(made.sequence.resolve())
+    assert saved.target_mesh == str(made.mesh.resolve())
+    result = tmp_path / "result"
+    run(Path(saved.sequence), result, saved)
+    assert same_estimates(result, made.result)
+    assert (result / "metrics.json").read_bytes() == (made.result / "metrics.json").read_bytes()
+    assert (result / "pipeline.toml").read_bytes() == (made.result / "pipeline.toml").read_bytes()
+
+
+@pytest.fixture
+def scene(made: Made, tmp_path: Path) -> Path:
+    """A plain BOP scene of the first eight frames: no additions of ours, no truth."""
+    folder = tmp_path / "scene"
+    (folder / "depth").mkdir(parents=True)
+    cameras = json.loads((made.sequence / "scene_camera.json").read_text())
+    kept = {}
+    for number in range(8):
+        entry = cameras[str(number)]
+        kept[str(number)] = {key: entry[key] for key in ("cam_K", "depth_scale")}
+        name = f"depth/{number:06d}.png"
+        shutil.copy(made.sequence / name, folder / name)
+    (folder / "scene_camera.json").write_text(json.dumps(kept))
+    return folder
+
+
+def test_a_plain_bop_scene_needs_a_mesh_and_warns_once(
+    made: Made, scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.WARNING, logger="pcnav")
+    run(scene, tmp_path / "result", Pipeline(), target_mesh=made.mesh)
+    (record,) = caplog.records
+    for assumed in ("timestamp_s", "camera at rest", "sequence.toml"):
+        assert assumed in record.getMessage()
+    track = read_track(tmp_path / "result")
+    np.testing.assert_array_equal(track.time_s, np.arange(8.0))
+    assert track.has_estimate.any()
+
+
+def test_the_mesh_is_the_sequences_before_the_pipelines(
+    made: Made, scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A pipeline's mesh serves a sequence that names none; where both do, a warning says so."""
+    caplog.set_level(logging.WARNING, logger="pcnav")
+    other = shipped_mesh("twinwing")
+    assert other is not None
+    run(scene, tmp_path / "one", Pipeline(target_mesh=str(made.mesh)))
+    assert tomllib.loads((tmp_path / "one" / "pipeline.toml").read_text())["target_mesh"] == str(
+        made.mesh.resolve()
+    )
+    caplog.clear()
+    stated = f'[sequence]\ntarget_mesh = "{made.mesh.as_posix()}"\n[sensor]\nrange_sigma_m = 0.01\n'
+    (scene / "sequence.toml").write_text(stated)
+    run(scene, tmp_path / "two", Pipeline(target_mesh=str(other)))
+    assert read_pipeline(tmp_path / "two" / "pipeline.toml").target_mesh == str(made.mesh.resolve())
+    assert any("twinwing" in record.getMessage() for record in caplog.records)
