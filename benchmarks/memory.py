@@ -63,7 +63,7 @@ def memory_table(short: PeakMemory, long: PeakMemory) -> Table:
     """Both runs and their ratio."""
     table = Table(
         title=f"peak memory of pcnav run, {_SIZE_PX} x {_SIZE_PX} px frames streamed from disk",
-        caption="Resident memory, libraries included (getrusage in a process of its own).",
+        caption="Resident memory, libraries included (peak of a process of its own).",
     )
     table.add_column("up to")
     for run in (short, long):

@@ -46,19 +46,20 @@ def shortened(name: str, frames: int, range_sigma_m: float | None = None) -> Pip
     if path is None:
         raise LookupError(f"no shipped pipeline {name}")
     pipeline = read_pipeline(path)
+    mesh = shipped_mesh(pipeline.target_mesh or name)
+    if mesh is None:
+        raise LookupError(f"no shipped mesh {pipeline.target_mesh or name}")
     noise = pipeline.noise
     if range_sigma_m is not None:
         noise = noise.model_copy(update={"range_sigma_m": range_sigma_m})
     scenario = pipeline.scenario.model_copy(update={"frames": frames})
-    return pipeline.model_copy(update={"scenario": scenario, "noise": noise})
+    changed = {"target_mesh": str(mesh), "scenario": scenario, "noise": noise}
+    return pipeline.model_copy(update=changed)
 
 
 def record(name: str, pipeline: Pipeline, path: Path) -> Scene:
-    """Simulate a pipeline into a folder."""
-    mesh = shipped_mesh(pipeline.target_mesh or name)
-    if mesh is None:
-        raise LookupError(f"no shipped mesh {pipeline.target_mesh or name}")
-    target = load_target(mesh)
+    """Simulate a pipeline that names its mesh by path into a folder."""
+    target = load_target(Path(pipeline.target_mesh or name))
     simulate(pipeline, target, path)
     return Scene(name, path, pipeline, target)
 

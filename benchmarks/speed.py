@@ -24,9 +24,9 @@ PER_FRAME = (_READING, _PERCEPTION, _EXPECTATION, _ACQUISITION, _ARC, _FILTER, _
 _PLACES = {
     "pcnav.pipeline.open_sequence": _READING,
     "pcnav.sequences.bop.BopSequence.frame": _READING,
-    "pcnav.tracking.perceive": _PERCEPTION,
+    "pcnav.perception.reading.perceive": _PERCEPTION,
     "pcnav.perception.expectation.Expecter.expect": _EXPECTATION,
-    "pcnav.tracking.pose_hypotheses": _ACQUISITION,
+    "pcnav.perception.reading.pose_hypotheses": _ACQUISITION,
     "pcnav.tracking.fit_arc": _ARC,
     "pcnav.tracking.Tracker.step": _FILTER,
     "pcnav.result_writer.ResultWriter.add": _WRITING,

@@ -20,6 +20,7 @@ import trimesh
 from PIL import Image
 
 from pcnav import cli
+from pcnav.evaluation import report
 from pcnav.results import read_track
 from pcnav.shipped import shipped_mesh, shipped_mesh_names
 from pcnav.tracking import Tracker
@@ -80,6 +81,13 @@ def pcnav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 
     yield call
     signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without pictures, where a test is about something else: they take most of its time."""
+    for draw in ("svg_bytes", "png_bytes"):
+        monkeypatch.setattr(report, draw, lambda figure: b"")
 
 
 @pytest.fixture(scope="session")
@@ -165,6 +173,7 @@ def examples() -> dict[str, list[str]]:
     return found
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_examples_use_what_is_shipped_and_work_in_order(
     pcnav: Pcnav, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -256,6 +265,21 @@ def text(name: str, old: str, new: str) -> Callable[[Path], None]:
     return change
 
 
+def folder_instead(name: str) -> Callable[[Path], None]:
+    """Puts a folder where a file belongs."""
+
+    def change(sequence: Path) -> None:
+        (sequence / name).unlink()
+        (sequence / name).mkdir()
+
+    return change
+
+
+def file_instead(sequence: Path) -> None:
+    shutil.rmtree(sequence)
+    sequence.write_text("")
+
+
 def not_text(name: str) -> Callable[[Path], None]:
     """Puts a byte into a file that UTF-8 does not have."""
 
@@ -274,7 +298,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "8-bit image": (store_eight_bits, (png(0), "pixels", "16-bit")),
     "image size changes": (resize_one, (png(3), "image size", "128 x 128", "128 x 64")),
     "folder for an image": (
-        lambda s: ((s / png(1)).unlink(), (s / png(1)).mkdir()),
+        folder_instead(png(1)),
         (png(1), "file", "PNG"),
     ),
     "no images": (lambda s: shutil.rmtree(s / "depth"), ("depth", "folder")),
@@ -292,7 +316,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "no frames": (text(SCENE, "", "{}"), (SCENE, "frames", "at least one frame")),
     "comment in JSON": (text(SCENE, "{", "// mine\n{"), (SCENE, "file", "JSON")),
     "folder for a file": (
-        lambda s: ((s / SCENE).unlink(), (s / SCENE).mkdir()),
+        folder_instead(SCENE),
         (SCENE, "file", "readable"),
     ),
     "unknown key": (
@@ -315,7 +339,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "truth damaged": (text("truth.csv", "\n0.25,", "\nx,"), ("truth.csv", "line 3", "22 numbers")),
     "no scene": (shutil.rmtree, ("sequence", "folder", SCENE)),
     "file for the folder": (
-        lambda s: (shutil.rmtree(s), s.write_text("")),
+        file_instead,
         ("sequence", "folder", SCENE),
     ),
 }
@@ -443,6 +467,7 @@ def test_an_existing_result_stays_unless_told_to_overwrite(
     assert {path.name for path in tmp_path.iterdir()} == {"sequence", "result"}
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_overwriting_replaces_an_earlier_result(
     pcnav: Pcnav, recorded: Path, sequence: Path, tmp_path: Path
 ) -> None:
@@ -616,6 +641,7 @@ def test_a_sequence_without_returns_says_acquiring(
     assert (tmp_path / "result" / "poses.tum").read_text() == ""
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_empty_first_frames_delay_the_lock(pcnav: Pcnav, sequence: Path, tmp_path: Path) -> None:
     blank(sequence, range(2))
     answer = pcnav("run", sequence, "-o", tmp_path / "result")
@@ -625,6 +651,7 @@ def test_empty_first_frames_delay_the_lock(pcnav: Pcnav, sequence: Path, tmp_pat
     assert track.status[-1] == "locked"
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_an_empty_frame_in_between_is_coasted_over(
     pcnav: Pcnav, sequence: Path, tmp_path: Path
 ) -> None:
@@ -635,6 +662,7 @@ def test_an_empty_frame_in_between_is_coasted_over(
     assert track.n_rectangles[4] == 0
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_one_frame_is_a_sequence(pcnav: Pcnav, tmp_path: Path) -> None:
     file = tmp_path / "one.toml"
     file.write_text(PIPELINE.replace("frames = 6", "frames = 1"))
@@ -645,6 +673,7 @@ def test_one_frame_is_a_sequence(pcnav: Pcnav, tmp_path: Path) -> None:
     assert (tmp_path / "result" / "report.html").is_file()
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_a_target_out_of_view_is_told_and_is_no_error(pcnav: Pcnav, tmp_path: Path) -> None:
     file = tmp_path / "behind.toml"
     file.write_text(PIPELINE.replace("18.0, 0.0, 0.0", "-18.0, 0.0, 0.0"))

@@ -13,6 +13,7 @@ import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 
 from pcnav.config import Pipeline, ScenarioTable, read_pipeline
+from pcnav.evaluation import report
 from pcnav.evaluation.truth import read_truth
 from pcnav.pipeline import run
 from pcnav.results import ACCEPTED, FrameEstimate, read_measurements, read_track
@@ -51,6 +52,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     told: list[tuple[FrameEstimate, int]] = []
     run(sequence, result, Pipeline(seed=5), on_estimate=lambda *news: told.append(news))
     return Made(sequence, result, mesh, told)
+
+
+@pytest.fixture
+def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without pictures, where a test is about something else: they take most of its time."""
+    for draw in ("svg_bytes", "png_bytes"):
+        monkeypatch.setattr(report, draw, lambda figure: b"")
 
 
 def same_estimates(one: Path, other: Path) -> bool:
@@ -147,6 +155,7 @@ def test_the_truth_never_enters_an_estimate(made: Made, tmp_path: Path) -> None:
     assert "Against the truth" not in page
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_the_saved_pipeline_repeats_the_run(made: Made, tmp_path: Path) -> None:
     saved = read_pipeline(made.result / "pipeline.toml")
     assert saved.seed == 5
@@ -175,6 +184,7 @@ def scene(made: Made, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_a_plain_bop_scene_needs_a_mesh_and_warns_once(
     made: Made, scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -188,6 +198,7 @@ def test_a_plain_bop_scene_needs_a_mesh_and_warns_once(
     assert track.has_estimate.any()
 
 
+@pytest.mark.usefixtures("quick_drawings")
 def test_the_mesh_is_the_sequences_before_the_pipelines(
     made: Made, scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -25,9 +25,13 @@ from pcnav.target import Target
 
 _SEED = 0
 """Of RANSAC, which takes no part where a prediction knows the planes."""
-_MOST_HYPOTHESES = 3
-_LARGEST_LAG = 0.06
+_MOST_HYPOTHESES = 4
+_LARGEST_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
+_CONVINCING = 0.95
+"""A refined pose that explains this share of the frame ends the search."""
+_LEAST_EXPLAINED = 0.5
+"""A pose that explains less of the frame than this is not believed."""
 _DEPTH_TOLERANCE_SIGMA = 3.0
 """A refined pose must explain depths to the noise alone."""
 _PASSES = 3
@@ -38,7 +42,7 @@ _ATTITUDE_SD_RAD = 1.0
 _HELD_SD = 1e-9
 """Deviation of the parts of the state that are no pose: they stay where they are."""
 _GATE_PROBABILITY = 0.9999
-_STILL_SHARE = 0.5
+_STILL_SHARE = 1.0
 """A pass that moves every component by less than this share of its deviation is the last."""
 _POSE = np.r_[R_HILL, THETA_BODY]
 
@@ -68,7 +72,7 @@ def single_frame_pose(
     settings: PerceptionTable,
     range_sigma_m: float,
 ) -> SingleFramePose | None:
-    """Pose of the target in one frame without any prediction; None when no face gives one.
+    """Pose of the target in one frame without any prediction; None when none can be believed.
 
     The hypotheses that explain most are each refined, and the pose that then explains most of the
     frame is taken. In area-weighted mode the frame is read again from every better pose, which
@@ -80,15 +84,17 @@ def single_frame_pose(
     for hypothesis in hypotheses[:_MOST_HYPOTHESES]:
         if hypothesis.explained < hypotheses[0].explained - _LARGEST_LAG:
             break
-        refined = _refined(
+        refined = refine_pose(
             hypothesis.T_cam_model, perceived, target, expecter, settings, range_sigma_m
         )
         if refined is not None and (best is None or refined.explained > best.explained):
             best = refined
-    return best
+        if best is not None and best.explained > _CONVINCING:
+            break
+    return best if best is not None and best.explained >= _LEAST_EXPLAINED else None
 
 
-def _refined(
+def refine_pose(
     T_cam_model: FloatArray,
     perceived: PerceivedFrame,
     target: Target,
@@ -96,6 +102,7 @@ def _refined(
     settings: PerceptionTable,
     range_sigma_m: float,
 ) -> SingleFramePose | None:
+    """The pose that the faces measured about a hypothesis (4, 4) give; None when there are none."""
     estimate: SingleFramePose | None = None
     converged = False
     for _ in range(_PASSES):

@@ -53,6 +53,12 @@ class Sighting:
         """(3, 3) attitude of the target."""
         return np.asarray(self.T_cam_world[:3, :3].T @ self.T_cam_model[:3, :3])
 
+    @property
+    def p_world_model(self) -> FloatArray:
+        """(3,) origin of the model, m."""
+        p_cam_model = self.T_cam_model[:3, 3] - self.T_cam_world[:3, 3]
+        return np.asarray(self.T_cam_world[:3, :3].T @ p_cam_model)
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -121,8 +127,8 @@ class MotionStart:
         best = min(sightings, key=lambda s: float(rotation_angle(attitude.T @ s.R_world_body)))
         if rotation_angle(attitude.T @ best.R_world_body) > _LARGEST_STEP_RAD:
             return None
-        before = motion.sightings[-1].T_cam_model[:3, 3]
-        shift = float(np.linalg.norm(best.T_cam_model[:3, 3] - before))
+        # In the world: a camera that pans moves a still target about its own frame.
+        shift = float(np.linalg.norm(best.p_world_model - motion.sightings[-1].p_world_model))
         if shift > _LARGEST_SHIFT_FRACTION * self._target.diameter_m:
             return None
         return Motion((*motion.sightings, best)[-MOST_SIGHTINGS:])

@@ -1,5 +1,6 @@
 """Every part of the benchmarks runs, and its numbers are what they say. Nothing about seconds."""
 
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,7 +10,7 @@ import pytest
 pytest.importorskip("small_gicp", reason="the peers are installed with the extra `bench`")
 
 from benchmarks.accuracy import Spread, score_case, score_table
-from benchmarks.memory import PeakMemory, long_pipeline, memory_table
+from benchmarks.memory import PeakMemory, long_pipeline, measure_memory, memory_table
 from benchmarks.peers import METHODS, OURS, Method, Poses
 from benchmarks.scenes import Case, load, record, shortened
 from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
@@ -128,3 +129,12 @@ def test_memory_table_shows_growth() -> None:
     cells = [list(column.cells) for column in table.columns]
     assert cells[3] == ["1.002", "1.100"]
     assert cells[4] == ["0.20", "10.00"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads what Linux says of a process")
+def test_peak_memory_is_the_childs_own(tmp_path: Path) -> None:
+    """A parent that holds more than the child ever needs does not show in the child's peak."""
+    ballast = np.ones(75_000_000)
+    peak = measure_memory(3, tmp_path)
+    assert peak.frames == 3
+    assert 50e6 < peak.tracking <= peak.whole < ballast.nbytes

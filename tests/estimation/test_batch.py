@@ -64,7 +64,7 @@ def arc_of(start: NavigationState, frames: int, seed: int | None) -> list[TimedM
 
 
 def rough(seed: int) -> NavigationState:
-    """A guess like that of the first sightings: rates and pose off, mass properties of the prior."""
+    """A guess like that of the first sightings: rates and pose off, mass as in the prior."""
     error = np.random.default_rng(1000 + seed).normal(size=STATE_SIZE)
     sd = np.concatenate(
         [np.full(3, 0.2), np.full(3, 0.1), COM_SD, np.full(3, 0.1), np.full(3, 0.03), RATIO_SD]
@@ -108,10 +108,12 @@ def test_errors_are_those_the_covariance_states() -> None:
         chi_square[run] = fit.chi_square
     # Guesses scatter less than the loose parts of the prior; those carry no weight anyway.
     for squared in (first, last):
-        low, high = chi2.ppf([1e-4, 1 - 1e-4], runs * STATE_SIZE) / runs
+        low, high = (float(chi2.ppf(p, runs * STATE_SIZE)) / runs for p in (1e-4, 1 - 1e-4))
         assert 0.9 * low < squared.mean() < 1.05 * high
-    expected = 12 * 12 - STATE_SIZE + 8  # of the residuals; the prior's 8 tight terms come on top
-    assert chi_square.mean() == pytest.approx(expected, abs=4.0 * np.sqrt(2.0 * expected / runs) + 4)
+    # Of the residuals; the 8 terms of the mass properties' prior come on top.
+    expected = 12 * 12 - STATE_SIZE + 8
+    tolerance = 4.0 * np.sqrt(2.0 * expected / runs) + 4.0
+    assert chi_square.mean() == pytest.approx(expected, abs=tolerance)
 
 
 def test_fit_is_the_filter_where_everything_is_linear() -> None:

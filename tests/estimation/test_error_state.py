@@ -183,7 +183,10 @@ def test_iterated_update_is_the_optimum_of_the_posterior(seed: int) -> None:
     prior, P = Vector(truth + rng.normal(0.0, 0.5, 2)), 0.25 * np.eye(2)
     measurement = Ranges(beacons, z, 0.02)
     optimum = map_estimate(
-        prior.retract, lambda state: measurement.residual(state) / 0.02, P, 2  # type: ignore[arg-type]
+        prior.retract,
+        lambda state: measurement.residual(state) / 0.02,
+        P,
+        2,  # type: ignore[arg-type]
     )
     kalman = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, most_iterations=30)
     result = kalman.update([measurement])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.arrays import FloatArray
+from pcnav.arrays import DepthImage, FloatArray
 from pcnav.camera import PinholeCamera, range_per_depth
 from pcnav.rendering import DepthRenderer, RenderedDepth
 from pcnav.sequences.sequence import Frame
@@ -43,8 +43,10 @@ def shoot(camera: PinholeCamera) -> Shoot:
         rendered = DepthRenderer(mesh, camera).render(T_cam_model)
         noise = np.random.default_rng(seed).normal(0.0, 1.0, rendered.depth_m.shape)
         depth = rendered.depth_m + sigma_m * noise / range_per_depth(camera)
-        depth = np.where(rendered.depth_m > 0.0, depth, 0.0).astype(np.float32)
-        return Frame(0, 0.0, depth, camera, np.eye(4)), rendered
+        depth_m: DepthImage = np.zeros_like(rendered.depth_m)
+        seen = rendered.depth_m > 0.0
+        depth_m[seen] = depth[seen]
+        return Frame(0, 0.0, depth_m, camera, np.eye(4)), rendered
 
     return take
 

@@ -21,9 +21,7 @@ SIGMA = 0.02
 SETTINGS = PerceptionTable()
 
 
-def hypotheses_of(
-    target: Target, expecter: Expecter, frame: Frame
-) -> tuple[PoseHypothesis, ...]:
+def hypotheses_of(target: Target, expecter: Expecter, frame: Frame) -> tuple[PoseHypothesis, ...]:
     perceived = perceive(frame, target.rectangles, SETTINGS, SIGMA, 0)
     found = pose_hypotheses(perceived, target, expecter, SIGMA)
     shares = [h.explained for h in found]

@@ -65,8 +65,8 @@ def test_right_faces_from_a_prediction_that_is_off(
         assert len(measured) >= 2
         for face in measured:
             truth = T @ face.rectangle.T_model_rect
-            if -truth[:3, 2] @ truth[:3, 3] < 0.15 * np.linalg.norm(truth[:3, 3]):
-                continue  # flatter than 81 degrees: the rim is as much of the view as the face
+            if -truth[:3, 2] @ truth[:3, 3] < 0.25 * np.linalg.norm(truth[:3, 3]):
+                continue  # flatter than 75 degrees: the rim is too much of the view as the face
             error = pose_error(truth, face.T_cam_rect)
             z.append(np.where(face.known, error / np.sqrt(np.diag(face.covariance)), np.nan))
             assert np.all(np.abs(z[-1][2:5]) < 6.0), face.rectangle.name
@@ -136,9 +136,7 @@ def test_what_no_face_is_expected_at_is_not_used(
     assert {item.reason for item in unused} == {"no face expected there"}
 
 
-def test_by_size_takes_the_nearest_of_equal_rectangles(
-    twinwing: Target, shoot: Shoot
-) -> None:
+def test_by_size_takes_the_nearest_of_equal_rectangles(twinwing: Target, shoot: Shoot) -> None:
     settings = PerceptionTable(mode=PerceptionMode.PAPER, size_gate_sigma=8.0)
     T = make_transform(exp_rotation(np.array([0.0, np.pi / 2, 0.1])), np.array([0.0, 0.0, 24.0]))
     frame, _ = shoot(twinwing.mesh, T, SIGMA)
@@ -157,9 +155,7 @@ def test_by_size_takes_the_nearest_of_equal_rectangles(
     assert "far from every predicted rectangle of its size" in {item.reason for item in unused}
 
 
-def test_covariance_moves_with_the_frame(
-    twinwing: Target, shoot: Shoot
-) -> None:
+def test_covariance_moves_with_the_frame(twinwing: Target, shoot: Shoot) -> None:
     # Read as itself, a segment keeps its covariance up to the case's signs.
     T = make_transform(exp_rotation(np.array([0.0, np.pi / 2, 0.1])), np.array([0.0, 0.0, 24.0]))
     frame, _ = shoot(twinwing.mesh, T, SIGMA)

@@ -32,8 +32,9 @@ def sampled_moments(camera: PinholeCamera, T: FloatArray) -> FloatArray:
         return np.asarray((rays * depth[:, None] - T[:3, 3]) @ T[:3, :2])
 
     # Area of a pixel's footprint: the determinant of its map onto the face, by differences.
-    right = on_face(inside + [0.5, 0.0]) - on_face(inside - [0.5, 0.0])
-    down = on_face(inside + [0.0, 0.5]) - on_face(inside - [0.0, 0.5])
+    half_right, half_down = np.array([[0.5, 0.0], [0.0, 0.5]])
+    right = on_face(inside + half_right) - on_face(inside - half_right)
+    down = on_face(inside + half_down) - on_face(inside - half_down)
     area = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
     x, y = on_face(inside).T
     terms = np.stack([np.ones(len(x)), x, y, x * x, y * y, x * y])

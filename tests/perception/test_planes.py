@@ -41,8 +41,8 @@ def test_trials_succeed_as_often_as_asked_for(outliers: float, success: float) -
     trials = trial_count(outliers, success)
     rng = np.random.default_rng(0)
     runs = 4000
-    pure = (rng.random((runs, trials, 3)) >= outliers).all(axis=2)
-    frequency = pure.any(axis=1).mean()
+    pure = np.all(rng.random((runs, trials, 3)) >= outliers, axis=2)
+    frequency = float(np.mean(np.any(pure, axis=1)))
     tolerance = 4.0 * np.sqrt(success * (1.0 - success) / runs)
     assert frequency > success - tolerance
     # Not one trial more than Yu 2019 (2) needs.
@@ -98,7 +98,11 @@ def test_fit_is_the_least_squares_solution_of_scipy_from_a_rough_start() -> None
     ranges = noisy_ranges(rays, m, 3)
     fit = fit_plane(rays, ranges, SIGMA, m * 1.01 + [0.0, 5e-4, 0.0])
     assert fit is not None
-    exact = least_squares(lambda x: (ranges - 1.0 / (rays @ x)) / SIGMA, m, xtol=1e-15, gtol=1e-15)
+
+    def residual(x: FloatArray) -> FloatArray:
+        return np.asarray((ranges - 1.0 / (rays @ x)) / SIGMA)
+
+    exact = least_squares(residual, m, xtol=1e-15, gtol=1e-15)
     sd = np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(fit.m - exact.x) < 0.02 * sd)
     assert fit.chi_square_per_dof == pytest.approx(2.0 * exact.cost / (len(rays) - 3), rel=1e-3)

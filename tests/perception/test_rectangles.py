@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera
 from pcnav.config import PerceptionMode
 from pcnav.perception.rectangles import (
     AREA,
@@ -81,7 +80,7 @@ def test_weights_count_points_so_many_times() -> None:
     rng = np.random.default_rng(0)
     points = in_camera(rng.uniform(-1.0, 1.0, (30, 3)) * [0.7, 2.0, 0.01])
     times = rng.integers(1, 5, 30)
-    weighted = distribution(points, 0.3 * times)
+    weighted = distribution(points, 0.3 * times.astype(np.float64))
     repeated = distribution(np.repeat(points, times, axis=0))
     np.testing.assert_allclose(weighted.eigenvalues, repeated.eigenvalues, rtol=1e-9)
     np.testing.assert_allclose(weighted.centroid, repeated.centroid, atol=1e-12)
@@ -160,7 +159,8 @@ def observed(
 def test_only_area_weights_find_the_centre_of_an_oblique_panel(
     shoot: Shoot, panel: trimesh.Trimesh, angle_deg: float, axis: tuple[float, float, float]
 ) -> None:
-    turn = exp_rotation(np.deg2rad(angle_deg) * np.array(axis)) @ exp_rotation(np.array([0, 0, 0.3]))
+    turn = exp_rotation(np.deg2rad(angle_deg) * np.array(axis))
+    turn = turn @ exp_rotation(np.array([0.0, 0.0, 0.3]))
     T = make_transform(turn, np.array([0.3, 0.2, 25.0]))
     frame, _ = shoot(panel, T)
     weighted = observed(frame, T, 1e-3, PerceptionMode.AREA_WEIGHTED)
@@ -176,7 +176,8 @@ def test_covariance_of_a_panel_alone_is_calibrated(
     shoot: Shoot, panel: trimesh.Trimesh, random_pose: Callable[..., FloatArray]
 ) -> None:
     rng = np.random.default_rng(0)
-    errors, normalised = [], []
+    errors: list[FloatArray] = []
+    normalised: list[FloatArray] = []
     while len(errors) < 60:
         T = random_pose(rng, 18.0, 25.0)
         if abs(T[:3, 2] @ T[:3, 3]) < 0.25 * np.linalg.norm(T[:3, 3]):

@@ -285,7 +285,6 @@ def sequence_table(sequences: list[SequenceErrors]) -> StudyTable:
         tuple(rows),
         f"{len(sequences[0].time_s)} frames at "
         f"{1.0 / (sequences[0].time_s[1] - sequences[0].time_s[0]):g} Hz. NEES per degree of "
-        "freedom, "
-        "median.",
+        "freedom, median.",
         text_columns=2,
     )

@@ -161,9 +161,9 @@ def _table_1(
         "our time, ms",
     )
     note = (
-        "2500 points, the outliers among them; 300 RANSAC trials. Outliers are uniform in the box "
-        "over the rectangle from z = 0 to 13 cm. The time is the median of our runs on the machine "
-        "that made this page; the paper names none."
+        "2500 points, the outliers among them; 300 RANSAC trials. Outliers are uniform in the "
+        "box over the rectangle from z = 0 to 13 cm. The time is the median of our runs on the "
+        "machine that made this page; the paper names none."
     )
     title = "Table 1: points extracted with a threshold of 0.005 cm"
     return StudyTable("table_1", title, header, tuple(rows), note), as_printed
@@ -223,10 +223,9 @@ def _comparison_table(key: str, title: str, comparisons: list[_Comparison]) -> S
     header = ("points", "noise, cm", "quantity", *_HEADER)
     note = (
         "x, y, z in cm, eigenvalues lambda in cm2: theory is a2/12 + sigma2 (17). Inside: "
-        "whether the "
-        "printed number lies in the range of our draws. Last three columns: size of the error, "
-        "printed, "
-        "of our draws and of even grids. Without noise z and lambda 3 are exact and left out."
+        "whether the printed number lies in the range of our draws. Last three columns: size of "
+        "the error, printed, of our draws and of even grids. Without noise z and lambda 3 are "
+        "exact and left out."
     )
     rows = tuple(comparison.row() for comparison in comparisons if comparison.is_random)
     return StudyTable(key, title, header, rows, note, text_columns=3)
@@ -235,14 +234,13 @@ def _comparison_table(key: str, title: str, comparisons: list[_Comparison]) -> S
 def _text(inside: int, compared: int) -> tuple[str, ...]:
     low, high = np.asarray(binom.ppf([0.025, 0.975], compared, 0.95))
     return (
-        "The paper prints one draw of each cloud. A draw cannot be repeated, but its distribution "
-        "can: the tables give mean, spread and 95 % range of ours. If the printed draws come from "
-        f"the same distribution, {low:.0f} to {high:.0f} of the {compared} numbers that are random "
-        f"lie inside our 95 % ranges (were they independent); {inside} do.",
-        "The errors printed are those of placing points at random, not of the method: an even grid "
-        "of as many points (last column) has no such error, only that of the noise and of the "
-        "cells' "
-        "finite size.",
+        "The paper prints one draw of each cloud. A draw cannot be repeated, but its "
+        "distribution can: the tables give mean, spread and 95 % range of ours. If the printed "
+        f"draws come from the same distribution, {low:.0f} to {high:.0f} of the {compared} "
+        f"numbers that are random lie inside our 95 % ranges (were they independent); {inside} do.",
+        "The errors printed are those of placing points at random, not of the method: an even "
+        "grid of as many points (last column) has no such error, only that of the noise and of "
+        "the cells' finite size.",
         "The distance threshold 0.005 is printed without a unit. In centimetres, the unit of all "
         "else there, it lets through about one outlier of 1250, and the paper counts 1252 points "
         "where 1250 are on the plane; 0.005 m would let through about a hundred.",

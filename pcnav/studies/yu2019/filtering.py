@@ -151,11 +151,9 @@ def _error_table(printed: FilterRun, slow: FilterRun, tumble: FilterRun) -> Stud
     frames = [len(run.time_s) for run in (printed, slow, tumble)]
     note = (
         "Largest error over the last third of the run. Position and velocity in Hill axes, the "
-        "rest "
-        f"in body axes. Frames: {frames[0]} at 4 Hz, {frames[1]} at 1 Hz, {frames[2]} at 4 Hz in "
-        "the "
-        f"tumble; measurements in a wrong case: {flips[0]}, {flips[1]}, {flips[2]}; outside the "
-        f"99.99 % gate: {rejected[0]}, {rejected[1]}, {rejected[2]}."
+        f"rest in body axes. Frames: {frames[0]} at 4 Hz, {frames[1]} at 1 Hz, {frames[2]} at 4 "
+        f"Hz in the tumble; measurements in a wrong case: {flips[0]}, {flips[1]}, {flips[2]}; "
+        f"outside the 99.99 % gate: {rejected[0]}, {rejected[1]}, {rejected[2]}."
     )
     header = (
         "figure",
@@ -219,8 +217,8 @@ def _nees_table(printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun
         ("block", "printed spin", "tumble", f"disturbed tumble, {len(disturbed)} runs", "95 %"),
         tuple(rows),
         "Spin and tumble: mean over the last third of one run, whose true motion has no "
-        "disturbance, so less than 1 is expected. Disturbed: mean over runs at their end, the true "
-        "motion disturbed as the filter's process noise says; the bounds are of that mean.",
+        "disturbance, so less than 1 is expected. Disturbed: mean over runs at their end, the "
+        "true motion disturbed as the filter's process noise says; the bounds are of that mean.",
     )
 
 
@@ -276,9 +274,9 @@ def _nees_figure(runs: list[FilterRun]) -> StudyFigure:
     return band_figure(
         "nees",
         "Consistency of the filter, disturbed tumble",
-        f"Mean over {len(runs)} runs of the whole state's NEES per degree of freedom. It starts too "
-        "high: the first seconds are linearised at rates and ratios far from the truth, and what they "
-        "seemed to say of the ratios stays in the covariance.",
+        f"Mean over {len(runs)} runs of the whole state's NEES per degree of freedom. It starts "
+        "too high: the first seconds are linearised at rates and ratios far from the truth, and "
+        "what they seemed to say of the ratios stays in the covariance.",
         runs[0].nees_time_s[1:],
         {"all 20 states": mean[1:]},
         (float(low), float(high)),
@@ -291,39 +289,26 @@ def _text(pipeline: Pipeline) -> tuple[str, ...]:
     minutes = pipeline.scenario.frames / rate / 60.0
     return (
         "Printed: the prior (1 m, 0.1 m/s, 0.1 m, 0.1 rad, 0.01 rad/s, 0.1), the disturbance "
-        "variance "
-        "1e-12, the starting values and the motion. Not printed: orbit, frame rate, duration, "
-        f"initial attitude, where the rectangle sits. Taken here: 400 km, {rate:g} Hz, "
-        f"{minutes:.0f} "
-        "minutes, the spin axis along the line of sight at first, the rectangle across the spin "
-        "axis "
-        "through the nominal origin.",
+        "variance 1e-12, the starting values and the motion. Not printed: orbit, frame rate, "
+        f"duration, initial attitude, where the rectangle sits. Taken here: 400 km, {rate:g} Hz, "
+        f"{minutes:.0f} minutes, the spin axis along the line of sight at first, the rectangle "
+        "across the spin axis through the nominal origin.",
         "The printed disturbance is a variance, so it is held over a frame interval: at 4 Hz a "
         "spectral density of 2.5e-13. At one frame a second the two readings of the 1e-12 are "
-        "the same "
-        "and the filter's bandwidth is wide: its velocity then errs by more than printed (column "
-        "1 Hz). That is the printed noise at that rate, not something to be tuned.",
+        "the same and the filter's bandwidth is wide: its velocity then errs by more than "
+        "printed (column 1 Hz). That is the printed noise at that rate, not something to be "
+        "tuned.",
         "Along the spin axis the mass centre is hard to tell from the position: the measured "
-        "centroid "
-        "shows their sum, and turning does not move that part. Only the orbit separates them. An "
-        "offset fixed in inertial axes does not obey Hill's equations; a wrong split of c asks "
-        "for a "
-        "tidal acceleration of the order n2 c, 1 nanometre per second squared for a millimetre, "
-        "which "
-        "takes thousands of seconds to rise above the noise. Across the spin axis the mass "
-        "centre is "
-        "found within minutes, and in a tumble on all axes.",
+        "centroid shows their sum, and turning does not move that part. Only the orbit separates "
+        "them. An offset fixed in inertial axes does not obey Hill's equations; a wrong split of "
+        "c asks for a tidal acceleration of the order n2 c, 1 nanometre per second squared for a "
+        "millimetre, which takes thousands of seconds to rise above the noise. Across the spin "
+        "axis the mass centre is found within minutes, and in a tumble on all axes.",
         "In the printed spin about z the transverse acceleration depends on Ixz and Iyz only: "
-        "these "
-        "two converge. Iyy, Izz and Ixy act only through transverse rates that are not there, "
-        "which "
-        "is the rank 8 of 11 of a pure spin. The filter's small claims about them come from "
-        "linearising "
-        "at rates that are noise. The spin is also about the axis of the middle moment (30, 15, "
-        "20): "
-        "a disturbance grows with an e-folding time of 172 s, so a simulation with any "
-        "disturbance at "
-        "all leaves the printed motion and then does show the ratios. The tumble shows what "
-        "happens "
-        "when they can be observed.",
+        "these two converge. Iyy, Izz and Ixy act only through transverse rates that are not "
+        "there, which is the rank 8 of 11 of a pure spin. The filter's small claims about them "
+        "come from linearising at rates that are noise. The spin is also about the axis of the "
+        "middle moment (30, 15, 20): a disturbance grows with an e-folding time of 172 s, so a "
+        "simulation with any disturbance at all leaves the printed motion and then does show the "
+        "ratios. The tumble shows what happens when they can be observed.",
     )

@@ -162,9 +162,7 @@ def panel_table(errors: list[PanelErrors]) -> StudyTable:
         header,
         tuple(rows),
         f"Random attitudes with less than {LARGEST_INCIDENCE_DEG:.0f} degrees between normal and "
-        "line "
-        "of sight, 256 x 256 pixels over 25 degrees. The paper prints 10 mm and 0.2 degrees for "
-        "its "
-        "idealised cloud.",
+        "line of sight, 256 x 256 pixels over 25 degrees. The paper prints 10 mm and 0.2 degrees "
+        "for its idealised cloud.",
         text_columns=2,
     )

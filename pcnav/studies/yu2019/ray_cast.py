@@ -69,21 +69,19 @@ def _figure(sequence: SequenceErrors) -> StudyFigure:
 
 _TEXT = (
     "The paper simulates points that are spread evenly over the face. A depth camera does not: "
-    "it has "
-    "more pixels on the near end of an oblique face than on the far end, so plain means put the "
-    "centroid centimetres towards the near end at any noise, and noise along the ray leaks into "
-    "the plane. `paper` mode is the paper's method as it stands; `area_weighted` slides each point "
-    "along its ray onto the fitted plane and weighs it with the area its pixel covers.",
+    "it has more pixels on the near end of an oblique face than on the far end, so plain means "
+    "put the centroid centimetres towards the near end at any noise, and noise along the ray "
+    "leaks into the plane. `paper` mode is the paper's method as it stands; `area_weighted` "
+    "slides each point along its ray onto the fitted plane and weighs it with the area its pixel "
+    "covers.",
     "Isolated panel: the tilt about the long side rests on half of 1.5 m as its arm. With 3200 "
-    "pixels "
-    "of 0.1 m noise no method that uses the ranges alone can tell it to better than 0.23 degrees "
-    "facing the sensor (less at an angle, as the noise is along the ray): the stated column is "
-    "that bound for the frames shown.",
+    "pixels of 0.1 m noise no method that uses the ranges alone can tell it to better than 0.23 "
+    "degrees facing the sensor (less at an angle, as the noise is along the ray): the stated "
+    "column is that bound for the frames shown.",
     "Whole satellite: at 0.1 m the noise is a sixteenth of the bus and RANSAC, with its "
-    "threshold of "
-    "three standard deviations, joins returns of several faces into planes that are not there. The "
-    "paper's way, recognising each such plane by its size, then seldom finds a face and does not "
-    "find the right one. The area-weighted mode reads the frame again with the planes of the "
-    "hypothesis it starts from, which recovers the faces; what remains is the hypothesis itself, "
-    "which is wrong where only faces of similar size are in view.",
+    "threshold of three standard deviations, joins returns of several faces into planes that are "
+    "not there. The paper's way, recognising each such plane by its size, then seldom finds a "
+    "face and does not find the right one. The area-weighted mode reads the frame again with the "
+    "planes of the hypothesis it starts from, which recovers the faces; what remains is the "
+    "hypothesis itself, which is wrong where only faces of similar size are in view.",
 )

@@ -132,9 +132,9 @@ def single_frame_chapter(runs: int, pipeline: Pipeline, progress: Progress) -> S
         ),
         tuple(rows),
         f"{runs} runs at one frame a second; largest: median over the runs. Axes of the first "
-        "frame's camera: z along the line of "
-        "sight, the normal of the rectangle and the spin axis. The closed-form sd of the attitude "
-        "about x and y is the root mean square of the two tilts, which the spin mixes.",
+        "frame's camera: z along the line of sight, the normal of the rectangle and the spin "
+        "axis. The closed-form sd of the attitude about x and y is the root mean square of the "
+        "two tilts, which the spin mixes.",
         text_columns=2,
     )
     chapter = Chapter(
@@ -211,8 +211,7 @@ def _flip_table(flips: int, raw_flips: int, frames: int) -> StudyTable:
             ("solved (Fig. 10)", str(frames), str(flips), f"{flips / frames:.1%}"),
         ),
         "The attitude of the frame before, 1 degree back, predicts the case. Before the first "
-        "frame "
-        "the attitude is known to 15 degrees: one rectangle alone cannot tell its own case.",
+        "frame the attitude is known to 15 degrees: one rectangle alone cannot tell its own case.",
     )
 
 
@@ -239,8 +238,7 @@ def _bound_table() -> StudyTable:
         ),
         tuple(rows),
         "Worst axis, one standard deviation; the largest of some hundred errors is about three "
-        "times that. "
-        "Printed: 10 mm and 0.16 deg at most, so about 3 mm and 0.05 deg.",
+        "times that. Printed: 10 mm and 0.16 deg at most, so about 3 mm and 0.05 deg.",
     )
 
 
@@ -283,22 +281,19 @@ def _figures(motion: TrueMotion, errors: FrameErrors) -> tuple[StudyFigure, ...]
 
 
 _TEXT = (
-    "The paper prints neither the size of the rectangle nor how the 1800 points lie on it, and the "
-    "errors depend on both. What it prints does decide between the readings. The centroid of "
-    "independent uniform draws on a side a errs by a / sqrt(12 n) before any noise: 68 and 122 mm "
-    "on 10 x 18 m. To bring the largest error down to the printed 10 mm the long side must be "
-    "below "
-    "about 0.3 m, and there 0.1 m of noise hides the rectangle: its attitude is worse than 5 "
-    "degrees, "
-    "not 0.2 (third table). No size gives both.",
-    "Points that cover the rectangle evenly leave only the noise: sigma / sqrt(n) = 2.4 mm for the "
-    "centroid, on every axis and for every size, whose largest value over some hundred frames is "
-    "the "
-    "printed 0.01 m on x, y and z alike. A tilt is that over the arm a / sqrt(12), which on the "
-    "rectangle of Tables 1-4 read in metres gives 0.026 and 0.047 degrees, and the turn about the "
-    "normal comes to 0.043: three to four times these are the printed 0.13, 0.12 and 0.16. An even "
-    "cloud on 10 x 18 m is therefore what we take for the paper's; the other readings are shown "
-    "beside it.",
-    "A random maximum has a spread of its own, so the table says how the largest error of a run is "
-    "distributed and in how many runs it is no larger than printed.",
+    "The paper prints neither the size of the rectangle nor how the 1800 points lie on it, and "
+    "the errors depend on both. What it prints does decide between the readings. The centroid of "
+    "independent uniform draws on a side a errs by a / sqrt(12 n) before any noise: 68 and 122 "
+    "mm on 10 x 18 m. To bring the largest error down to the printed 10 mm the long side must be "
+    "below about 0.3 m, and there 0.1 m of noise hides the rectangle: its attitude is worse than "
+    "5 degrees, not 0.2 (third table). No size gives both.",
+    "Points that cover the rectangle evenly leave only the noise: sigma / sqrt(n) = 2.4 mm for "
+    "the centroid, on every axis and for every size, whose largest value over some hundred "
+    "frames is the printed 0.01 m on x, y and z alike. A tilt is that over the arm a / sqrt(12), "
+    "which on the rectangle of Tables 1-4 read in metres gives 0.026 and 0.047 degrees, and the "
+    "turn about the normal comes to 0.043: three to four times these are the printed 0.13, 0.12 "
+    "and 0.16. An even cloud on 10 x 18 m is therefore what we take for the paper's; the other "
+    "readings are shown beside it.",
+    "A random maximum has a spread of its own, so the table says how the largest error of a run "
+    "is distributed and in how many runs it is no larger than printed.",
 )

@@ -212,10 +212,9 @@ def _headline(
 def _verdict_text(frames: int | None) -> tuple[str, ...]:
     lines = [
         "Printed maxima are single draws of a random largest value; ours are the median over the "
-        "runs "
-        "for single frames, and one run for the filter. What the paper does not print (size of the "
-        "rectangle, spread of the points, orbit, frame rate, duration) is chosen and argued in the "
-        "chapters below; no noise figure was adjusted."
+        "runs for single frames, and one run for the filter. What the paper does not print (size "
+        "of the rectangle, spread of the points, orbit, frame rate, duration) is chosen and "
+        "argued in the chapters below; no noise figure was adjusted."
     ]
     if frames is not None:
         lines.append(f"Motions were cut to {frames} frames because of the few runs asked for.")

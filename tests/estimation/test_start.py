@@ -1,0 +1,192 @@
+"""Linking pose hypotheses into motions, deciding between them, and the state they give."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pcnav.arrays import FloatArray
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.estimation.start import (
+    Decision,
+    Motion,
+    MotionStart,
+    Sighting,
+    first_state,
+    start_covariance,
+)
+from pcnav.perception.acquisition import PoseHypothesis
+from pcnav.spatial import exp_rotation, make_transform, rotation_angle
+from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, NavigationState
+from pcnav.target import Target
+
+HALF_TURN = make_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+OMEGA = np.array([0.2, -0.1, 0.3])
+START = exp_rotation(np.array([0.4, 1.0, -0.6]))
+
+
+def target_with(*motions: FloatArray) -> Target:
+    """A target 3 m across with these symmetries besides the identity."""
+    return Target(
+        name="box",
+        mesh_path=Path("box.ply"),
+        mesh=trimesh.creation.box((1.0, 2.0, 2.0)),
+        rectangles=(),
+        symmetry_rotations=np.stack([np.eye(4), *motions]),
+        com_model=np.zeros(3),
+        com_sd_m=0.1,
+        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
+        inertia_ratio_sd=0.1,
+    )
+
+
+def true_pose(k: int, step_s: float = 0.5) -> FloatArray:
+    """T_world_model of a body that turns at OMEGA about itself and drifts."""
+    R = START @ exp_rotation(OMEGA * step_s * k)
+    return make_transform(R, np.array([20.0 + 0.02 * k, 0.5, -0.3]))
+
+
+def camera_pose(k: int) -> FloatArray:
+    """T_cam_world of a camera that turns: links must be made in the world."""
+    return make_transform(exp_rotation(np.array([0.1, 0.3 * k, 0.2])), np.array([0.0, 0.1, 0.2]))
+
+
+def feed(
+    start: MotionStart, k: int, *alternatives: tuple[FloatArray, float], still: bool = False
+) -> Decision | None:
+    """Give the frame k with hypotheses: the true pose turned by each motion, and its share."""
+    T_cam_world = np.eye(4) if still else camera_pose(k)
+    hypotheses = [
+        PoseHypothesis(T_cam_world @ true_pose(k) @ motion, share, "panel")
+        for motion, share in alternatives
+    ]
+    hypotheses.sort(key=lambda h: -h.explained)
+    return start.add(0.5 * k, T_cam_world, tuple(hypotheses))
+
+
+def follows(motion: Motion, turned: FloatArray) -> bool:
+    """Whether every sighting is the true attitude turned by a motion of the model."""
+    angles = [
+        rotation_angle((true_pose(round(s.time_s / 0.5)) @ turned)[:3, :3].T @ s.R_world_body)
+        for s in motion.sightings
+    ]
+    return bool(np.max(angles) < 1e-6)
+
+
+def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of_each_frame() -> (
+    None
+):
+    start = MotionStart(target_with())
+    # A half turn away, and better in the second frame alone.
+    shares = [(0.9, 0.6), (0.8, 0.85), (0.95, 0.6)]
+    decisions = [feed(start, k, (np.eye(4), a), (HALF_TURN, b)) for k, (a, b) in enumerate(shares)]
+    assert decisions[:2] == [None, None]
+    decision = decisions[2]
+    assert decision is not None and not decision.ambiguous
+    assert follows(decision.motion, np.eye(4))
+    assert decision.motion.explained == pytest.approx((0.9 + 0.8 + 0.95) / 3)
+    assert [s.time_s for s in decision.motion.sightings] == [0.0, 0.5, 1.0]
+
+
+def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
+    start = MotionStart(target_with())
+    for k in range(9):
+        assert feed(start, k, (np.eye(4), 0.90), (HALF_TURN, 0.89)) is None
+    decision = feed(start, 9, (np.eye(4), 0.90), (HALF_TURN, 0.89))
+    assert decision is not None and decision.ambiguous
+    assert follows(decision.motion, np.eye(4))
+    assert len(decision.motion.sightings) == 10
+
+
+def test_a_doubt_that_resolves_is_decided_then() -> None:
+    start = MotionStart(target_with())
+    for k in range(4):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
+    decision = feed(start, 4, (np.eye(4), 0.95), (HALF_TURN, 0.5))
+    assert decision is not None and not decision.ambiguous
+    assert follows(decision.motion, np.eye(4))
+
+
+def test_alternatives_that_the_symmetry_makes_equal_need_no_waiting() -> None:
+    start = MotionStart(target_with(HALF_TURN))
+    for k in range(2):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
+    decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, 0.9))
+    assert decision is not None and decision.ambiguous
+    assert follows(decision.motion, np.eye(4)) or follows(decision.motion, HALF_TURN)
+
+
+def test_another_alternative_of_a_symmetric_target_is_a_doubt_all_the_same() -> None:
+    start = MotionStart(target_with(HALF_TURN))
+    other = make_transform(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
+    for k in range(5):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9), (other, 0.9)) is None
+
+
+def test_poor_explanations_are_not_believed() -> None:
+    start = MotionStart(target_with())
+    for k in range(12):
+        assert feed(start, k, (np.eye(4), 0.45)) is None
+
+
+def test_frames_without_hypotheses_are_passed_over() -> None:
+    start = MotionStart(target_with())
+    assert feed(start, 0, (np.eye(4), 0.9)) is None
+    assert feed(start, 1) is None
+    assert feed(start, 2, (np.eye(4), 0.9)) is None
+    decision = feed(start, 3, (np.eye(4), 0.9))
+    assert decision is not None
+    assert [s.time_s for s in decision.motion.sightings] == [0.0, 1.0, 1.5]
+
+
+def test_a_broken_link_starts_over() -> None:
+    for jump in (
+        make_transform(exp_rotation(np.array([0.0, 0.9, 0.0])), np.zeros(3)),
+        make_transform(np.eye(3), np.array([0.0, 1.2, 0.0])),  # over 0.3 diameters
+    ):
+        start = MotionStart(target_with())
+        assert feed(start, 0, (np.eye(4), 0.9), still=True) is None
+        assert feed(start, 1, (np.eye(4), 0.9), still=True) is None
+        assert feed(start, 2, (jump, 0.9), still=True) is None
+        assert feed(start, 3, (jump, 0.9), still=True) is None
+        decision = feed(start, 4, (jump, 0.9), still=True)
+        assert decision is not None
+        assert [s.time_s for s in decision.motion.sightings] == [1.0, 1.5, 2.0]
+
+
+def test_attitude_is_predicted_at_the_last_rate() -> None:
+    sightings = tuple(
+        Sighting(0.5 * k, camera_pose(k), camera_pose(k) @ true_pose(k), 0.9) for k in range(3)
+    )
+    ahead = Motion(sightings).predicted_attitude(3.5)
+    np.testing.assert_allclose(ahead, true_pose(7)[:3, :3], atol=1e-12)
+    alone = Motion(sightings[:1]).predicted_attitude(3.5)
+    np.testing.assert_allclose(alone, true_pose(0)[:3, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize("mean_motion_rad_s", [0.0, 1e-3])
+def test_first_state_of_exact_sightings_is_the_true_one(mean_motion_rad_s: float) -> None:
+    com, ratios = np.array([0.1, -0.2, 0.05]), np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+    # The mass centre moves along a straight line in turning Hill axes, the body turns steadily.
+    r0, v = np.array([20.0, 0.5, -0.3]), np.array([0.02, -0.01, 0.03])
+    sightings = []
+    for k in range(4):
+        t = 5.0 + 0.5 * k
+        R_hill = R_hill_world(t, mean_motion_rad_s)
+        R = START @ exp_rotation(OMEGA * 0.5 * k)
+        state = NavigationState(r0 + 0.5 * k * v, v, com, R, OMEGA, ratios)
+        T = state.T_cam_model(camera_pose(k), R_hill)
+        sightings.append(Sighting(t, camera_pose(k), T, 0.9))
+    found = first_state(Motion(tuple(sightings)), com, ratios, mean_motion_rad_s)
+    expected = NavigationState(r0, v, com, START, OMEGA, ratios)
+    np.testing.assert_allclose(expected.local(found), 0.0, atol=1e-10)
+
+
+def test_prior_keeps_what_is_known_of_the_mass_and_leaves_the_rest_to_the_data() -> None:
+    com_sd, ratios_sd = np.array([0.1, 0.2, 0.3]), np.linspace(0.01, 0.05, 5)
+    P = start_covariance(com_sd, ratios_sd)
+    np.testing.assert_array_equal(P, np.diag(np.diag(P)))
+    np.testing.assert_allclose(np.diag(P)[COM_MODEL], com_sd**2)
+    np.testing.assert_allclose(np.diag(P)[INERTIA_RATIOS], ratios_sd**2)
+    assert np.all(np.sqrt(np.diag(P)[OMEGA_BODY]) >= 0.5)
