@@ -20,9 +20,8 @@ from benchmarks.scenes import Case
 from pcnav._open3d import open3d
 from pcnav.arrays import FloatArray
 from pcnav.estimation.single_frame import single_frame_pose
-from pcnav.perception.expectation import Expecter
 from pcnav.perception.odometry import follow
-from pcnav.perception.perceive import perceive
+from pcnav.perception.reading import FrameReader
 from pcnav.perception.returns import window_of_returns
 from pcnav.sequences.poses import nearest_rotation
 from pcnav.sequences.sequence import Frame
@@ -83,12 +82,11 @@ def pcnav_single_frame(case: Case) -> Poses:
     """Every frame on its own, without prediction or memory."""
     settings, target = case.scene.pipeline.perception, case.scene.target
     sigma_m = settings.range_sigma_m or case.info.range_sigma_m
-    expecter = Expecter(target, case.frames[0].camera, settings, sigma_m)
+    reader = FrameReader(target, settings, sigma_m, case.scene.pipeline.seed)
     T_cam_model, seconds = _empty(len(case.frames))
     for k, frame in enumerate(case.frames):
         start = perf_counter()
-        perceived = perceive(frame, target.rectangles, settings, sigma_m, case.scene.pipeline.seed)
-        pose = single_frame_pose(perceived, target, expecter, settings, sigma_m)
+        pose = single_frame_pose(frame, reader)
         seconds[k] = perf_counter() - start
         if pose is not None:
             T_cam_model[k] = pose.T_cam_model

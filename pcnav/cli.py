@@ -236,7 +236,7 @@ def _run(
     content = Pipeline()
     if pipeline is not None:
         path, content = _pipeline(pipeline)
-        if content.target_mesh is not None:
+        if content.target_mesh is not None and target_mesh is None:
             mesh = _mesh_of_pipeline(path, content.target_mesh)
             content = content.model_copy(update={"target_mesh": str(mesh)})
     with _progress("run") as advance:

@@ -13,6 +13,7 @@ from pcnav.dynamics.orbit import R_hill_world
 from pcnav.estimation.batch import ArcFit, TimedMeasurements, fit_arc
 from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult
 from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
+from pcnav.estimation.single_frame import agreeing_faces, refined_hypotheses
 from pcnav.estimation.start import (
     MOST_SIGHTINGS,
     Decision,
@@ -37,8 +38,8 @@ _ARC_LENGTHS = (8, 16, 32, 64)
 """Numbers of frames after which the whole arc since the start is fitted anew."""
 _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
-_LARGEST_START_CHI_SQUARE = 4.0
-"""Per degree of freedom: a first motion that fits its frames worse is not believed."""
+_LARGEST_ARC_CHI_SQUARE = 4.0
+"""Per degree of freedom: a motion that fits its frames worse is not believed."""
 _PASSES = 3
 """Most times the expected view is rendered anew because the update moved the pose."""
 _STILL_PX = 0.1
@@ -91,6 +92,7 @@ class Tracker:
         self._start_frames: deque[Frame] = deque(maxlen=MOST_SIGHTINGS)
         self._arc: list[TimedMeasurements] | None = []
         self._arc_guess: NavigationState | None = None
+        self._arc_start: NavigationState | None = None
         self._blind_frames = 0
         self._ambiguous = False
 
@@ -112,7 +114,7 @@ class Tracker:
         if not self._units_checked and perceived.window is not None:
             self._reader.check_units(perceived)
             self._units_checked = True
-        hypotheses = self._reader.hypotheses(perceived)
+        hypotheses = refined_hypotheses(perceived, self._reader)
         if hypotheses:
             self._start_frames.append(frame)
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
@@ -133,7 +135,7 @@ class Tracker:
             # A pose from one rectangle can be off by pixels; one fitted to all of them is not.
             trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
             views = [
-                self._reader.read(frame, pose, trust)
+                self._agreeing(self._reader.read(frame, pose, trust), pose)
                 for frame, pose in zip(frames, poses, strict=True)
             ]
             self._arc = [self._timed(view) for view in views]
@@ -144,7 +146,7 @@ class Tracker:
             )
             if attempt > 0 and max(map(self._reader.moved_px, before, poses, frames)) < _STILL_PX:
                 break
-        if fit.chi_square > _LARGEST_START_CHI_SQUARE * fit.dof:
+        if not _holds(fit):
             _log.info("frame %d: the first motion did not hold", frames[-1].index)
             self._forget()
             return self._estimate(views[-1], None, Status.ACQUIRING)
@@ -152,6 +154,11 @@ class Tracker:
         self._restart(fit)
         status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
         return self._estimate(views[-1], None, status)
+
+    def _agreeing(self, view: View, T_cam_model: FloatArray) -> View:
+        """A view without the faces that the others contradict: there is no prediction to gate by."""
+        faces = agreeing_faces(view.faces, T_cam_model, self._target.diameter_m)
+        return replace(view, faces=faces)
 
     def _prior_mass(self) -> tuple[FloatArray, FloatArray]:
         initial = self._info.initial
@@ -182,7 +189,10 @@ class Tracker:
         """Fit the whole young track. Only while it is kept."""
         assert self._arc is not None and self._arc_guess is not None, "checked by the callers"
         prior = start_covariance(*self._prior_spread())
-        return fit_arc(self._model, self._arc_guess, prior, self._arc)
+        fit = fit_arc(self._model, self._arc_guess, prior, self._arc, self._arc_start)
+        if fit.converged:
+            self._arc_start = fit.states[0]
+        return fit
 
     def _restart(self, fit: ArcFit) -> None:
         """Go on from the last state of a fit."""
@@ -258,7 +268,7 @@ class Tracker:
         self._arc.append(self._timed(replace(view, faces=passed)))
         if len(self._arc) in _ARC_LENGTHS:
             fit = self._fit_arc()
-            if fit.converged:
+            if fit.converged and _holds(fit):
                 self._restart(fit)
         if len(self._arc) >= _ARC_LENGTHS[-1]:
             self._arc = None
@@ -312,6 +322,11 @@ class Tracker:
             n_rectangles=sum(passed),
             records=tuple(records),
         )
+
+
+def _holds(fit: ArcFit) -> bool:
+    """Whether one motion explains an arc."""
+    return fit.chi_square < _LARGEST_ARC_CHI_SQUARE * fit.dof
 
 
 def _origin_covariance(

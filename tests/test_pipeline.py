@@ -13,6 +13,7 @@ import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 
 from pcnav.config import Pipeline, ScenarioTable, read_pipeline
+from pcnav.errors import InputError
 from pcnav.evaluation import report
 from pcnav.evaluation.truth import read_truth
 from pcnav.pipeline import run
@@ -56,7 +57,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 @pytest.fixture
 def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports without pictures, where a test is about something else: they take most of its time."""
+    """Reports without pictures, which take most of a test's time, where it is not about them."""
     for draw in ("svg_bytes", "png_bytes"):
         monkeypatch.setattr(report, draw, lambda figure: b"")
 
@@ -168,17 +169,14 @@ def test_the_saved_pipeline_repeats_the_run(made: Made, tmp_path: Path) -> None:
     assert (result / "pipeline.toml").read_bytes() == (made.result / "pipeline.toml").read_bytes()
 
 
-@pytest.fixture
-def scene(made: Made, tmp_path: Path) -> Path:
-    """A plain BOP scene of the first eight frames: no additions of ours, no truth."""
-    folder = tmp_path / "scene"
+def plain_scene(made: Made, folder: Path, frames: int) -> Path:
+    """A plain BOP scene of the first frames: no additions of ours, no truth."""
     (folder / "depth").mkdir(parents=True)
     cameras = json.loads((made.sequence / "scene_camera.json").read_text())
     kept = {}
-    for number in range(8):
-        entry = cameras[str(number)]
-        kept[str(number)] = {key: entry[key] for key in ("cam_K", "depth_scale")}
-        name = f"depth/{number:06d}.png"
+    for number in map(str, range(frames)):
+        kept[number] = {key: cameras[number][key] for key in ("cam_K", "depth_scale")}
+        name = f"depth/{int(number):06d}.png"
         shutil.copy(made.sequence / name, folder / name)
     (folder / "scene_camera.json").write_text(json.dumps(kept))
     return folder
@@ -186,24 +184,29 @@ def scene(made: Made, tmp_path: Path) -> Path:
 
 @pytest.mark.usefixtures("quick_drawings")
 def test_a_plain_bop_scene_needs_a_mesh_and_warns_once(
-    made: Made, scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    made: Made, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.WARNING, logger="pcnav")
+    scene = plain_scene(made, tmp_path / "scene", 5)
+    with pytest.raises(InputError, match="target_mesh"):
+        run(scene, tmp_path / "result", Pipeline())
+    caplog.clear()
     run(scene, tmp_path / "result", Pipeline(), target_mesh=made.mesh)
     (record,) = caplog.records
     for assumed in ("timestamp_s", "camera at rest", "sequence.toml"):
         assert assumed in record.getMessage()
     track = read_track(tmp_path / "result")
-    np.testing.assert_array_equal(track.time_s, np.arange(8.0))
+    np.testing.assert_array_equal(track.time_s, np.arange(5.0))
     assert track.has_estimate.any()
 
 
 @pytest.mark.usefixtures("quick_drawings")
 def test_the_mesh_is_the_sequences_before_the_pipelines(
-    made: Made, scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    made: Made, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A pipeline's mesh serves a sequence that names none; where both do, a warning says so."""
     caplog.set_level(logging.WARNING, logger="pcnav")
+    scene = plain_scene(made, tmp_path / "scene", 1)
     other = shipped_mesh("twinwing")
     assert other is not None
     run(scene, tmp_path / "one", Pipeline(target_mesh=str(made.mesh)))

@@ -113,16 +113,16 @@ def test_locks_within_five_frames_without_a_prior_and_stays(
         assert estimate.T_cam_model is None and estimate.n_rectangles == 0
 
 
-def test_pose_is_better_than_millimetres_and_a_tenth_of_a_degree(
+def test_pose_is_better_than_a_millimetre_and_hundredths_of_a_degree(
     recording: Recording, estimates: list[FrameEstimate]
 ) -> None:
     errors = pose_errors(recording, estimates)
     assert len(errors) >= FRAMES - 4
     median = np.median(errors[10:], axis=0)
-    assert median[0] < 4e-3
-    assert median[1] < np.deg2rad(0.1)
-    assert np.max(errors[10:, 0]) < 15e-3
-    assert np.max(errors[10:, 1]) < np.deg2rad(0.4)
+    assert median[0] < 1e-3
+    assert median[1] < np.deg2rad(0.03)
+    assert np.max(errors[10:, 0]) < 3e-3
+    assert np.max(errors[10:, 1]) < np.deg2rad(0.1)
 
 
 def test_motion_and_mass_centre_come_out(
@@ -196,14 +196,50 @@ def test_a_sequence_that_starts_empty_is_acquired_later(recording: Recording) ->
     assert words[-1] == Status.LOCKED
 
 
-def test_a_target_that_is_somewhere_else_is_lost_and_found_again(recording: Recording) -> None:
-    # From frame 8 on the same satellite is seen in quite another attitude: the sequence of the
-    # second half, as if the tumble had jumped.
-    frames = recording.frames[:8]
-    jumped = [replace(f, index=f.index - 16, time_s=f.time_s - 8.0) for f in recording.frames[24:]]
-    words = [estimate.status for estimate in track(recording, [*frames, *jumped])]
-    assert words[7] == Status.LOCKED
-    assert Status.COASTING in words[8:]
+JUMP = 8
+"""Frame at which the third sequence jumps to quite another attitude, 56 degrees away."""
+
+
+@pytest.fixture(scope="module")
+def jumped(recording: Recording) -> list[tuple[FrameEstimate, float]]:
+    """Estimates of a sequence whose target jumps, each with its error in attitude (rad)."""
+    shown = [*range(24, 24 + JUMP), *range(30)]
+    frames = [
+        replace(recording.frames[k], index=index, time_s=0.5 * index)
+        for index, k in enumerate(shown)
+    ]
+    rows = []
+    for estimate, k in zip(track(recording, frames), shown, strict=True):
+        error = np.nan
+        if estimate.T_cam_model is not None:
+            truth = recording.motion.T_cam_model(k)
+            error = float(rotation_angle(truth[:3, :3].T @ estimate.T_cam_model[:3, :3]))
+        rows.append((estimate, error))
+    return rows
+
+
+def test_a_target_that_jumps_is_lost_and_found_again(
+    jumped: list[tuple[FrameEstimate, float]],
+) -> None:
+    words = [estimate.status for estimate, _ in jumped]
+    assert words[JUMP - 1] == Status.LOCKED
+    assert Status.COASTING in words[JUMP:]
+    lost = words.index(Status.LOST)
+    again = words.index(Status.LOCKED, lost)
+    assert again - lost < 6
+    assert set(words[again:]) == {Status.LOCKED}
+    assert max(error for _, error in jumped[again:]) < np.deg2rad(0.5)
+
+
+@pytest.mark.xfail(
+    strict=True, reason="a patch of returns that happens to lie where a face is predicted locks"
+)
+def test_a_wrong_attitude_is_not_called_locked(
+    jumped: list[tuple[FrameEstimate, float]],
+) -> None:
+    wrong = [estimate.status for estimate, error in jumped if error > np.deg2rad(5.0)]
+    assert len(wrong) > 5
+    assert Status.LOCKED not in wrong
 
 
 def test_a_mesh_in_millimetres_is_told(recording: Recording) -> None:

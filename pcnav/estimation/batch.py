@@ -52,6 +52,7 @@ def fit_arc(
     guess: State,
     prior_covariance: FloatArray,
     arc: Sequence[TimedMeasurements],
+    start: State | None = None,
 ) -> ArcFit:
     """Fit the state at the arc's first time; the guess is also the mean of the prior.
 
@@ -62,6 +63,8 @@ def fit_arc(
         guess: state at the first time.
         prior_covariance: (n, n) of the guess; large where nothing is known.
         arc: in order of time.
+        start: state at the first time to iterate from, as an earlier fit found it; the guess
+            if None.
     """
     size = len(prior_covariance)
     prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
@@ -105,7 +108,7 @@ def fit_arc(
 
     solution = least_squares(
         residual_of,
-        np.zeros(size),
+        np.zeros(size) if start is None else guess.local(start),
         jac=jacobian_of,
         # A trust region that starts at one standard deviation of the prior: a first step a hundred
         # times that, as other methods allow, may try rates that take ages to propagate.

@@ -12,29 +12,21 @@ import numpy as np
 from scipy.stats import chi2
 
 from pcnav.arrays import FloatArray
-from pcnav.config import PerceptionMode, PerceptionTable
 from pcnav.estimation.error_state import ErrorStateFilter
 from pcnav.estimation.mass_centre import RectangleMeasurement
-from pcnav.perception.acquisition import explained_share, pose_hypotheses
-from pcnav.perception.association import MeasuredFace, measure_by_expectation, measure_by_size
-from pcnav.perception.expectation import Expecter
-from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.perception.association import MeasuredFace
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.sequences.sequence import Frame
 from pcnav.spatial import log_rotation
 from pcnav.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
-from pcnav.target import Target
 
-_SEED = 0
-"""Of RANSAC, which takes no part where a prediction knows the planes."""
 _MOST_HYPOTHESES = 4
 _LARGEST_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
-_CONVINCING = 0.95
-"""A refined pose that explains this share of the frame ends the search."""
 _LEAST_EXPLAINED = 0.5
 """A pose that explains less of the frame than this is not believed."""
-_DEPTH_TOLERANCE_SIGMA = 3.0
-"""A refined pose must explain depths to the noise alone."""
-_PASSES = 3
+_PASSES = 4
 """Most times the expected view is rendered anew."""
 _POSITION_SD_FRACTION = 1.0
 _ATTITUDE_SD_RAD = 1.0
@@ -65,84 +57,72 @@ class SingleFramePose:
     """Whether expecting the view anew moved the pose no more."""
 
 
-def single_frame_pose(
-    perceived: PerceivedFrame,
-    target: Target,
-    expecter: Expecter,
-    settings: PerceptionTable,
-    range_sigma_m: float,
-) -> SingleFramePose | None:
+def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | None:
     """Pose of the target in one frame without any prediction; None when none can be believed.
 
     The hypotheses that explain most are each refined, and the pose that then explains most of the
-    frame is taken. In area-weighted mode the frame is read again from every better pose, which
-    knows the planes that RANSAC may have missed or made up; in paper mode faces are those RANSAC
-    found.
+    frame is taken.
     """
-    best: SingleFramePose | None = None
-    hypotheses = pose_hypotheses(perceived, target, expecter, range_sigma_m)
-    for hypothesis in hypotheses[:_MOST_HYPOTHESES]:
-        if hypothesis.explained < hypotheses[0].explained - _LARGEST_LAG:
-            break
-        refined = refine_pose(
-            hypothesis.T_cam_model, perceived, target, expecter, settings, range_sigma_m
-        )
-        if refined is not None and (best is None or refined.explained > best.explained):
-            best = refined
-        if best is not None and best.explained > _CONVINCING:
-            break
-    return best if best is not None and best.explained >= _LEAST_EXPLAINED else None
+    candidates = refined_hypotheses(reader.look(frame), reader)
+    return candidates[0] if candidates and candidates[0].explained >= _LEAST_EXPLAINED else None
+
+
+def refined_hypotheses(
+    perceived: PerceivedFrame, reader: FrameReader
+) -> tuple[SingleFramePose, ...]:
+    """The likeliest hypotheses of a frame, each refined on all faces; the best explaining first."""
+    hypotheses = reader.hypotheses(perceived)[:_MOST_HYPOTHESES]
+    refined = [
+        refine_pose(hypothesis.T_cam_model, perceived, reader)
+        for hypothesis in hypotheses
+        if hypothesis.explained > hypotheses[0].explained - _LARGEST_LAG
+    ]
+    found = [pose for pose in refined if pose is not None]
+    return tuple(sorted(found, key=lambda pose: -pose.explained))
 
 
 def refine_pose(
-    T_cam_model: FloatArray,
-    perceived: PerceivedFrame,
-    target: Target,
-    expecter: Expecter,
-    settings: PerceptionTable,
-    range_sigma_m: float,
+    T_cam_model: FloatArray, perceived: PerceivedFrame, reader: FrameReader
 ) -> SingleFramePose | None:
-    """The pose that the faces measured about a hypothesis (4, 4) give; None when there are none."""
+    """The pose that the faces measured about a hypothesis (4, 4) give; None when there are none.
+
+    In area-weighted mode the frame is read anew from every better pose, which knows the planes
+    that RANSAC may have missed or made up; in paper mode the faces are those RANSAC found.
+    """
+    view = View(perceived, [], [])
     estimate: SingleFramePose | None = None
-    converged = False
-    for _ in range(_PASSES):
-        faces, perceived = _faces(perceived, target, expecter, settings, range_sigma_m, T_cam_model)
-        if not faces:
+    for attempt in range(_PASSES):
+        # A hypothesis can be off by pixels; a pose fitted to all faces is not.
+        trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
+        if reader.depends_on_pose:
+            view = reader.read(perceived.frame, T_cam_model, trust)
+        else:
+            view = reader.read_again(view, T_cam_model)
+        if not view.faces:
             break
-        before, estimate = estimate, fuse_faces(faces, T_cam_model, target.diameter_m)
+        before, estimate = estimate, fuse_faces(view.faces, T_cam_model, reader.diameter_m)
         T_cam_model = estimate.T_cam_model
-        converged = before is not None and _is_still(before, estimate)
-        if converged:
+        if before is not None and _is_still(before, estimate):
+            estimate = replace(estimate, converged=True)
             break
     if estimate is None:
         return None
-    rendered = expecter.render(T_cam_model).depth_m
-    tolerance = _DEPTH_TOLERANCE_SIGMA * range_sigma_m
-    explained = explained_share(perceived.frame.depth_m, rendered, tolerance)
-    return replace(estimate, explained=explained, converged=converged)
+    return replace(estimate, explained=reader.explained(perceived.frame, T_cam_model))
 
 
 def fuse_faces(
     faces: Sequence[MeasuredFace], T_cam_model: FloatArray, diameter_m: float
 ) -> SingleFramePose:
-    """The pose that fits measured faces best.
-
-    While there are three or more, the one that contradicts the rest most, beyond the 99.99 % gate,
-    is left out; of two that disagree none can be called wrong.
+    """The pose that fits the measured faces that agree best.
 
     Args:
         faces: at least one.
         T_cam_model: (4, 4) where to start.
         diameter_m: of the target; the scale of the prior.
     """
-    used = list(faces)
-    rejected: list[str] = []
-    while len(used) > 2:
-        excess = [_contradiction(used, k, T_cam_model, diameter_m) for k in range(len(used))]
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 1.0:
-            break
-        rejected.append(used.pop(worst).rectangle.name)
+    used = agreeing_faces(faces, T_cam_model, diameter_m)
+    kept = {id(face) for face in used}
+    rejected = [face.rectangle.name for face in faces if id(face) not in kept]
     kalman = _fused(used, T_cam_model, diameter_m)
     covariance = kalman.covariance[np.ix_(_POSE, _POSE)]
     names = tuple(face.rectangle.name for face in used)
@@ -150,27 +130,22 @@ def fuse_faces(
     return SingleFramePose(pose, covariance, float("nan"), names, tuple(rejected), converged=False)
 
 
-def _faces(
-    perceived: PerceivedFrame,
-    target: Target,
-    expecter: Expecter,
-    settings: PerceptionTable,
-    range_sigma_m: float,
-    T_cam_model: FloatArray,
-) -> tuple[list[MeasuredFace], PerceivedFrame]:
-    """The faces measured given a pose, and the frame as read for them."""
-    if settings.mode is PerceptionMode.PAPER:
-        return measure_by_size(perceived, T_cam_model)[0], perceived
-    expectation = expecter.expect(T_cam_model)
-    perceived = perceive(
-        perceived.frame,
-        target.rectangles,
-        settings,
-        range_sigma_m,
-        _SEED,
-        expectation.surface,
-    )
-    return measure_by_expectation(perceived, expectation, settings.size_gate_sigma)[0], perceived
+def agreeing_faces(
+    faces: Sequence[MeasuredFace], T_cam_model: FloatArray, diameter_m: float
+) -> list[MeasuredFace]:
+    """The faces of one frame that agree on a pose.
+
+    While there are three or more, the one that contradicts the rest most, beyond the 99.99 % gate,
+    is left out; of two that disagree none can be called wrong. Arguments as for `fuse_faces`.
+    """
+    used = list(faces)
+    while len(used) > 2:
+        excess = [_contradiction(used, k, T_cam_model, diameter_m) for k in range(len(used))]
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1.0:
+            break
+        used.pop(worst)
+    return used
 
 
 def _contradiction(

@@ -1,12 +1,13 @@
 """The first state of a track: pose hypotheses followed over frames until one motion stands out."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from pcnav.arrays import FloatArray
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.perception.acquisition import PoseHypothesis
 from pcnav.spatial import exp_rotation, log_rotation, rotation_angle
 from pcnav.state import (
     COM_MODEL,
@@ -37,6 +38,18 @@ _VELOCITY_SD_M_S = 1.0
 _ATTITUDE_SD_RAD = 0.5
 _RATE_SD_RAD_S = 0.5
 """Spread allowed about the first sightings: far more than they err, so that it decides nothing."""
+
+
+class Candidate(Protocol):
+    """A pose that one frame allows."""
+
+    @property
+    def T_cam_model(self) -> FloatArray:
+        """(4, 4)"""
+
+    @property
+    def explained(self) -> float:
+        """Share of the frame that it explains, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +116,7 @@ class MotionStart:
         self._frames = 0
 
     def add(
-        self, time_s: float, T_cam_world: FloatArray, hypotheses: tuple[PoseHypothesis, ...]
+        self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[Candidate]
     ) -> Decision | None:
         """Take in the hypotheses of a frame; a decision as soon as one can be made.
 

@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.config import PerceptionMode, PerceptionTable
 from pcnav.errors import InputError
-from pcnav.perception.acquisition import PoseHypothesis, pose_hypotheses
+from pcnav.perception.acquisition import PoseHypothesis, explained_share, pose_hypotheses
 from pcnav.perception.association import (
     MeasuredFace,
     Unused,
@@ -21,6 +21,8 @@ from pcnav.sequences.sequence import Frame
 from pcnav.spatial import rotation_angle
 from pcnav.target import Target
 
+_EXPLAINED_SIGMA = 3.0
+"""A return further than this from the depth a pose predicts is not explained by it."""
 _UNITS_RATIO = (0.02, 5.0)
 """What is seen of a target spans between these shares of its diameter, or the units differ."""
 
@@ -70,6 +72,11 @@ class FrameReader:
         expecter = self._expecter_of(perceived.frame)
         return pose_hypotheses(perceived, self._target, expecter, self._sigma_m)
 
+    def explained(self, frame: Frame, T_cam_model: FloatArray) -> float:
+        """Share of a frame that the target at a pose (4, 4) explains, to the noise alone."""
+        rendered = self._expecter_of(frame).render(T_cam_model).depth_m
+        return explained_share(frame.depth_m, rendered, _EXPLAINED_SIGMA * self._sigma_m)
+
     def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
         """Segment a frame and measure its faces against the view that a pose predicts."""
         if self._by_size:
@@ -93,6 +100,11 @@ class FrameReader:
         expectation = self._expecter_of(perceived.frame).expect(T_cam_model)
         gate_sigma = self._settings.size_gate_sigma
         return View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+
+    @property
+    def diameter_m(self) -> float:
+        """Diameter of the target."""
+        return self._target.diameter_m
 
     @property
     def _by_size(self) -> bool:

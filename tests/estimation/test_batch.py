@@ -136,6 +136,19 @@ def test_fit_is_the_filter_where_everything_is_linear() -> None:
     )
 
 
+def test_covariance_does_not_depend_on_where_the_fit_began() -> None:
+    # An attitude error is one at the fitted state, however far that was from the guess.
+    arc = arc_of(TRUTH, 10, 2)
+    off = np.zeros(STATE_SIZE)
+    off[9:12] = [0.3, -0.3, 0.3]
+    near, far = (
+        fit_arc(MODEL, TRUTH.retract(share * off), PRIOR, arc).initial_covariance
+        for share in (0.0, 1.0)
+    )
+    scale = np.sqrt(np.outer(np.diag(near), np.diag(near)))
+    np.testing.assert_allclose(far / scale, near / scale, atol=0.02)
+
+
 def test_last_covariance_is_the_first_carried_along_the_trajectory() -> None:
     fit = fit_arc(MODEL, rough(1), PRIOR, arc_of(TRUTH, 6, 1))
     carried = np.empty((STATE_SIZE, STATE_SIZE))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -157,9 +158,12 @@ def test_linear_gaussian_case_is_the_kalman_filter() -> None:
         assert result.converged and result.iterations == 2  # the second finds nothing to change
 
 
+S = TypeVar("S")
+
+
 def map_estimate(
-    retract: Callable[[FloatArray], object],
-    residuals: Callable[[object], FloatArray],
+    retract: Callable[[FloatArray], S],
+    residuals: Callable[[S], FloatArray],
     P: FloatArray,
     n: int,
 ) -> FloatArray:
@@ -186,7 +190,7 @@ def test_iterated_update_is_the_optimum_of_the_posterior(seed: int) -> None:
         prior.retract,
         lambda state: measurement.residual(state) / 0.02,
         P,
-        2,  # type: ignore[arg-type]
+        2,
     )
     kalman = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, most_iterations=30)
     result = kalman.update([measurement])
@@ -210,7 +214,7 @@ def test_iterated_update_of_an_attitude_resets_its_error(seed: int) -> None:
     seen = [Direction(w, R_true.T @ w + rng.normal(0.0, 0.03, 3), 0.03) for w in world]
     optimum = map_estimate(
         prior.retract,
-        lambda s: np.concatenate([m.residual(s) / 0.03 for m in seen]),  # type: ignore[arg-type]
+        lambda s: np.concatenate([m.residual(s) / 0.03 for m in seen]),
         P,
         3,
     )

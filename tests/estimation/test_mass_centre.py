@@ -1,8 +1,11 @@
 """The 20-state model against numerical integration and numerical differentiation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from pcnav.arrays import FloatArray
 from pcnav.dynamics.rigid_body import euler_acceleration, inertia_from_ratios
@@ -148,3 +151,47 @@ def test_reset_jacobian_is_the_numerical_derivative() -> None:
             moved.local(state.retract(error + step)) - moved.local(state.retract(error - step))
         ) / 2e-6
     np.testing.assert_allclose(state.retraction_jacobian(error), numerical, atol=1e-8)
+
+
+def test_process_noise_is_that_of_white_angular_acceleration() -> None:
+    # Van Loan's integral of the double integrator that a still body's rotation is.
+    q, step_s = 3e-5, 0.7
+    model = MassCentreModel(1.1e-3, 0.0, q)
+    _, _, noise = model.propagate(_random_state(np.random.default_rng(7), 0.0), 0.0, step_s)
+    A, G = np.zeros((6, 6)), np.zeros((6, 6))
+    A[:3, 3:] = np.eye(3)
+    G[3:, 3:] = q * np.eye(3)
+    block = expm(step_s * np.block([[-A, G], [np.zeros((6, 6)), A.T]]))
+    expected = block[6:, 6:].T @ block[:6, 6:]
+    np.testing.assert_allclose(noise[9:15, 9:15], expected, atol=1e-18)
+    others = np.r_[0:9, 15:STATE_SIZE]
+    assert not noise[others].any()
+
+
+def test_long_rotation_conserves_energy_and_momentum() -> None:
+    state = _random_state(np.random.default_rng(8), 0.2)
+    inertia = inertia_from_ratios(state.inertia_ratios)
+    momentum = state.R_world_body @ inertia @ state.omega_body
+    energy = state.omega_body @ inertia @ state.omega_body
+    turned = 0.0
+    for k in range(400):
+        state, _, _ = _MODEL.propagate(state, 0.5 * k, 0.5)
+        turned += 0.5 * float(np.linalg.norm(state.omega_body))
+    assert turned > 10.0 * np.pi
+    after = state.R_world_body @ inertia @ state.omega_body
+    np.testing.assert_allclose(after, momentum, atol=2e-5 * float(np.linalg.norm(momentum)))
+    assert state.omega_body @ inertia @ state.omega_body == pytest.approx(energy, rel=1e-5)
+    np.testing.assert_allclose(state.R_world_body.T @ state.R_world_body, np.eye(3), atol=1e-12)
+
+
+def test_covariance_and_name_are_those_of_the_known_part() -> None:
+    rng = np.random.default_rng(9)
+    state = _random_state(rng)
+    known = np.array([True, False, True, True, False, True])
+    root = rng.normal(size=(6, 6))
+    measurement = replace(_random_measurement(rng, known, state), full_covariance=root @ root.T)
+    np.testing.assert_array_equal(
+        measurement.covariance, (root @ root.T)[[0, 2, 3, 5]][:, [0, 2, 3, 5]]
+    )
+    assert len(measurement.residual(state)) == 4
+    assert measurement.name == "panel"

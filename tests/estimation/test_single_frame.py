@@ -12,6 +12,7 @@ from pcnav.config import NoiseTable, PerceptionMode, PerceptionTable
 from pcnav.estimation.single_frame import fuse_faces, single_frame_pose
 from pcnav.perception.association import MeasuredFace, measure_by_expectation
 from pcnav.perception.expectation import Expecter
+from pcnav.perception.reading import FrameReader
 from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame
@@ -55,8 +56,8 @@ def test_pose_of_the_whole_satellite(
     target: Target, mode: PerceptionMode, sigma_m: float, most_mm: float, most_deg: float
 ) -> None:
     settings = PerceptionTable(mode=mode)
-    expecter = Expecter(target, CAMERA, settings, sigma_m)
-    pose = single_frame_pose(seen(target, settings, sigma_m), target, expecter, settings, sigma_m)
+    reader = FrameReader(target, settings, sigma_m, 1)
+    pose = single_frame_pose(seen(target, settings, sigma_m).frame, reader)
     assert pose is not None
     shift_mm, turn_deg = errors(pose.T_cam_model)
     assert shift_mm < most_mm
@@ -86,6 +87,4 @@ def _spoilt(faces: list[MeasuredFace], index: int) -> list[MeasuredFace]:
 def test_an_empty_frame_has_no_pose(target: Target) -> None:
     settings = PerceptionTable()
     frame = Frame(0, 0.0, np.zeros((256, 256), dtype=np.float32), CAMERA, np.eye(4))
-    perceived = perceive(frame, target.rectangles, settings, SIGMA_M, 1)
-    expecter = Expecter(target, CAMERA, settings, SIGMA_M)
-    assert single_frame_pose(perceived, target, expecter, settings, SIGMA_M) is None
+    assert single_frame_pose(frame, FrameReader(target, settings, SIGMA_M, 1)) is None

@@ -11,8 +11,7 @@ from pcnav.errors import InputError
 from pcnav.estimation.single_frame import single_frame_pose
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.evaluation.summary import number
-from pcnav.perception.expectation import Expecter
-from pcnav.perception.perceive import perceive
+from pcnav.perception.reading import FrameReader
 from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.shipped import shipped_mesh
@@ -117,15 +116,14 @@ def _pose_errors(
     camera = pinhole_camera(pipeline.camera)
     renderer = DepthRenderer(target.mesh, camera)
     settings = pipeline.perception.model_copy(update={"mode": mode})
-    expecter = Expecter(target, camera, settings, noise_m)
+    reader = FrameReader(target, settings, noise_m, pipeline.seed)
     noise = NoiseTable(range_sigma_m=noise_m, quantisation_m=pipeline.noise.quantisation_m)
     none = wrong = 0
     position, attitude, faces = [], [], []
     for k, T_true in enumerate(_random_poses(count, pipeline)):
         depth_m = add_sensor_faults(renderer.render(T_true), noise, pipeline.seed, k)
         frame = Frame(k, 0.0, depth_m, camera, np.eye(4))
-        perceived = perceive(frame, target.rectangles, settings, noise_m, pipeline.seed)
-        pose = single_frame_pose(perceived, target, expecter, settings, noise_m)
+        pose = single_frame_pose(frame, reader)
         progress.add(0.8)
         if pose is None:
             none += 1

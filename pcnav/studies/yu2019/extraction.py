@@ -235,7 +235,7 @@ def _text(inside: int, compared: int) -> tuple[str, ...]:
     low, high = np.asarray(binom.ppf([0.025, 0.975], compared, 0.95))
     return (
         "The paper prints one draw of each cloud. A draw cannot be repeated, but its "
-        "distribution can: the tables give mean, spread and 95 % range of ours. If the printed "
+        "distribution can: the tables give the spread and the 95 % range of ours. If the printed "
         f"draws come from the same distribution, {low:.0f} to {high:.0f} of the {compared} "
         f"numbers that are random lie inside our 95 % ranges (were they independent); {inside} do.",
         "The errors printed are those of placing points at random, not of the method: an even "

@@ -32,7 +32,7 @@ def ray_cast_chapter(
     """Single frames of a panel and of a satellite, and the filter on a sequence of the latter."""
     panels = panel_errors(runs, panel, progress)
     target = satellite(boxsat)
-    poses = pose_errors(max(2, runs // 2), target, boxsat, progress)
+    poses = pose_errors(max(1, runs // 2), target, boxsat, progress)
     sequences = sequence_errors(target, boxsat, progress)
     chapter = Chapter(
         "Ray-cast depth frames: what a depth camera would give",

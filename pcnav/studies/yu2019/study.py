@@ -82,7 +82,7 @@ def _units(
     disturbed = max(2, runs // _RUNS_PER_DISTURBED) * min(1600, tumbling)
     filtered = (spin * (1.0 + 1.0 / printed.scenario.frame_rate_hz) + tumbling + disturbed) / 400.0
     single = 0.9 * runs
-    ray_cast = 0.4 * runs + 4 * 0.8 * max(2, runs // 2) + 4 * 0.08 * boxsat.scenario.frames
+    ray_cast = 0.4 * runs + 4 * 0.8 * max(1, runs // 2) + 4 * 0.08 * boxsat.scenario.frames
     return round(8.5 + single + filtered + ray_cast)
 
 
