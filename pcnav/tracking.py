@@ -42,6 +42,8 @@ _LARGEST_ARC_CHI_SQUARE = 4.0
 """Per degree of freedom: a motion that fits its frames worse is not believed."""
 _PASSES = 3
 """Most times the expected view is rendered anew because the update moved the pose."""
+_LEAST_EXPLAINED = 0.4
+"""Share of a frame that a prediction must explain for the frame to be believed of it."""
 _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
 _SHARP_PX = 0.7
@@ -156,7 +158,7 @@ class Tracker:
         return self._estimate(views[-1], None, status)
 
     def _agreeing(self, view: View, T_cam_model: FloatArray) -> View:
-        """A view without the faces that the others contradict: there is no prediction to gate by."""
+        """A view without the faces that the others contradict: nothing else gates them yet."""
         faces = agreeing_faces(view.faces, T_cam_model, self._target.diameter_m)
         return replace(view, faces=faces)
 
@@ -210,10 +212,18 @@ class Tracker:
     def _track(
         self, frame: Frame, kalman: ErrorStateFilter[NavigationState]
     ) -> tuple[FrameEstimate, PerceivedFrame]:
+        result: UpdateResult | None
         kalman.predict(self._model, self._time_s, frame.time_s - self._time_s)
         self._time_s = frame.time_s
+        prior = kalman.snapshot()
         view, result = self._update(frame, kalman)
-        if any(result.accepted):
+        if view.explained < _LEAST_EXPLAINED:
+            # A few returns can always be found where a wrong pose predicts a face.
+            kalman.restore(prior)
+            result = None
+            unused = [*view.unused, *(Unused(f.seen, "frame not explained") for f in view.faces)]
+            view = replace(view, faces=[], unused=unused)
+        if result is not None and any(result.accepted):
             self._blind_frames = 0
             self._extend_arc(view, result)
             status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED

@@ -231,9 +231,6 @@ def test_a_target_that_jumps_is_lost_and_found_again(
     assert max(error for _, error in jumped[again:]) < np.deg2rad(0.5)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a patch of returns that happens to lie where a face is predicted locks"
-)
 def test_a_wrong_attitude_is_not_called_locked(
     jumped: list[tuple[FrameEstimate, float]],
 ) -> None:

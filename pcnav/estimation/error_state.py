@@ -9,6 +9,7 @@ injects what an update finds into the state and resets.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -141,7 +142,9 @@ class ErrorStateFilter(Generic[S]):
         on d, and the covariance is carried to the new state by the same Jacobian (the reset).
         """
         tests = [self.innovation(measurement) for measurement in measurements]
-        accepted = tuple(bool(nis <= chi2.ppf(self._gate_probability, size)) for nis, size in tests)
+        accepted = tuple(
+            nis <= innovation_gate(self._gate_probability, size) for nis, size in tests
+        )
         used = [m for m, passed in zip(measurements, accepted, strict=True) if passed]
         nis, dof = tuple(t[0] for t in tests), tuple(t[1] for t in tests)
         if not used:
@@ -180,6 +183,12 @@ class ErrorStateFilter(Generic[S]):
             R=R,
         )
         return np.asarray(self._kalman.x, dtype=np.float64).ravel()
+
+
+@lru_cache(maxsize=64)
+def innovation_gate(probability: float, dof: int) -> float:
+    """Normalised innovation squared that a true measurement stays below with a probability."""
+    return float(chi2.ppf(probability, dof))
 
 
 class _Stack(Measurement[S]):

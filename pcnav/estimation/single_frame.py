@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from pcnav.arrays import FloatArray
-from pcnav.estimation.error_state import ErrorStateFilter
+from pcnav.estimation.error_state import ErrorStateFilter, innovation_gate
 from pcnav.estimation.mass_centre import RectangleMeasurement
 from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
@@ -154,7 +153,7 @@ def _contradiction(
     """Squared innovation of one face against the pose of all others, over its gate."""
     others = _fused([f for k, f in enumerate(faces) if k != index], T_cam_model, diameter_m)
     squared, degrees = others.innovation(_measurement(faces[index]))
-    return squared / float(chi2.ppf(_GATE_PROBABILITY, degrees))
+    return squared / innovation_gate(_GATE_PROBABILITY, degrees)
 
 
 def _fused(

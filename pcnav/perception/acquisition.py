@@ -45,15 +45,18 @@ def pose_hypotheses(
     perceived: PerceivedFrame, target: Target, expecter: Expecter, range_sigma_m: float
 ) -> tuple[PoseHypothesis, ...]:
     """All distinct hypotheses of a frame, the one that explains most first."""
-    tolerance = (
-        _DEPTH_TOLERANCE_SIGMA * range_sigma_m + _DEPTH_TOLERANCE_FRACTION * target.diameter_m
-    )
+    tolerance = depth_tolerance(target, range_sigma_m)
     hypotheses = []
     for T_cam_model, rectangle in _distinct(_proposals(perceived), target.diameter_m):
         rendered = expecter.render(T_cam_model)
         explained = explained_share(perceived.frame.depth_m, rendered.depth_m, tolerance)
         hypotheses.append(PoseHypothesis(T_cam_model, explained, rectangle))
     return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.explained))
+
+
+def depth_tolerance(target: Target, range_sigma_m: float) -> float:
+    """Difference in depth, m, that a pose which is roughly right may leave."""
+    return _DEPTH_TOLERANCE_SIGMA * range_sigma_m + _DEPTH_TOLERANCE_FRACTION * target.diameter_m
 
 
 def explained_share(seen: DepthImage, predicted: DepthImage, tolerance_m: float) -> float:

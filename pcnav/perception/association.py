@@ -9,20 +9,27 @@ bias nothing, and every face counts, whole or cut.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.perception.ambiguity import Case, apply_case, resolve_case
 from pcnav.perception.expectation import Expectation, ExpectedFace
 from pcnav.perception.perceive import PerceivedFrame, Seen
-from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, YAW, RectangleObservation
+from pcnav.perception.recognition import size_gate
+from pcnav.perception.rectangles import (
+    AREA,
+    LENGTH,
+    WIDTH,
+    YAW,
+    RectangleObservation,
+    SegmentShape,
+)
 from pcnav.spatial import invert_transform, skew
 from pcnav.target import Rectangle
 
 _LARGEST_YAW_SD_RAD = 0.1
 """A face nearer to a square than this has no yaw of its own: five degrees of freedom are left."""
 _LEAST_OVERLAP = 0.5
-"""Share of the smaller of two segments that must coincide for them to be the same face."""
+"""Share of an expected face that a segment must cover to be it."""
 _SIZE_TOLERANCE = 0.02
 """Unmodelled share of the sides and the area by which seen and expected part may differ."""
 
@@ -131,13 +138,13 @@ def _overlapping_face(
         return None
     counts = np.bincount(votes)
     best = int(counts.argmax())
-    smaller = min(len(u), expectation.faces[best].n_pixels)
-    return best if counts[best] >= _LEAST_OVERLAP * smaller else None
+    # Half of the face itself: what a wrong prediction picks out of other surfaces is a patch.
+    return best if counts[best] >= _LEAST_OVERLAP * expectation.faces[best].n_pixels else None
 
 
 def _compare(seen: Seen, face: ExpectedFace, gate_sigma: float) -> MeasuredFace:
     """The rectangle's pose from the seen moments and how the expected moments sit on it."""
-    observed, expected = seen.observation, face.observation
+    observed, expected = seen.observation, face.shape
     case, _ = resolve_case(observed.T_cam_rect[:3, :3], expected.T_cam_rect[:3, :3], face.rectangle)
     T_cam_moments = apply_case(observed.T_cam_rect, case)
     known = SQUARE if _has_no_yaw(observed) else WHOLE
@@ -162,17 +169,15 @@ def _has_no_yaw(observation: RectangleObservation) -> bool:
     return bool(observation.covariance[YAW, YAW] > _LARGEST_YAW_SD_RAD**2)
 
 
-def _same_size(
-    observed: RectangleObservation, expected: RectangleObservation, gate_sigma: float
-) -> bool:
+def _same_size(observed: RectangleObservation, expected: SegmentShape, gate_sigma: float) -> bool:
     """Whether seen and expected part agree in both sides and the area."""
     rows = [LENGTH, WIDTH, AREA]
     seen = np.array([observed.length_m, observed.width_m, observed.area_m2])
     size = np.array([expected.length_m, expected.width_m, expected.area_m2])
     covariance = observed.covariance[np.ix_(rows, rows)] + np.diag((_SIZE_TOLERANCE * size) ** 2)
     difference = seen - size
-    gate = float(chi2.isf(float(chi2.sf(gate_sigma**2, 1)), len(rows)))
-    return bool(difference @ np.linalg.solve(covariance, difference) < gate)
+    chi_square = float(difference @ np.linalg.solve(covariance, difference))
+    return chi_square < size_gate(gate_sigma, len(rows))
 
 
 def _turned_like(T_cam_rect: FloatArray, reference: FloatArray) -> FloatArray:

@@ -13,9 +13,15 @@ import numpy as np
 from pcnav.arrays import FloatArray, IntArray
 from pcnav.camera import PinholeCamera
 from pcnav.config import PerceptionTable
-from pcnav.perception.rectangles import RectangleObservation, observe_segment
+from pcnav.perception.rectangles import SegmentShape, shape_of_segment
 from pcnav.perception.returns import Window, window_of_returns
-from pcnav.perception.segmentation import ExpectedSurface, segment_planes, settled_pixels
+from pcnav.perception.segmentation import (
+    ExpectedSurface,
+    Segment,
+    label_pixels,
+    segment_planes,
+    settled_pixels,
+)
 from pcnav.rendering import DepthRenderer, RenderedDepth
 from pcnav.sequences.sequence import Frame
 from pcnav.target import Rectangle, Target
@@ -34,8 +40,8 @@ class ExpectedFace:
     rectangle: Rectangle
     T_cam_rect: FloatArray
     """(4, 4) predicted pose of the whole catalogue rectangle."""
-    observation: RectangleObservation
-    """Moments of the part that is seen."""
+    shape: SegmentShape
+    """Of the part that is seen."""
     n_pixels: int
 
 
@@ -82,34 +88,32 @@ class Expecter:
         ).ravel()
         counts = np.bincount(shown[shown >= 0], minlength=len(self._target.rectangles))
         planes, plane_of = self._visible_planes(counts, T_cam_model)
-        least = self._settings.minimum_plane_points
-        segments, _ = segment_planes(window, planes, self._sigma_m, least, rounds=1)
+        if not planes:
+            return Expectation(rendered, None, (), no_labels)
+        # The frame will be segmented with this surface as a guide, so the view is, too.
+        surface = self._surface(window, planes, label_pixels(window, planes, self._sigma_m)[0])
+        segments, _ = segment_planes(
+            window,
+            planes,
+            self._sigma_m,
+            self._settings.minimum_plane_points,
+            rounds=1,
+            expected=surface.part(part),
+        )
         faces: list[ExpectedFace] = []
-        labels = no_labels
-        plane_labels = np.full(window.shape, _NO_FACE, dtype=np.intp)
+        image = no_labels[part]
         for segment in segments:
-            votes = shown[segment.pixels]
-            votes = votes[votes >= 0]
-            if len(votes) == 0:
+            index = _rectangle_shown(segment, shown[segment.pixels], planes, plane_of)
+            if index is None:
                 continue
-            index = int(np.bincount(votes).argmax())
             rectangle = self._target.rectangles[index]
-            observation = observe_segment(
+            shape = shape_of_segment(
                 frame.camera, window, segment, self._sigma_m, self._settings.mode
             )
-            image = labels[part]
             image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
-            plane_labels.ravel()[segment.pixels] = plane_of.get(index, _NO_FACE)
-            faces.append(
-                ExpectedFace(
-                    rectangle,
-                    T_cam_model @ rectangle.T_model_rect,
-                    observation,
-                    len(segment.pixels),
-                )
-            )
-        surface = self._surface(window, planes, plane_labels)
-        return Expectation(rendered, surface, tuple(faces), labels)
+            T_cam_rect = T_cam_model @ rectangle.T_model_rect
+            faces.append(ExpectedFace(rectangle, T_cam_rect, shape, len(segment.pixels)))
+        return Expectation(rendered, surface, tuple(faces), no_labels)
 
     def _surface(
         self, window: Window, planes: tuple[FloatArray, ...], plane_labels: IntArray
@@ -149,6 +153,20 @@ class Expecter:
                 plane_of[index] = len(planes)
                 planes.append(m)
         return tuple(planes), plane_of
+
+
+def _rectangle_shown(
+    segment: Segment, shown: IntArray, planes: tuple[FloatArray, ...], plane_of: dict[int, int]
+) -> int | None:
+    """The rectangle in the segment's own plane that most of its pixels show, if any."""
+    distance = [np.linalg.norm(segment.fit.m - m) / np.linalg.norm(m) for m in planes]
+    own = int(np.argmin(distance))
+    counts = np.bincount(shown[shown >= 0], minlength=1)
+    candidates = [
+        index for index, plane in plane_of.items() if plane == own and index < len(counts)
+    ]
+    best = max(candidates, key=lambda index: int(counts[index]), default=None)
+    return None if best is None or counts[best] == 0 else best
 
 
 def _rectangle_of_triangle(target: Target) -> IntArray:

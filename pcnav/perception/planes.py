@@ -98,22 +98,25 @@ def fit_plane(
     information = np.eye(3)
     for _ in range(2):
         # 1/range is a biased observation of 1/true (by sigma^2 / range^3): linearise about the
-        # last plane instead, 1/r ~ 1/r0 - (r - r0) / r0^2.
+        # last plane instead, 1/r ~ (2 r0 - r) / r0^2, which has weight r0^4 / sigma^2.
         predicted = 1.0 / (rays @ m)
-        observed = (2.0 * predicted - range_m) / predicted**2
-        weight = predicted**4 / sigma_m**2
-        information = (rays * weight[:, None]).T @ rays
+        weight = predicted**2
+        weighted_rays = rays.T * (weight * weight)
+        information = weighted_rays @ rays
         if not np.all(np.isfinite(information)):
             return None
-        if np.linalg.cond(information) > _LARGEST_CONDITION:
+        least, _, most = np.linalg.eigvalsh(information)
+        if least * _LARGEST_CONDITION < most:
             return None
-        m = np.asarray(np.linalg.solve(information, (rays * weight[:, None]).T @ observed))
+        m = np.asarray(
+            np.linalg.solve(information, rays.T @ (weight * (2.0 * predicted - range_m)))
+        )
     if is_edge_on(m, float(np.mean(range_m))):
         return None
     residual = (range_m - 1.0 / (rays @ m)) / sigma_m
     chi_square = float(residual @ residual) / max(len(residual) - 3, 1)
     # Flatness or noise worse than stated widens the covariance; better never narrows it.
-    covariance = np.asarray(np.linalg.inv(information) * max(1.0, chi_square))
+    covariance = np.asarray(np.linalg.inv(information) * (sigma_m**2 * max(1.0, chi_square)))
     return PlaneFit(m=m, covariance=covariance, chi_square_per_dof=chi_square)
 
 

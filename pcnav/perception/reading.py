@@ -8,14 +8,19 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.config import PerceptionMode, PerceptionTable
 from pcnav.errors import InputError
-from pcnav.perception.acquisition import PoseHypothesis, explained_share, pose_hypotheses
+from pcnav.perception.acquisition import (
+    PoseHypothesis,
+    depth_tolerance,
+    explained_share,
+    pose_hypotheses,
+)
 from pcnav.perception.association import (
     MeasuredFace,
     Unused,
     measure_by_expectation,
     measure_by_size,
 )
-from pcnav.perception.expectation import Expecter
+from pcnav.perception.expectation import Expectation, Expecter
 from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.sequences.sequence import Frame
 from pcnav.spatial import rotation_angle
@@ -45,6 +50,8 @@ class View:
     perceived: PerceivedFrame
     faces: list[MeasuredFace]
     unused: list[Unused]
+    explained: float = float("nan")
+    """Share of the frame that the pose in mind explains, roughly; nan if nothing was rendered."""
 
     @property
     def frame(self) -> Frame:
@@ -89,17 +96,22 @@ class FrameReader:
         perceived = perceive(
             frame, self._target.rectangles, self._settings, self._sigma_m, self._seed, surface
         )
-        gate_sigma = self._settings.size_gate_sigma
-        return View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+        return self._compared(perceived, expectation)
 
     def read_again(self, view: View, T_cam_model: FloatArray) -> View:
         """The same segments measured against the view that a better pose predicts."""
         perceived = view.perceived
         if self._by_size:
             return View(perceived, *measure_by_size(perceived, T_cam_model))
-        expectation = self._expecter_of(perceived.frame).expect(T_cam_model)
-        gate_sigma = self._settings.size_gate_sigma
-        return View(perceived, *measure_by_expectation(perceived, expectation, gate_sigma))
+        return self._compared(perceived, self._expecter_of(perceived.frame).expect(T_cam_model))
+
+    def _compared(self, perceived: PerceivedFrame, expectation: Expectation) -> View:
+        faces, unused = measure_by_expectation(
+            perceived, expectation, self._settings.size_gate_sigma
+        )
+        tolerance = depth_tolerance(self._target, self._sigma_m)
+        seen, predicted = perceived.frame.depth_m, expectation.rendered.depth_m
+        return View(perceived, faces, unused, explained_share(seen, predicted, tolerance))
 
     @property
     def diameter_m(self) -> float:

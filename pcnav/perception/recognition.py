@@ -1,6 +1,7 @@
 """Which catalogue rectangles a segment can be: both sides and the area must agree."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.stats import chi2
@@ -31,7 +32,7 @@ def recognise(
     entry is a rectangle, and by a rim, as of a panel's thickness, too thin to be told apart.
     """
     rows = [LENGTH, WIDTH] if np.isnan(observation.area_m2) else [LENGTH, WIDTH, AREA]
-    gate = float(chi2.isf(2.0 * _normal_tail(gate_sigma), len(rows)))
+    gate = size_gate(gate_sigma, len(rows))
     found = []
     for rectangle in catalogue:
         size = np.array([rectangle.length_m, rectangle.width_m, rectangle.area_m2])[: len(rows)]
@@ -50,5 +51,7 @@ def recognise(
     return tuple(sorted(found, key=lambda recognition: recognition.chi_square))
 
 
-def _normal_tail(sigma: float) -> float:
-    return 0.5 * float(chi2.sf(sigma**2, 1))
+@lru_cache(maxsize=16)
+def size_gate(gate_sigma: float, dof: int) -> float:
+    """Chi-square of ``dof`` differences that is as rare as one of ``gate_sigma`` deviations."""
+    return float(chi2.isf(float(chi2.sf(gate_sigma**2, 1)), dof))

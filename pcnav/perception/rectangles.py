@@ -103,40 +103,65 @@ def side_lengths(
     return float(length), float(width)
 
 
-def observe_segment(
+@dataclass(frozen=True)
+class SegmentShape:
+    """The moments of a segment and the rectangle that has them."""
+
+    moments: Moments
+    length_m: float
+    width_m: float
+    area_m2: float
+    points: FloatArray
+    """(n, 3) what the moments were taken of, camera frame, m."""
+    weights: FloatArray | None
+    """(n,) area of the face under each point up to a factor; None for plain means."""
+
+    @property
+    def T_cam_rect(self) -> FloatArray:
+        """(4, 4) rectangle frame, up to the ambiguity."""
+        return make_transform(self.moments.R_cam_rect, self.moments.centroid)
+
+
+def shape_of_segment(
     camera: PinholeCamera, window: Window, segment: Segment, sigma_m: float, mode: PerceptionMode
-) -> RectangleObservation:
-    """Read a segment of a depth frame as a rectangle."""
+) -> SegmentShape:
+    """The shape of a segment of a depth frame, measured in the way of a mode."""
     rays = window.rays[segment.pixels]
+    distance = plane_range(segment.fit.m, rays)
+    # range^2 / cos(incidence) is range^3 up to the factor |m|.
+    weights = distance**3 * window.solid_angle[segment.pixels]
+    area_m2 = float(np.linalg.norm(segment.fit.m) * weights.sum())
     if mode is PerceptionMode.PAPER:
         measured = window.range_m[segment.pixels] > 0.0
         rays = rays[measured]
         points = rays * window.range_m[segment.pixels[measured], None]
         moments = distribution(points)
         noise = sigma_m**2 * (rays.T @ rays) / len(rays)
-        length, width = side_lengths(moments, noise)
-        covariance = random_sampling_covariance(moments, len(points))
+        return SegmentShape(moments, *side_lengths(moments, noise), area_m2, points, None)
+    points = rays * distance[:, None]
+    moments = distribution(points, weights)
+    footprint = _mean_footprint(camera, segment.fit, points, weights)
+    sides = side_lengths(moments, np.zeros((3, 3)), footprint)
+    return SegmentShape(moments, *sides, area_m2, points, weights)
+
+
+def observe_segment(
+    camera: PinholeCamera, window: Window, segment: Segment, sigma_m: float, mode: PerceptionMode
+) -> RectangleObservation:
+    """Read a segment of a depth frame as a rectangle."""
+    shape = shape_of_segment(camera, window, segment, sigma_m, mode)
+    if shape.weights is None:
+        covariance = random_sampling_covariance(shape.moments, len(shape.points))
     else:
-        distance = plane_range(segment.fit.m, rays)
-        points = rays * distance[:, None]
-        weights = (
-            distance**3 * window.solid_angle[segment.pixels]
-        )  # range^2 / cos(incidence), up to |m|
-        moments = distribution(points, weights)
-        footprint = _mean_footprint(camera, segment.fit, points, weights)
-        length, width = side_lengths(moments, np.zeros((3, 3)), footprint)
-        covariance = _area_weighted_covariance(
-            camera, segment.fit, moments, points, weights, length, width
-        )
-    T_cam_rect = make_transform(moments.R_cam_rect, moments.centroid)
+        covariance = _area_weighted_covariance(camera, segment.fit, shape, shape.weights)
     return RectangleObservation(
-        T_cam_rect=T_cam_rect,
-        length_m=length,
-        width_m=width,
-        area_m2=_area(window, segment),
+        T_cam_rect=shape.T_cam_rect,
+        length_m=shape.length_m,
+        width_m=shape.width_m,
+        area_m2=shape.area_m2,
         covariance=covariance,
-        cut_sides=_cut_sides(window, segment, T_cam_rect, length, width),
-        rim_m=_rim(camera, moments.centroid, sigma_m),
+        cut_sides=_cut_sides(window, segment, shape),
+        rim_m=_rim(camera, shape.moments.centroid, sigma_m),
         n_points=segment.n_returns,
     )
 
@@ -237,19 +262,13 @@ def _mean_footprint(
 
 
 def _area_weighted_covariance(
-    camera: PinholeCamera,
-    fit: PlaneFit,
-    moments: Moments,
-    points: FloatArray,
-    weights: FloatArray,
-    length: float,
-    width: float,
+    camera: PinholeCamera, fit: PlaneFit, shape: SegmentShape, weights: FloatArray
 ) -> FloatArray:
     """(9, 9) covariance from the two things that go wrong: the plane's fit, the sides' pixels."""
-    by_plane = _by_plane(fit, moments, points, weights)
-    T_cam_rect = make_transform(moments.R_cam_rect, moments.centroid)
-    sides = moment_covariance(camera, T_cam_rect, max(width, 1e-6), max(length, 1e-6))
-    by_sides = _by_moments(moments, length, width)
+    by_plane = _by_plane(fit, shape.moments, shape.points, weights)
+    length, width = max(shape.length_m, 1e-6), max(shape.width_m, 1e-6)
+    sides = moment_covariance(camera, shape.T_cam_rect, width, length)
+    by_sides = _by_moments(shape.moments, length, width)
     return np.asarray(by_plane @ fit.covariance @ by_plane.T + by_sides @ sides @ by_sides.T)
 
 
@@ -305,24 +324,17 @@ def _rim(camera: PinholeCamera, centroid: FloatArray, sigma_m: float) -> float:
     return float(max(centroid[2] / min(camera.fx, camera.fy), 2.0 * sigma_m))
 
 
-def _area(window: Window, segment: Segment) -> float:
-    """Area of the face under the segment's pixels: range^2 * solid angle / cos(incidence)."""
-    rays = window.rays[segment.pixels]
-    distance = plane_range(segment.fit.m, rays)
-    cosine = np.abs(rays @ segment.fit.normal)
-    return float(np.sum(distance**2 * window.solid_angle[segment.pixels] / cosine))
-
-
 def _cut_sides(
-    window: Window, segment: Segment, T_cam_rect: FloatArray, length: float, width: float
+    window: Window, segment: Segment, shape: SegmentShape
 ) -> tuple[bool, bool, bool, bool]:
     """Which sides (-x, +x, -y, +y) the hidden part of the outline lies at."""
     hidden = len(segment.cut_pixels)
-    if hidden < max(_LEAST_CUT_PX, _MOST_CUT * segment.n_outline) or width <= 0.0:
+    if hidden < max(_LEAST_CUT_PX, _MOST_CUT * segment.n_outline) or shape.width_m <= 0.0:
         return (False, False, False, False)
     rays = window.rays[segment.cut_pixels]
     points = rays * plane_range(segment.fit.m, rays)[:, None]
-    q = (points - T_cam_rect[:3, 3]) @ T_cam_rect[:3, :2] / [width, length]
+    in_plane = (points - shape.moments.centroid) @ shape.moments.R_cam_rect[:, :2]
+    q = in_plane / [shape.width_m, shape.length_m]
     across = np.abs(q[:, 0]) > np.abs(q[:, 1])
     at: list[BoolArray] = [
         across & (q[:, 0] < 0),

@@ -5,6 +5,7 @@ Here every pixel is given to the plane that explains it best once all planes are
 crease of two faces, where noise decides between them, geometry decides instead of noise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,25 +117,32 @@ def segment_planes(
             that were right to begin with.
         expected: of the window; decides where noise would, on steps too small to see.
     """
-    no_labels = np.full(window.shape, _NO_PLANE, dtype=np.intp)
-    typical_m = float(np.mean(window.range_m[window.has_return]))
     fits = list(planes)
-    labels, convex = no_labels, np.zeros((0, 0), dtype=bool)
-    for _ in range(rounds):
-        if not fits:
-            return [], no_labels
-        ranges = np.stack(
-            [
-                np.full(len(window.rays), np.inf)
-                if is_edge_on(m, typical_m)
-                else plane_range(m, window.rays)
-                for m in fits
-            ]
-        )
-        labels = _assign(window, ranges, sigma_m, expected)
-        labels, convex = _straighten_creases(labels, ranges.reshape(-1, *window.shape), sigma_m)
+    labels = np.full(window.shape, _NO_PLANE, dtype=np.intp)
+    convex = np.zeros((0, 0), dtype=bool)
+    for _ in range(rounds if fits else 0):
+        labels, convex = label_pixels(window, fits, sigma_m, expected)
         labels, convex, fits = _refitted(window, labels, convex, fits, sigma_m, minimum_pixels)
+        if not fits:
+            break
     return _components(window, labels, fits, convex, sigma_m, minimum_pixels)
+
+
+def label_pixels(
+    window: Window,
+    planes: Sequence[FloatArray],
+    sigma_m: float,
+    expected: ExpectedSurface | None = None,
+) -> tuple[IntArray, BoolArray]:
+    """(height, width) which of the planes each pixel shows, -1 for none; and which pairs of
+    planes (n, n) meet in a convex edge. Arguments as for `segment_planes`."""
+    typical_m = float(np.mean(window.range_m[window.has_return]))
+    ranges = np.full((len(planes), len(window.rays)), np.inf)
+    for own, m in zip(ranges, planes, strict=True):
+        if not is_edge_on(m, typical_m):
+            own[:] = plane_range(m, window.rays)
+    labels = _assign(window, ranges, sigma_m, expected)
+    return _straighten_creases(labels, ranges.reshape(-1, *window.shape), sigma_m)
 
 
 def _refitted(

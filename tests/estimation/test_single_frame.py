@@ -12,8 +12,8 @@ from pcnav.config import NoiseTable, PerceptionMode, PerceptionTable
 from pcnav.estimation.single_frame import fuse_faces, single_frame_pose
 from pcnav.perception.association import MeasuredFace, measure_by_expectation
 from pcnav.perception.expectation import Expecter
-from pcnav.perception.reading import FrameReader
 from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.perception.reading import FrameReader
 from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame
 from pcnav.simulation.noise import add_sensor_faults

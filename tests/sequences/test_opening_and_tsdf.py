@@ -1,7 +1,6 @@
 """Format recognition and the tsdf-fusion reader."""
 
 import logging
-import os
 import shutil
 from pathlib import Path
 
@@ -16,8 +15,6 @@ from pcnav.sequences.poses import nearest_rotation
 from pcnav.sequences.tsdf_fusion import TsdfFusionSequence
 from pcnav.spatial import exp_rotation, make_transform, rotation_fault
 
-DATA = os.environ.get("PCNAV_DATA")
-"""Folder of recorded data; in it kinect/, 30 frames of a 7-Scenes recording."""
 ROTATION = exp_rotation(np.array([0.3, -0.2, 0.9]))
 
 
@@ -104,9 +101,10 @@ def test_formats_are_recognised(tmp_path: Path, scene: Path) -> None:
             open_sequence(path)
 
 
-@pytest.mark.skipif(DATA is None, reason="PCNAV_DATA names no folder of recorded data")
-def test_real_recording(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    kinect = Path(str(DATA)) / "kinect"
+def test_real_recording(
+    shared_data: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    kinect = shared_data / "kinect"
     with caplog.at_level(logging.WARNING, logger="pcnav"):
         sequence = open_sequence(kinect)
     assert len(sequence) == 30
