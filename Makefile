@@ -50,7 +50,7 @@ $(STAMP): pyproject.toml constraints.txt
 	echo "setup done: $(BIN)/pcnav --help"
 
 demo: setup ## Simulate the shipped satellite, navigate, print the table, write the report
-	$(BIN)/pcnav demo
+	$(BIN)/pcnav demo --overwrite
 
 test: setup ## Run the tests (WORKERS=2 processes)
 	$(PYTEST)

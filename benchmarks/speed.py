@@ -33,7 +33,7 @@ _PLACES = {
     "pcnav.result_writer.ResultWriter.finish_tables": _WRITING,
     "pcnav.pipeline.read_track": _REPORT,
     "pcnav.pipeline.read_truth": _REPORT,
-    "pcnav.pipeline.read_measurements": _REPORT,
+    "pcnav.pipeline.count_outcomes": _REPORT,
     "pcnav.pipeline.evaluate": _REPORT,
     "pcnav.pipeline.frame_picture": _REPORT,
     "pcnav.pipeline.library_versions": _REPORT,

@@ -1,6 +1,7 @@
 """The command line: each command parses, calls one function and prints its summary."""
 
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -36,6 +37,9 @@ def main() -> None:
 
     2 for bad input, a wrong command line and a file system that refuses; 130 when interrupted.
     """
+    # Matrices here are small: threads of the linear algebra cost more than they bring, by factors
+    # when the cores are busy. NumPy reads this when it is first imported, inside the commands.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A batch system that ends a run must leave no more behind than a user who does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -160,6 +164,27 @@ def run(
 
 
 @app.command()
+def view(
+    result: Annotated[Path, typer.Argument(help="Result folder of a run.")],
+    port: Annotated[int, typer.Option(help="A taken port moves up.")] = 8080,
+    host: Annotated[
+        str, typer.Option(help="Address to serve on; the default is this machine alone.")
+    ] = "127.0.0.1",
+) -> None:
+    """Look at a run in the browser: cloud, rectangles and the estimated satellite over time.
+
+    Example: `pcnav view runs/demo/result`
+    """
+    from pcnav.viewer.app import load_run, serve
+
+    server = serve(load_run(result), host, port)
+    if host != "127.0.0.1":
+        typer.echo(f"open to every machine that reaches {host}: anyone there can look at this run")
+    typer.echo(f"view: http://{host}:{server.get_port()}  (Ctrl-C ends it)")
+    server.sleep_forever()
+
+
+@app.command()
 def target(
     mesh: Annotated[str, typer.Argument(help="STL, PLY, OBJ or GLB file, or a shipped name.")],
     out: Annotated[
@@ -250,6 +275,7 @@ def _run(
         )
     Console().print(summary_table(summary.metrics))
     typer.echo(f"report: {summary.report}")
+    typer.echo(f"web view: pcnav view {summary.folder}")
 
 
 def _pipeline(name: str) -> "tuple[Path, Pipeline]":

@@ -24,7 +24,7 @@ from pcnav.results import (
     PIPELINE_FILE,
     REPORT_FILE,
     FrameEstimate,
-    read_measurements,
+    count_outcomes,
     read_track,
 )
 from pcnav.sequences.opening import open_sequence
@@ -101,7 +101,7 @@ def run(
             target=target.name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
             track=track,
-            records=read_measurements(staging),
+            outcomes=count_outcomes(staging),
             metrics=metrics,
             configuration=as_run.model_dump(mode="json", include=_USED_BY_A_RUN),
             versions=library_versions(),

@@ -6,6 +6,7 @@ that read back to the same float64; an empty field means "no value".
 
 import csv
 import zipfile
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -229,6 +230,21 @@ def read_measurements(run_folder: Path) -> tuple[RectangleRecord, ...]:
         RectangleRecord(time_s, name, length_m, width_m, T, deviations, case, outcome)
         for time_s, name, (length_m, width_m), T, deviations, case, outcome in rows
     )
+
+
+def count_outcomes(run_folder: Path) -> Counter[tuple[str, str]]:
+    """How often each (rectangle, outcome) occurs in a result folder, read line by line.
+
+    The rectangle is empty where a segment was not recognised. Raises `InputError`.
+    """
+    path = run_folder / MEASUREMENTS_FILE
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return Counter((row["rectangle"], row["outcome"]) for row in csv.DictReader(file))
+    except OSError as error:
+        raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
+    except (KeyError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, "file", f"expected the columns of a run ({error})") from error
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.evaluation.summary import display_unit
 from pcnav.evaluation.track_errors import TrackErrors
-from pcnav.results import ACCEPTED, RectangleRecord, Track
+from pcnav.results import ACCEPTED, Track
 
 INK, MUTED, GRID = "#1f2937", "#6b7280", "#e5e7eb"
 LINE, BAND, BOUND, ALERT = "#1d4ed8", "#bfdbfe", "#f59e0b", "#ea580c"
@@ -158,9 +158,12 @@ def timeline_figure(track: Track) -> Figure:
     return figure
 
 
-def outcome_figure(records: tuple[RectangleRecord, ...]) -> Figure:
+def outcome_figure(outcomes: Counter[tuple[str, str]]) -> Figure:
     """How many rectangles were accepted, and why the others were not."""
-    counts = Counter(record.outcome for record in records).most_common()
+    totals: Counter[str] = Counter()
+    for (_, outcome), count in outcomes.items():
+        totals[outcome] += count
+    counts = totals.most_common()
     if len(counts) > _MOST_OUTCOMES:
         rest = sum(count for _, count in counts[_MOST_OUTCOMES:])
         counts = [*counts[:_MOST_OUTCOMES], ("other reasons", rest)]

@@ -32,6 +32,9 @@ BLOCKS = {
 _CONFIDENCE = 0.95
 
 
+_FRAMES_AT_ONCE = 512
+
+
 @dataclass(frozen=True)
 class Distribution:
     """Statistics of an error norm over frames; all nan when there are no frames."""
@@ -188,9 +191,8 @@ def nees_consistency(errors: TrackErrors, covariance: FloatArray | None) -> tupl
         return ()
     results = []
     for name, block in BLOCKS.items():
-        values = squared_normalised_errors(
-            errors.state[frames, block], covariance[frames][:, block, block]
-        )
+        values = squared_normalised_errors(errors.state[:, block], covariance[:, block, block])
+        values = values[frames]
         size = np.full(len(values), block.stop - block.start)
         results.append(consistency(name, values, size))
     return tuple(results)
@@ -201,6 +203,17 @@ def squared_normalised_errors(error: FloatArray, covariance: FloatArray) -> Floa
 
     nan where the covariance is not positive definite to working accuracy.
     """
+    # In blocks, so that a long run needs no second copy of its covariances.
+    blocks = range(0, max(len(error), 1), _FRAMES_AT_ONCE)
+    return np.concatenate(
+        [
+            _squared(error[k : k + _FRAMES_AT_ONCE], covariance[k : k + _FRAMES_AT_ONCE])
+            for k in blocks
+        ]
+    )
+
+
+def _squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     usable = np.isfinite(covariance).all(axis=(1, 2)) & (variance > 0.0).all(axis=1)
     squared = np.full(len(error), np.nan)

@@ -22,7 +22,7 @@ from pcnav.evaluation.figures import (
 )
 from pcnav.evaluation.metrics import Consistency, Metrics
 from pcnav.evaluation.summary import ERROR_HEADINGS, error_row, number, run_facts
-from pcnav.results import ACCEPTED, RectangleRecord, Track
+from pcnav.results import ACCEPTED, Track
 from pcnav.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -74,7 +74,8 @@ class ReportContent:
     """How the run was started, as typed."""
     track: Track
     """With its covariances when the NEES is to be drawn."""
-    records: tuple[RectangleRecord, ...]
+    outcomes: Counter[tuple[str, str]]
+    """How often each rectangle (empty: not recognised) had each outcome."""
     metrics: Metrics
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
@@ -255,19 +256,21 @@ def _measurements(content: ReportContent) -> list[str]:
         "Rectangles the filter used per frame (mean and range) and the status of the frames.",
         timeline_figure(content.track),
     )
-    if not content.records:
+    if not content.outcomes:
         return [page.grid([timeline]), page.paragraph("No rectangle was seen.")]
     outcomes = _vector(
         "What became of the rectangles",
-        f"{len(content.records)} rectangles seen in the run.",
-        outcome_figure(content.records),
+        f"{content.outcomes.total()} rectangles seen in the run.",
+        outcome_figure(content.outcomes),
     )
-    return [page.grid([timeline, page.stack([outcomes, _rectangle_table(content.records)])])]
+    return [page.grid([timeline, page.stack([outcomes, _rectangle_table(content.outcomes)])])]
 
 
-def _rectangle_table(records: tuple[RectangleRecord, ...]) -> str:
-    seen = Counter(record.rectangle for record in records)
-    used = Counter(record.rectangle for record in records if record.outcome == ACCEPTED)
+def _rectangle_table(outcomes: Counter[tuple[str, str]]) -> str:
+    seen: Counter[str] = Counter()
+    for (rectangle, _), count in outcomes.items():
+        seen[rectangle] += count
+    used = {rectangle: outcomes[rectangle, ACCEPTED] for rectangle in seen}
     rows = [
         (name or "not recognised", str(count), str(used[name]), f"{used[name] / count:.1%}")
         for name, count in seen.most_common()

@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
@@ -54,7 +55,8 @@ class SequenceWriter:
             ) from error
         try:
             (self._folder / DEPTH_FOLDER).mkdir()
-            write_sequence_file(self._folder / SEQUENCE_FILE, self._info)
+            info = replace(self._info, target_mesh=self._copied_mesh())
+            write_sequence_file(self._folder / SEQUENCE_FILE, info)
             self._cameras = _JsonObject(self._open(SCENE_CAMERA_FILE))
             self._poses: _JsonObject | None = None
             self._states: TextIO | None = None
@@ -135,6 +137,16 @@ class SequenceWriter:
             raise InputError(self._path, "depth_scale", f"{expected}, {got}")
         name = depth_file_name(frame.index)
         write_depth_png(self._folder / DEPTH_FOLDER / name, units.astype(np.uint16))
+
+    def _copied_mesh(self) -> Path | None:
+        """The target's mesh and its TOML copied into the sequence, so that it travels whole."""
+        mesh = self._info.target_mesh
+        if mesh is None:
+            return None
+        for file in (mesh, mesh.with_suffix(".toml")):
+            if file.is_file():
+                shutil.copyfile(file, self._folder / file.name)
+        return self._folder / mesh.name
 
     def _finish(self) -> None:
         if self._last_index < 0:

@@ -2,6 +2,7 @@
 
 import base64
 import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -22,7 +23,7 @@ from pcnav.evaluation.overlay import frame_picture, rectangle_corners, visible_p
 from pcnav.evaluation.report import ReportContent, report_html, write_report
 from pcnav.evaluation.summary import number
 from pcnav.result_writer import ResultWriter
-from pcnav.results import ACCEPTED, RectangleRecord, read_measurements, read_track
+from pcnav.results import ACCEPTED, RectangleRecord, count_outcomes, read_track
 from pcnav.spatial import exp_rotation, make_transform
 
 VOID = {"meta", "img", "br"}
@@ -73,7 +74,7 @@ def make_content(folder: Path, run: Any, *, with_truth: bool = True) -> ReportCo
         target="bus <b>bold</b>",
         command='pcnav run "a b" --target x.toml',
         track=track,
-        records=read_measurements(folder),
+        outcomes=count_outcomes(folder),
         metrics=evaluate(track, run.truth if with_truth else None),
         configuration={"seed": 7, "noise": {"range_sigma_m": 0.02, "extra": None}, "v": (1, 2)},
         versions={"numpy": "9.9.<9>"},
@@ -128,9 +129,9 @@ def test_the_numbers_in_the_page_are_those_of_the_metrics(
     for value in (position.whole.rms, position.last_third.at(95), position.last_third.maximum):
         assert number(1e3 * value) in text
     assert text.count("too confident") == 7
-    used = sum(record.outcome == ACCEPTED for record in content.records)
+    used = sum(n for (_, outcome), n in content.outcomes.items() if outcome == ACCEPTED)
     assert used > 0
-    assert f"{len(content.records)} rectangles seen" in text
+    assert f"{content.outcomes.total()} rectangles seen" in text
 
 
 def test_without_a_truth_the_estimates_are_shown(
@@ -175,7 +176,7 @@ def test_a_long_run_stays_a_small_page(make_run: Callable[..., Any], tmp_path: P
         n_rectangles=short.track.n_rectangles[repeats],
         covariance=None,
     )
-    long = replace(short, track=track, records=short.records * 10, metrics=evaluate(track, None))
+    long = replace(short, track=track, metrics=evaluate(track, None))
     assert 2e5 < len(report_html(long)) < 3e6
 
 
@@ -222,9 +223,8 @@ def test_a_run_that_settles_by_decades_shows_both_ends() -> None:
 
 
 def test_rare_outcomes_are_summed() -> None:
-    record = RectangleRecord(0.0, "a", 1.0, 1.0, np.eye(4), np.ones(6), "I", ACCEPTED)
     reasons = [ACCEPTED] * 30 + [f"reason {k}" for k in range(20) for _ in range(k + 1)]
-    figure = outcome_figure(tuple(replace(record, outcome=reason) for reason in reasons))
+    figure = outcome_figure(Counter(("a", reason) for reason in reasons))
     widths = [bar.get_width() for bar in figure.axes[0].patches]  # type: ignore[attr-defined]
     assert len(widths) == 10
     assert sum(widths) == len(reasons)

@@ -69,7 +69,8 @@ def test_round_trip(tmp_path: Path) -> None:
             writer.write(example_frame(k))
     sequence = BopSequence(path)
     assert sequence.info.name == stated.name
-    assert sequence.info.target_mesh == mesh
+    assert sequence.info.target_mesh == sequence.path / mesh.name
+    assert sequence.info.target_mesh.read_bytes() == mesh.read_bytes()
     assert sequence.info.mean_motion_rad_s == 0.0011
     assert sequence.info.initial is not None
     np.testing.assert_array_equal(sequence.info.initial.com_model_m, [0.1, 0.2, -0.3])
