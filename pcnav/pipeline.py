@@ -1,6 +1,7 @@
 """The main job as a list of verbs: open, track, write, evaluate, report."""
 
 import logging
+import filecmp
 import shlex
 import sys
 from collections.abc import Callable
@@ -142,7 +143,7 @@ def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
             "target_mesh",
             "expected the target's mesh, in sequence.toml or by --target",
         )
-    if named is not None and mesh.resolve() != named.resolve():
+    if named is not None and not (named.is_file() and filecmp.cmp(mesh, named, shallow=False)):
         _LOG.warning("%s: its mesh %s is used, not the pipeline's %s", sequence.path, mesh, named)
     return mesh
 

@@ -353,8 +353,8 @@ def _face_record(time_s: float, face: MeasuredFace, outcome: str) -> RectangleRe
     return RectangleRecord(
         time_s=time_s,
         rectangle=face.rectangle.name,
-        length_m=face.seen.observation.length_m,
-        width_m=face.seen.observation.width_m,
+        length_m=face.length_m,
+        width_m=face.width_m,
         T_cam_rect=face.T_cam_rect,
         sd=np.where(face.known, np.sqrt(np.diag(face.covariance)), np.inf),
         case=str(face.case),

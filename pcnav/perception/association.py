@@ -47,6 +47,9 @@ class MeasuredFace:
     rectangle: Rectangle
     T_cam_rect: FloatArray
     """(4, 4) of the catalogue rectangle, ambiguity resolved."""
+    length_m: float
+    width_m: float
+    """Measured sides of the whole rectangle; where part of it is hidden, by the part that is not."""
     covariance: FloatArray
     """(6, 6) of x, y, z (m) and rotation about x, y, z (rad), rectangle axes."""
     known: BoolArray
@@ -116,7 +119,8 @@ def as_rectangle(seen: Seen, rectangle: Rectangle, T_cam_model: FloatArray) -> M
     T_cam_rect = apply_case(observation.T_cam_rect, case)
     if not known[YAW]:
         T_cam_rect = _turned_like(T_cam_rect, predicted)
-    return _measured(seen, rectangle, T_cam_rect, known, case)
+    sides = (observation.length_m, observation.width_m)
+    return _measured(seen, rectangle, T_cam_rect, sides, known, case)
 
 
 def _pose_distance(face: MeasuredFace, T_cam_model: FloatArray) -> float:
@@ -153,16 +157,26 @@ def _compare(seen: Seen, face: ExpectedFace, gate_sigma: float) -> MeasuredFace:
     if not known[YAW]:
         T_cam_moments = _turned_like(T_cam_moments, expected.T_cam_rect)
     T_moments_rect = invert_transform(expected.T_cam_rect) @ face.T_cam_rect
-    return _measured(seen, face.rectangle, T_cam_moments @ T_moments_rect, known, case)
+    T_cam_rect = T_cam_moments @ T_moments_rect
+    sides = (
+        face.rectangle.length_m * observed.length_m / expected.length_m,
+        face.rectangle.width_m * observed.width_m / expected.width_m,
+    )
+    return _measured(seen, face.rectangle, T_cam_rect, sides, known, case)
 
 
 def _measured(
-    seen: Seen, rectangle: Rectangle, T_cam_rect: FloatArray, known: BoolArray, case: Case
+    seen: Seen,
+    rectangle: Rectangle,
+    T_cam_rect: FloatArray,
+    sides: tuple[float, float],
+    known: BoolArray,
+    case: Case,
 ) -> MeasuredFace:
     """The measurement, with the observation's covariance carried over to the rectangle's frame."""
     T_moments_rect = invert_transform(seen.observation.T_cam_rect) @ T_cam_rect
     covariance = _carried(seen.observation.covariance[:6, :6], T_moments_rect)
-    return MeasuredFace(seen, rectangle, T_cam_rect, covariance, known, case)
+    return MeasuredFace(seen, rectangle, T_cam_rect, *sides, covariance, known, case)
 
 
 def _has_no_yaw(observation: RectangleObservation) -> bool:
