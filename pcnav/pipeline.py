@@ -1,7 +1,7 @@
 """The main job as a list of verbs: open, track, write, evaluate, report."""
 
-import logging
 import filecmp
+import logging
 import shlex
 import sys
 from collections.abc import Callable

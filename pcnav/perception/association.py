@@ -49,7 +49,7 @@ class MeasuredFace:
     """(4, 4) of the catalogue rectangle, ambiguity resolved."""
     length_m: float
     width_m: float
-    """Measured sides of the whole rectangle; where part of it is hidden, by the part that is not."""
+    """Measured sides of the whole rectangle; of a partly hidden one, by the part that is seen."""
     covariance: FloatArray
     """(6, 6) of x, y, z (m) and rotation about x, y, z (rad), rectangle axes."""
     known: BoolArray

@@ -9,7 +9,12 @@ from pcnav.config import PerceptionTable
 from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
-from pcnav.perception.returns import Window, window_of_returns
+from pcnav.perception.returns import (
+    Window,
+    smoothed_points,
+    smoothing_size,
+    window_of_returns,
+)
 from pcnav.perception.segmentation import ExpectedSurface, Segment, segment_planes
 from pcnav.sequences.sequence import Frame
 from pcnav.target import Rectangle
@@ -92,11 +97,12 @@ def perceive(
 def _found_planes(
     window: Window, settings: PerceptionTable, range_sigma_m: float, seed: int
 ) -> tuple[FloatArray, ...]:
-    returns = np.flatnonzero(window.has_return)
+    # Planes nearer to each other than the noise are only told apart after averaging it.
+    size = smoothing_size(window, range_sigma_m)
     trials = trial_count(1.0 - _LARGEST_PLANE_FRACTION, settings.ransac_success_probability)
     found = extract_planes(
-        window.rays[returns] * window.range_m[returns, None],
-        settings.plane_threshold_sigma * range_sigma_m,
+        smoothed_points(window, size),
+        settings.plane_threshold_sigma * range_sigma_m / size,
         trials,
         settings.minimum_plane_points,
         seed,

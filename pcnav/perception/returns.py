@@ -3,11 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.camera import pixel_rays, range_per_depth, solid_angle
 from pcnav.sequences.sequence import Frame
 
+_MOST_SMOOTHING_PX = 4
+"""Half the width of the largest square averaged over."""
+_LEAST_SQUARE = 0.6
 _MARGIN_PX = 2
 """Pixels kept around the returns, so that every return has its neighbours inside the window."""
 
@@ -51,6 +55,35 @@ class Window:
         """(..., 2) image coordinates (u, v) of flat window indices."""
         v, u = np.divmod(flat_index, self.width)
         return np.stack([u + self.left, v + self.top], axis=-1)
+
+
+def smoothing_size(window: Window, sigma_m: float) -> int:
+    """Width, pixels (odd), of the square to average over so that noise falls to half a footprint.
+
+    Below that the spacing of the points, not their noise, is what blurs a plane's edges.
+    """
+    seen = window.has_return
+    footprint_m = float(np.mean(window.range_m[seen] * np.sqrt(window.solid_angle[seen])))
+    half = max(0.0, sigma_m / (0.5 * footprint_m) - 1.0) / 2.0
+    return 1 + 2 * min(int(np.ceil(half)), _MOST_SMOOTHING_PX)
+
+
+def smoothed_points(window: Window, size: int) -> FloatArray:
+    """(n, 3) points of the returns averaged over squares of ``size`` pixels, camera frame, m.
+
+    On a plane 1/z is linear in the ray's coordinates (at z = 1), so the means of both, over
+    whichever pixels of the square have a return, lie exactly on the plane. Returns with less than
+    60 % of their square are left out.
+    """
+    seen = window.has_return
+    rays = window.rays[:, :2] / window.rays[:, 2:]
+    inverse_depth = np.zeros(len(seen))
+    inverse_depth[seen] = 1.0 / (window.range_m[seen] * window.rays[seen, 2])
+    layers = np.stack([seen, rays[:, 0] * seen, rays[:, 1] * seen, inverse_depth])
+    layers = layers.reshape(4, *window.shape)
+    means = ndimage.uniform_filter(layers, size=(1, size, size), mode="constant").reshape(4, -1)
+    kept = means[:, seen & (means[0] > _LEAST_SQUARE)]
+    return np.asarray(np.column_stack([kept[1], kept[2], kept[0]]) / kept[3][:, None])
 
 
 def window_of_returns(frame: Frame) -> Window | None:
