@@ -6,10 +6,12 @@ that read back to the same float64; an empty field means "no value".
 
 import csv
 import zipfile
+from array import array
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -177,7 +179,7 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
     diagonals, as standard deviations. Raises `InputError` when a file is missing or damaged.
     """
     path = run_folder / STATES_FILE
-    table = _read_csv(path, TRACK_COLUMNS)
+    table = _read_csv(path, TRACK_COLUMNS, ("status",))
     state = table.numbers(STATE_COLUMNS[1:])
     sd = np.empty((len(state), STATE_SIZE))
     sd[:, SD_ORDER] = table.numbers(SD_COLUMNS)
@@ -211,7 +213,7 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
 def read_measurements(run_folder: Path) -> tuple[RectangleRecord, ...]:
     """All rectangle records of a result folder, in the order seen. Raises `InputError`."""
     path = run_folder / MEASUREMENTS_FILE
-    table = _read_csv(path, MEASUREMENT_COLUMNS)
+    table = _read_csv(path, MEASUREMENT_COLUMNS, ("rectangle", "case", "outcome"))
     poses = table.numbers(POSE_COLUMNS)
     T_cam_rect = make_transform(_rotations(path, poses[:, 3:7]), poses[:, 0:3])
     sizes = table.numbers(("length_m", "width_m"))
@@ -249,18 +251,20 @@ def count_outcomes(run_folder: Path) -> Counter[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class _Table:
-    """The text of a CSV file by column; conversions name the line that does not convert."""
+    """The columns of a CSV file."""
 
     path: Path
-    columns: dict[str, tuple[str, ...]]
+    texts: dict[str, list[str]]
+    values: dict[str, "array[float]"]
+    """nan where the field is empty."""
 
     def words(self, column: str) -> tuple[str, ...]:
         """The column as text."""
-        return self.columns[column]
+        return tuple(self.texts[column])
 
     def numbers(self, names: tuple[str, ...]) -> FloatArray:
         """(n, len(names)) values, nan where the field is empty."""
-        return np.column_stack([self._converted(name, _number) for name in names])
+        return np.column_stack([self.values[name] for name in names])
 
     def times(self) -> FloatArray:
         """(n,) the `time_s` column, which must have a finite number in every row."""
@@ -272,42 +276,51 @@ class _Table:
 
     def counts(self, column: str) -> IntArray:
         """(n,) whole numbers."""
-        return np.asarray(self._converted(column, int), dtype=np.intp)
-
-    def _converted(self, column: str, convert: Callable[[str], float]) -> FloatArray:
-        values = np.empty(len(self.columns[column]))
-        for row, text in enumerate(self.columns[column]):
-            try:
-                values[row] = convert(text)
-            except ValueError as error:
-                field = f"line {row + 2}, {column}"
-                raise InputError(self.path, field, f"expected a number, got {text!r}") from error
-        return values
+        values = self.numbers((column,))[:, 0]
+        bad = np.flatnonzero(~(np.isfinite(values) & (values == np.rint(values))))
+        if bad.size:
+            field = f"line {bad[0] + 2}, {column}"
+            raise InputError(self.path, field, f"expected a whole number, got {values[bad[0]]}")
+        return values.astype(np.intp)
 
 
-def _number(text: str) -> float:
-    return float(text) if text else np.nan
-
-
-def _read_csv(path: Path, required: tuple[str, ...]) -> _Table:
-    """The columns of a CSV file; those beyond the required ones are ignored."""
+def _read_csv(path: Path, names: tuple[str, ...], texts: tuple[str, ...] = ()) -> _Table:
+    """Columns of a CSV file, numbers but for ``texts``, read line by line; others are ignored."""
+    table = _Table(
+        path,
+        {name: [] for name in names if name in texts},
+        {name: array("d") for name in names if name not in texts},
+    )
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.reader(file, strict=True))
+            rows = csv.reader(file, strict=True)
+            _fill(table, next(rows, []), enumerate(rows, start=2))
     except OSError as error:
         raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(path, "file", f"expected CSV text ({error})") from error
-    header = rows[0] if rows else []
-    for name in required:
+    return table
+
+
+def _fill(table: _Table, header: list[str], rows: Iterable[tuple[int, list[str]]]) -> None:
+    for name in (*table.texts, *table.values):
         if name not in header:
-            raise InputError(path, "header", f"expected a column {name}")
-    for number, row in enumerate(rows[1:], start=2):
+            raise InputError(table.path, "header", f"expected a column {name}")
+    texts = [(column, header.index(name)) for name, column in table.texts.items()]
+    values = [(name, column, header.index(name)) for name, column in table.values.items()]
+    for line, row in rows:
         if len(row) != len(header):
             expected = f"expected {len(header)} fields, got {len(row)}"
-            raise InputError(path, f"line {number}", expected)
-    columns = list(zip(*rows[1:], strict=True)) or [()] * len(header)
-    return _Table(path, dict(zip(header, columns, strict=True)))
+            raise InputError(table.path, f"line {line}", expected)
+        for texts_of, position in texts:
+            texts_of.append(row[position])
+        for name, numbers, position in values:
+            text = row[position]
+            try:
+                numbers.append(float(text) if text else np.nan)
+            except ValueError as error:
+                field, expected = f"line {line}, {name}", f"expected a number, got {text!r}"
+                raise InputError(table.path, field, expected) from error
 
 
 def _rotations(path: Path, quaternions_xyzw: FloatArray, first_line: int = 2) -> FloatArray:
@@ -348,18 +361,43 @@ def _read_poses(path: Path, time_s: FloatArray, has_estimate: BoolArray) -> Floa
 
 def _read_covariances(path: Path, time_s: FloatArray, has_estimate: BoolArray) -> FloatArray:
     """(n, 20, 20) covariances, nan in frames without an estimate."""
+    count = int(has_estimate.sum())
+    expected = f"expected ({count}, {STATE_SIZE}, {STATE_SIZE}) at the times of {STATES_FILE}"
+    covariance = np.full((len(time_s), STATE_SIZE, STATE_SIZE), np.nan)
     try:
         with np.load(path, allow_pickle=False) as stored:
-            P, times = stored["P"], stored["time_s"]
+            if not np.array_equal(stored["time_s"], time_s[has_estimate]):
+                raise InputError(path, "P", expected)
+        with zipfile.ZipFile(path) as folder, folder.open("P.npy") as file:
+            blocks = _matrices(file)
+            # Block by block: a long run is not held twice.
+            for rows in np.array_split(np.flatnonzero(has_estimate), max(1, count // 512)):
+                covariance[rows] = blocks(len(rows))
+            if file.read(1):
+                raise InputError(path, "P", expected)
     except FileNotFoundError as error:
         raise InputError(path, "file", "expected a readable file") from error
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(path, "file", f"expected the arrays P and time_s ({error})") from error
-    count = int(has_estimate.sum())
-    same_times = np.array_equal(times, time_s[has_estimate])
-    if P.shape != (count, STATE_SIZE, STATE_SIZE) or not same_times:
-        expected = f"expected ({count}, {STATE_SIZE}, {STATE_SIZE}) at the times of {STATES_FILE}"
-        raise InputError(path, "P", expected)
-    covariance = np.full((len(time_s), STATE_SIZE, STATE_SIZE), np.nan)
-    covariance[has_estimate] = P
     return covariance
+
+
+def _matrices(file: IO[bytes]) -> Callable[[int], FloatArray]:
+    """Reads the (n, 20, 20) of an open .npy file by so many matrices a call."""
+    version = np.lib.format.read_magic(file)
+    if version != (1, 0):
+        raise ValueError(f"array format {version}")
+    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+    if shape[1:] != (STATE_SIZE, STATE_SIZE) or fortran or dtype != np.float64:
+        raise ValueError(f"P is {shape} {dtype}")
+
+    def read(n: int) -> FloatArray:
+        size = n * STATE_SIZE * STATE_SIZE
+        data = file.read(8 * size)
+        if len(data) != 8 * size:
+            raise ValueError("P ends early")
+        return np.frombuffer(data).reshape(n, STATE_SIZE, STATE_SIZE)
+
+    return read
