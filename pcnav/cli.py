@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -181,7 +181,8 @@ def view(
     if host != "127.0.0.1":
         typer.echo(f"open to every machine that reaches {host}: anyone there can look at this run")
     typer.echo(f"view: http://{host}:{server.get_port()}  (Ctrl-C ends it)")
-    server.sleep_forever()
+    with suppress(KeyboardInterrupt):
+        server.sleep_forever()
 
 
 @app.command()

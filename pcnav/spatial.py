@@ -49,20 +49,6 @@ def left_jacobian(rotation_vector: FloatArray) -> FloatArray:
     return np.eye(3) + b[..., None, None] * k + c[..., None, None] * (k @ k)
 
 
-def inverse_left_jacobian(rotation_vector: FloatArray) -> FloatArray:
-    """Inverse of `left_jacobian`; (..., 3) -> (..., 3, 3). (Sola et al. 2018, eq. 146.)"""
-    v = np.asarray(rotation_vector, dtype=np.float64)
-    angle_squared = np.sum(v * v, axis=-1)
-    a, b, _ = _series(v)
-    small = angle_squared < _SMALL_ANGLE_RAD**2
-    safe = np.where(small, 1.0, angle_squared)
-    # (1/t^2 - (1 + cos t) / (2 t sin t)) rewritten with a = sin t / t and b = (1 - cos t) / t^2,
-    # which stays finite at t = pi.
-    coefficient = np.where(small, 1.0 / 12.0 + angle_squared / 720.0, (1.0 - a / (2.0 * b)) / safe)
-    k = skew(v)
-    return np.eye(3) - 0.5 * k + coefficient[..., None, None] * (k @ k)
-
-
 def _series(rotation_vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """sin(t)/t, (1-cos t)/t^2 and (t-sin t)/t^3 of the vector's length t."""
     v = np.asarray(rotation_vector, dtype=np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.config import FilterTable, PerceptionTable
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.estimation.batch import ArcFit, TimedMeasurements, fit_arc
+from pcnav.estimation.batch import ArcError, ArcFit, TimedMeasurements, fit_arc
 from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult
 from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.estimation.single_frame import agreeing_faces, refined_hypotheses
@@ -113,9 +113,8 @@ class Tracker:
 
     def _acquire(self, frame: Frame) -> tuple[FrameEstimate, PerceivedFrame]:
         perceived = self._reader.look(frame)
-        if not self._units_checked and perceived.window is not None:
-            self._reader.check_units(perceived)
-            self._units_checked = True
+        if not self._units_checked:
+            self._units_checked = self._reader.check_units(perceived)
         hypotheses = refined_hypotheses(perceived, self._reader)
         if hypotheses:
             self._start_frames.append(frame)
@@ -133,6 +132,7 @@ class Tracker:
         com, ratios = self._prior_mass()
         self._arc_guess = first_state(decision.motion, com, ratios, self._info.mean_motion_rad_s)
         views: list[View] = []
+        fit: ArcFit | None = None
         for attempt in range(_START_PASSES):
             # A pose from one rectangle can be off by pixels; one fitted to all of them is not.
             trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
@@ -142,16 +142,20 @@ class Tracker:
             ]
             self._arc = [self._timed(view) for view in views]
             fit = self._fit_arc()
+            if fit is None:
+                break
             before, poses = (
                 poses,
                 [self._pose(state, frame) for state, frame in zip(fit.states, frames, strict=True)],
             )
             if attempt > 0 and max(map(self._reader.moved_px, before, poses, frames)) < _STILL_PX:
                 break
-        if not _holds(fit):
+        if fit is None or not _holds(fit):
             _log.info("frame %d: the first motion did not hold", frames[-1].index)
             self._forget()
-            return self._estimate(views[-1], None, Status.ACQUIRING)
+            return self._estimate(
+                _without_faces(views[-1], "the first motion did not hold"), None, Status.ACQUIRING
+            )
         self._ambiguous = decision.ambiguous
         self._restart(fit)
         status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
@@ -160,7 +164,9 @@ class Tracker:
     def _agreeing(self, view: View, T_cam_model: FloatArray) -> View:
         """A view without the faces that the others contradict: nothing else gates them yet."""
         faces = agreeing_faces(view.faces, T_cam_model, self._target.diameter_m)
-        return replace(view, faces=faces)
+        kept = {id(face) for face in faces}
+        out = [Unused(f.seen, "contradicts the others") for f in view.faces if id(f) not in kept]
+        return replace(view, faces=faces, unused=[*view.unused, *out])
 
     def _prior_mass(self) -> tuple[FloatArray, FloatArray]:
         initial = self._info.initial
@@ -187,13 +193,18 @@ class Tracker:
             ratios = initial.inertia_ratios_sd
         return com, ratios
 
-    def _fit_arc(self) -> ArcFit:
-        """Fit the whole young track. Only while it is kept."""
+    def _fit_arc(self) -> ArcFit | None:
+        """Fit the whole young track, only while it is kept; None where no fit is found."""
         assert self._arc is not None and self._arc_guess is not None, "checked by the callers"
         prior = start_covariance(*self._prior_spread())
-        fit = fit_arc(self._model, self._arc_guess, prior, self._arc, self._arc_start)
-        if fit.converged:
-            self._arc_start = fit.states[0]
+        try:
+            fit = fit_arc(self._model, self._arc_guess, prior, self._arc, self._arc_start)
+        except ArcError as error:
+            _log.info("%s", error)
+            return None
+        if not fit.converged:
+            return None
+        self._arc_start = fit.states[0]
         return fit
 
     def _restart(self, fit: ArcFit) -> None:
@@ -220,16 +231,14 @@ class Tracker:
         if view.explained < _LEAST_EXPLAINED:
             # A few returns can always be found where a wrong pose predicts a face.
             kalman.restore(prior)
-            result = None
-            unused = [*view.unused, *(Unused(f.seen, "frame not explained") for f in view.faces)]
-            view = replace(view, faces=[], unused=unused)
+            result, view = None, _without_faces(view, "frame not explained")
         if result is not None and any(result.accepted):
             self._blind_frames = 0
             self._extend_arc(view, result)
             status = Status.AMBIGUOUS if self._ambiguous else Status.LOCKED
         else:
-            # A frame without returns says nothing; one full of unexplained returns does.
-            self._blind_frames += view.perceived.window is not None
+            # A frame without a surface in it says nothing; one full of unexplained ones does.
+            self._blind_frames += bool(view.perceived.seen)
             status = Status.LOST if self._blind_frames > _MOST_BLIND_FRAMES else Status.COASTING
         estimate = self._estimate(view, result, status)
         if status is Status.LOST:
@@ -278,7 +287,7 @@ class Tracker:
         self._arc.append(self._timed(replace(view, faces=passed)))
         if len(self._arc) in _ARC_LENGTHS:
             fit = self._fit_arc()
-            if fit.converged and _holds(fit):
+            if fit is not None and _holds(fit):
                 self._restart(fit)
         if len(self._arc) >= _ARC_LENGTHS[-1]:
             self._arc = None
@@ -332,6 +341,13 @@ class Tracker:
             n_rectangles=sum(passed),
             records=tuple(records),
         )
+
+
+def _without_faces(view: View, reason: str) -> View:
+    """A view none of whose faces is used, and why."""
+    return replace(
+        view, faces=[], unused=[*view.unused, *(Unused(face.seen, reason) for face in view.faces)]
+    )
 
 
 def _holds(fit: ArcFit) -> bool:

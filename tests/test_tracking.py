@@ -239,6 +239,16 @@ def test_a_wrong_attitude_is_not_called_locked(
     assert Status.LOCKED not in wrong
 
 
+def test_a_speck_before_the_target_comes_into_view_is_no_fault_of_units(
+    recording: Recording,
+) -> None:
+    speck = np.zeros_like(recording.frames[0].depth_m)
+    speck[100:102, 100:102] = 20.0
+    tracker = tracker_of(recording.target)
+    estimate, _ = tracker.step(replace(recording.frames[0], depth_m=speck))
+    assert estimate.status == Status.ACQUIRING
+
+
 def test_a_mesh_in_millimetres_is_told(recording: Recording) -> None:
     mesh: trimesh.Trimesh = recording.target.mesh.copy()
     mesh.apply_scale(1000.0)

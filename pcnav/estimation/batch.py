@@ -47,6 +47,10 @@ class ArcFit:
     converged: bool
 
 
+class ArcError(ValueError):
+    """An arc that no trajectory can be fitted to: the numbers broke down."""
+
+
 def fit_arc(
     model: MotionModel[State],
     guess: State,
@@ -65,72 +69,93 @@ def fit_arc(
         arc: in order of time.
         start: state at the first time to iterate from, as an earlier fit found it; the guess
             if None.
-    """
-    size = len(prior_covariance)
-    prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
-    roots = [[cholesky(m.covariance, lower=True) for m in timed.measurements] for timed in arc]
 
-    def evaluate(error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
-        state = guess.retract(error)
-        sensitivity = guess.retraction_jacobian(error)
-        states, residuals, jacobians = [], [prior_root @ error], [prior_root]
-        time_s = arc[0].time_s
-        for timed, timed_roots in zip(arc, roots, strict=True):
+    Raises `ArcError` when a covariance is not positive definite or an iterate is not finite.
+    """
+    try:
+        trajectory = _Trajectory(model, guess, prior_covariance, arc)
+        solution = least_squares(
+            trajectory.residual,
+            np.zeros(len(prior_covariance)) if start is None else guess.local(start),
+            jac=trajectory.jacobian,
+            # A trust region that starts at one standard deviation of the prior: a first step a
+            # hundred times that, as other methods allow, may try rates that take ages to propagate.
+            method="trf",
+            x_scale=np.sqrt(np.diag(prior_covariance)),
+            max_nfev=_MOST_STEPS,
+        )
+        return trajectory.fit(solution.x, converged=bool(solution.success))
+    except (np.linalg.LinAlgError, ValueError, OverflowError) as error:
+        raise ArcError(f"no trajectory through {len(arc)} frames: {error}") from error
+
+
+class _Trajectory:
+    """The residuals of an arc as a function of the error of its first state."""
+
+    def __init__(
+        self,
+        model: MotionModel[State],
+        guess: State,
+        prior_covariance: FloatArray,
+        arc: Sequence[TimedMeasurements],
+    ) -> None:
+        self._model, self._guess, self._arc = model, guess, arc
+        self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
+        self._roots = [[cholesky(m.covariance, lower=True) for m in t.measurements] for t in arc]
+        # Residual and Jacobian come from one pass along the arc; scipy asks for them in turn.
+        self._last: tuple[bytes, list[State], FloatArray, FloatArray] | None = None
+
+    def residual(self, error: FloatArray) -> FloatArray:
+        """Whitened residuals of prior and measurements."""
+        return self._evaluated(error)[1]
+
+    def jacobian(self, error: FloatArray) -> FloatArray:
+        """Their derivative by the error."""
+        return self._evaluated(error)[2]
+
+    def fit(self, error: FloatArray, *, converged: bool) -> ArcFit:
+        """The fit that an error stands for."""
+        states, residual, jacobian = self._evaluated(error)
+        size = len(error)
+        initial = cho_solve(cho_factor(jacobian.T @ jacobian), np.eye(size))
+        # So far a covariance of the error at the guess: carry it to the first state, then on.
+        reset = self._guess.retraction_jacobian(error)
+        initial = reset @ initial @ reset.T
+        carried, time_s = np.eye(size), self._arc[0].time_s
+        for state, timed in zip(states[:-1], self._arc[1:], strict=True):
+            _, transition, _ = self._model.propagate(state, time_s, timed.time_s - time_s)
+            carried, time_s = transition @ carried, timed.time_s
+        covariance = carried @ initial @ carried.T
+        return ArcFit(
+            states=tuple(states),
+            covariance=0.5 * (covariance + covariance.T),
+            initial_covariance=initial,
+            chi_square=float(residual @ residual),
+            dof=len(residual) - size,
+            converged=converged,
+        )
+
+    def _evaluated(self, error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
+        key = error.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, *self._evaluate(error))
+        return self._last[1:]
+
+    def _evaluate(self, error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
+        state = self._guess.retract(error)
+        sensitivity = self._guess.retraction_jacobian(error)
+        states, time_s = [], self._arc[0].time_s
+        residuals, jacobians = [self._prior_root @ error], [self._prior_root]
+        for timed, roots in zip(self._arc, self._roots, strict=True):
             if timed.time_s != time_s:
-                state, transition, _ = model.propagate(state, time_s, timed.time_s - time_s)
+                state, transition, _ = self._model.propagate(state, time_s, timed.time_s - time_s)
                 sensitivity = transition @ sensitivity
                 time_s = timed.time_s
             states.append(state)
-            for measurement, root in zip(timed.measurements, timed_roots, strict=True):
-                whitened = np.column_stack(
-                    [measurement.residual(state), -measurement.jacobian(state) @ sensitivity]
-                )
-                whitened = solve_triangular(root, whitened, lower=True)
+            for measurement, root in zip(timed.measurements, roots, strict=True):
+                by_error = -measurement.jacobian(state) @ sensitivity
+                both = np.column_stack([measurement.residual(state), by_error])
+                whitened = solve_triangular(root, both, lower=True)
                 residuals.append(whitened[:, 0])
                 jacobians.append(whitened[:, 1:])
         return states, np.concatenate(residuals), np.vstack(jacobians)
-
-    # Residual and Jacobian come from one pass along the arc; scipy asks for them one after another.
-    last: dict[bytes, tuple[list[State], FloatArray, FloatArray]] = {}
-
-    def cached(error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
-        key = error.tobytes()
-        if key not in last:
-            last.clear()
-            last[key] = evaluate(error)
-        return last[key]
-
-    def residual_of(error: FloatArray) -> FloatArray:
-        return cached(error)[1]
-
-    def jacobian_of(error: FloatArray) -> FloatArray:
-        return cached(error)[2]
-
-    solution = least_squares(
-        residual_of,
-        np.zeros(size) if start is None else guess.local(start),
-        jac=jacobian_of,
-        # A trust region that starts at one standard deviation of the prior: a first step a hundred
-        # times that, as other methods allow, may try rates that take ages to propagate.
-        method="trf",
-        x_scale=np.sqrt(np.diag(prior_covariance)),
-        max_nfev=_MOST_STEPS,
-    )
-    states, residual, jacobian = evaluate(solution.x)
-    initial = cho_solve(cho_factor(jacobian.T @ jacobian), np.eye(size))
-    # So far a covariance of the error vector at the guess: carry it to the first state, then on.
-    reset = guess.retraction_jacobian(solution.x)
-    initial = reset @ initial @ reset.T
-    carried, time_s = np.eye(size), arc[0].time_s
-    for state, timed in zip(states[:-1], arc[1:], strict=True):
-        _, transition, _ = model.propagate(state, time_s, timed.time_s - time_s)
-        carried, time_s = transition @ carried, timed.time_s
-    covariance = carried @ initial @ carried.T
-    return ArcFit(
-        states=tuple(states),
-        covariance=0.5 * (covariance + covariance.T),
-        initial_covariance=initial,
-        chi_square=float(residual @ residual),
-        dof=len(residual) - size,
-        converged=bool(solution.success),
-    )

@@ -113,7 +113,6 @@ class MotionStart:
     def __init__(self, target: Target) -> None:
         self._target = target
         self._motions: tuple[Motion, ...] = ()
-        self._frames = 0
 
     def add(
         self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[Candidate]
@@ -126,36 +125,41 @@ class MotionStart:
         sightings = [Sighting(time_s, T_cam_world, h.T_cam_model, h.explained) for h in hypotheses]
         if not sightings:
             return None
-        self._frames += 1
         linked = [self._extended(motion, sightings) for motion in self._motions]
         grown = [motion for motion in linked if motion is not None]
-        if not grown:  # the first frame, or the motions so far led nowhere
-            grown = [Motion((sighting,)) for sighting in sightings]
-            self._frames = 1
-        self._motions = tuple(sorted(grown, key=lambda m: -m.explained)[:_MOST_MOTIONS])
+        # What no motion so far leads to may be the beginning of the right one.
+        claimed = {id(motion.sightings[-1]) for motion in grown}
+        begun = [Motion((sighting,)) for sighting in sightings if id(sighting) not in claimed]
+        best_first = sorted([*grown, *begun], key=lambda motion: -motion.explained)
+        self._motions = tuple(best_first[:_MOST_MOTIONS])
         return self._decide()
 
     def _extended(self, motion: Motion, sightings: list[Sighting]) -> Motion | None:
+        """The motion with the sighting that fits it best, or None when none does."""
         attitude = motion.predicted_attitude(sightings[0].time_s)
-        best = min(sightings, key=lambda s: float(rotation_angle(attitude.T @ s.R_world_body)))
-        if rotation_angle(attitude.T @ best.R_world_body) > _LARGEST_STEP_RAD:
+        before = motion.sightings[-1].p_world_model
+        fitting = []
+        for sighting in sightings:
+            turn = float(rotation_angle(attitude.T @ sighting.R_world_body)) / _LARGEST_STEP_RAD
+            # In the world: a camera that pans moves a still target about its own frame.
+            shift_m = float(np.linalg.norm(sighting.p_world_model - before))
+            shift = shift_m / (_LARGEST_SHIFT_FRACTION * self._target.diameter_m)
+            if turn <= 1.0 and shift <= 1.0:
+                fitting.append((turn + shift, sighting))
+        if not fitting:
             return None
-        # In the world: a camera that pans moves a still target about its own frame.
-        shift = float(np.linalg.norm(best.p_world_model - motion.sightings[-1].p_world_model))
-        if shift > _LARGEST_SHIFT_FRACTION * self._target.diameter_m:
-            return None
+        best = min(fitting, key=lambda pair: pair[0])[1]
         return Motion((*motion.sightings, best)[-MOST_SIGHTINGS:])
 
     def _decide(self) -> Decision | None:
-        if self._frames < _FEWEST_FRAMES:
+        ripe = [motion for motion in self._motions if len(motion.sightings) >= _FEWEST_FRAMES]
+        if not ripe or ripe[0].explained < _LEAST_EXPLAINED:
             return None
-        best = self._motions[0]
-        if best.explained < _LEAST_EXPLAINED:
-            return None
-        rivals = [m for m in self._motions[1:] if best.explained - m.explained < _CLEAR_LEAD]
+        best = ripe[0]
+        rivals = [m for m in ripe[1:] if best.explained - m.explained < _CLEAR_LEAD]
         rivals = [m for m in rivals if m.sightings[-1] is not best.sightings[-1]]
         undecided = [m for m in rivals if not self._symmetric(best, m)]
-        if undecided and self._frames < MOST_SIGHTINGS:
+        if undecided and len(best.sightings) < MOST_SIGHTINGS:
             return None
         return Decision(best, ambiguous=bool(undecided) or len(self._target.symmetry_rotations) > 1)
 

@@ -10,7 +10,6 @@ from enum import StrEnum
 import numpy as np
 
 from pcnav.arrays import FloatArray
-from pcnav.spatial import make_transform
 from pcnav.target import Rectangle
 
 
@@ -45,11 +44,6 @@ def apply_case(T_cam_rect: FloatArray, case: Case) -> FloatArray:
     turned = T_cam_rect.copy()
     turned[:3, :3] = T_cam_rect[:3, :3] @ _ROTATIONS[case]
     return turned
-
-
-def case_transform(case: Case) -> FloatArray:
-    """(4, 4) the case as a rigid motion of the rectangle frame."""
-    return make_transform(_ROTATIONS[case], np.zeros(3))
 
 
 def resolve_case(

@@ -80,8 +80,18 @@ def measure_by_expectation(
             unused.append(Unused(seen, "its face was seen in a larger segment"))
         else:
             taken.add(index)
-            measured.append(_compare(seen, expectation.faces[index], gate_sigma))
+            face = _compare(seen, expectation.faces[index], gate_sigma)
+            if _is_usable(face):
+                measured.append(face)
+            else:
+                unused.append(Unused(seen, "its covariance is degenerate"))
     return measured, unused
+
+
+def _is_usable(face: MeasuredFace) -> bool:
+    """Whether what a face is known by can be inverted: not for one seen from a hand's breadth."""
+    known = face.covariance[np.ix_(face.known, face.known)]
+    return bool(np.isfinite(known).all() and np.linalg.eigvalsh(known)[0] > 0.0)
 
 
 def measure_by_size(
@@ -103,7 +113,11 @@ def measure_by_size(
             for recognition in seen.recognitions
         ]
         best = min(options, key=lambda face: _pose_distance(face, T_cam_model))
-        if _pose_distance(best, T_cam_model) > 0.5 * best.rectangle.length_m:
+        if not _is_usable(best):
+            unused.append(Unused(seen, "its covariance is degenerate"))
+        elif best.rectangle.name in {face.rectangle.name for face in measured}:
+            unused.append(Unused(seen, "its rectangle was seen in a larger segment"))
+        elif _pose_distance(best, T_cam_model) > 0.5 * best.rectangle.length_m:
             unused.append(Unused(seen, "far from every predicted rectangle of its size"))
         else:
             measured.append(best)

@@ -13,6 +13,10 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.camera import PinholeCamera, project
 
+_UNKNOWN = 1e4
+"""Variance of moments that cannot be told: part of the face is behind the camera."""
+_MOST_SAMPLES = 2000
+"""A side that runs far out of the image, seen from very near, is sampled no finer than this."""
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
@@ -34,7 +38,7 @@ def moment_covariance(
     corners[:, :2] = _CORNERS * [width_m, length_m]
     corners_cam = corners @ T_cam_rect[:3, :3].T + T_cam_rect[:3, 3]
     if corners_cam[:, 2].min() <= 0.0:
-        return np.full((6, 6), np.inf)
+        return _UNKNOWN * np.eye(6)
     pixels = project(camera, corners_cam)
     covariance = np.zeros((6, 6))
     for start, end in zip(pixels, np.roll(pixels, -1, axis=0), strict=True):
@@ -47,12 +51,13 @@ def _side_covariance(
 ) -> FloatArray:
     span = end - start
     major = int(np.argmax(np.abs(span)))
-    n = max(1, round(abs(float(span[major]))))
+    n = min(max(1, round(abs(float(span[major])))), _MOST_SAMPLES)
     slope = float(span[1 - major]) / max(abs(float(span[major])), 1e-9)
     samples = start + (np.arange(n)[:, None] + 0.5) / n * span
     position, area = _on_plane(camera, T_cam_rect, samples)
     x, y = position.T
-    effect = area[:, None] * np.stack([np.ones(n), x, y, x * x, y * y, x * y], axis=1)
+    columns = abs(float(span[major])) / n  # pixel columns that a sample stands for: about one
+    effect = columns * area[:, None] * np.stack([np.ones(n), x, y, x * x, y * y, x * y], axis=1)
     phase = np.mod(np.arange(n) * slope, 1.0)
     sawtooth = 0.5 * (phase**2 - phase + 1.0 / 6.0)
     lag = np.abs(np.arange(n)[:, None] - np.arange(n))

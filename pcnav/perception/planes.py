@@ -40,7 +40,7 @@ def ransac_plane(
     if len(points) < _LEAST_POINTS:
         return None
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-    open3d.utility.random.seed(seed)
+    open3d.utility.random.seed(seed % 2**31)  # it takes a C int
     # With a probability below 1 Open3D stops early after a number of trials that depends on
     # the order its threads finish in, which makes two runs differ.
     coefficients, _ = cloud.segment_plane(distance_threshold_m, _LEAST_POINTS, trials, 1.0)
@@ -111,7 +111,8 @@ def fit_plane(
         m = np.asarray(
             np.linalg.solve(information, rays.T @ (weight * (2.0 * predicted - range_m)))
         )
-    if is_edge_on(m, float(np.mean(range_m))):
+    # A ray that meets the plane behind the sensor, or hardly at all, has no range on it.
+    if is_edge_on(m, float(np.mean(range_m))) or float(np.min(rays @ m)) <= 0.0:
         return None
     residual = (range_m - 1.0 / (rays @ m)) / sigma_m
     chi_square = float(residual @ residual) / max(len(residual) - 3, 1)

@@ -30,6 +30,8 @@ _EXPLAINED_SIGMA = 3.0
 """A return further than this from the depth a pose predicts is not explained by it."""
 _UNITS_RATIO = (0.02, 5.0)
 """What is seen of a target spans between these shares of its diameter, or the units differ."""
+_UNITS_RETURNS = 300
+"""Fewer returns may be a speck, or the first corner of a target that comes into view."""
 
 
 class Trust(IntEnum):
@@ -142,14 +144,14 @@ class FrameReader:
         focal = max(frame.camera.fx, frame.camera.fy)
         return moved_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
 
-    def check_units(self, perceived: PerceivedFrame) -> None:
-        """Raise `InputError` when what is seen cannot be the target for its size.
+    def check_units(self, perceived: PerceivedFrame) -> bool:
+        """Whether enough was seen to compare sizes; `InputError` when it cannot be the target.
 
         A mesh in millimetres and a cloud in metres make nonsense of everything after.
         """
         window = perceived.window
-        if window is None:
-            return
+        if window is None or np.count_nonzero(window.has_return) < _UNITS_RETURNS:
+            return False
         points = window.rays[window.has_return] * window.range_m[window.has_return, None]
         low, high = np.percentile(points, [2, 98], axis=0)
         ratio = float(np.linalg.norm(high - low)) / self._target.diameter_m
@@ -157,9 +159,11 @@ class FrameReader:
             raise InputError(
                 self._target.mesh_path,
                 "units",
-                "expected a mesh in metres of about the size of what is seen: its diameter is "
-                f"{self._target.diameter_m:.4g} m, the returns span {ratio:.3g} times that",
+                "expected a mesh in metres of about the size of what is seen, and no background: "
+                f"its diameter is {self._target.diameter_m:.4g} m, the returns span {ratio:.3g} "
+                "times that",
             )
+        return True
 
     def _expecter_of(self, frame: Frame) -> Expecter:
         if self._expecter is None or self._expecter.camera != frame.camera:

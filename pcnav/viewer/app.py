@@ -23,7 +23,7 @@ from pcnav.results import (
     read_track,
 )
 from pcnav.sequences.opening import open_sequence
-from pcnav.sequences.sequence import Sequence
+from pcnav.sequences.sequence import Frame, Sequence
 from pcnav.spatial import xyzw_from_rotation
 from pcnav.state import COM_MODEL, OMEGA_BODY, THETA_BODY
 from pcnav.target import Target, load_target
@@ -175,8 +175,8 @@ def _vertical_fov(camera: PinholeCamera) -> float:
 def _show_frame(server: viser.ViserServer, run: RunData, index: int) -> None:
     """Cloud, mesh and rectangles of one frame; each replaces what stood under its name."""
     time_s = float(run.track.time_s[index])
-    if run.sequence is not None:
-        frame = run.sequence.frame(index)
+    frame = _frame_of(run, index)
+    if frame is not None:
         points = unproject(frame.camera, frame.depth_m)[frame.depth_m > 0.0]
         server.scene.add_point_cloud(
             "/cloud", points.astype(np.float32), _CLOUD, point_size=0.02, precision="float32"
@@ -186,11 +186,22 @@ def _show_frame(server: viser.ViserServer, run: RunData, index: int) -> None:
         outlines = [
             _closed(rectangle_corners(record))
             for record in run.records.get(time_s, ())
-            if (record.outcome == ACCEPTED) is used
+            if (record.outcome == ACCEPTED) is used and np.isfinite(record.T_cam_rect).all()
         ]
         lines = np.concatenate(outlines) if outlines else np.zeros((0, 2, 3))
         name = "/rectangles/used" if used else "/rectangles/unused"
         server.scene.add_line_segments(name, lines.astype(np.float32), colour, thickness=0.02)
+
+
+def _frame_of(run: RunData, index: int) -> Frame | None:
+    """The depth frame of a row of the run; None where the sequence no longer holds it."""
+    if run.sequence is None or index >= len(run.sequence):
+        return None
+    try:
+        frame = run.sequence.frame(index)
+    except InputError:
+        return None
+    return frame if frame.time_s == run.track.time_s[index] else None
 
 
 def _show_mesh(server: viser.ViserServer, run: RunData, index: int) -> None:

@@ -190,3 +190,29 @@ def test_prior_keeps_what_is_known_of_the_mass_and_leaves_the_rest_to_the_data()
     np.testing.assert_allclose(np.diag(P)[COM_MODEL], com_sd**2)
     np.testing.assert_allclose(np.diag(P)[INERTIA_RATIOS], ratios_sd**2)
     assert np.all(np.sqrt(np.diag(P)[OMEGA_BODY]) >= 0.5)
+
+
+def test_of_alternatives_with_one_attitude_the_near_one_is_linked() -> None:
+    # Two equal wings: the same attitude, the target a wing's distance away.
+    aside = make_transform(np.eye(3), np.array([0.0, 4.0, 0.0]))
+    start = MotionStart(target_with())
+    decisions = []
+    for k in range(3):
+        pair = [(np.eye(4), 0.9), (aside, 0.7)]
+        decisions.append(feed(start, k, *(pair if k % 2 else pair[::-1])))
+    assert decisions[2] is not None
+    assert follows(decisions[2].motion, np.eye(4))
+    steps = np.diff([s.p_world_model for s in decisions[2].motion.sightings], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() < 0.1
+
+
+def test_the_right_motion_may_begin_after_a_wrong_one_that_goes_on() -> None:
+    start = MotionStart(target_with())
+    for k in range(3):
+        assert feed(start, k, (HALF_TURN, 0.3)) is None
+    decision = None
+    for k in range(3, 6):
+        assert decision is None
+        decision = feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.3))
+    assert decision is not None
+    assert follows(decision.motion, np.eye(4))

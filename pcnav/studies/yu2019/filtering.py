@@ -53,12 +53,13 @@ class Printed:
     """Largest error printed by axis, in the unit."""
 
 
+_DEGREES = float(np.rad2deg(1.0))
 PRINTED = (
-    Printed("Fig. 11", "position", "mm", R_HILL, 1e3, (1.4, 3.2, 1.4)),
-    Printed("Fig. 12", "velocity", "mm/s", V_HILL, 1e3, (0.01, 0.01, 0.01)),
-    Printed("Fig. 13", "mass centre", "mm", COM_MODEL, 1e3, (1.0, 1.0, 1.0)),
-    Printed("Fig. 14", "attitude", "deg", THETA_BODY, float(np.rad2deg(1.0)), (0.1, 0.1, 0.1)),
-    Printed("Fig. 15", "rate", "deg/s", OMEGA_BODY, float(np.rad2deg(1.0)), (0.01, 0.01, 0.01)),
+    Printed("Fig. 11", "position", "mm", R_HILL, 1e3, paper.FIG_11_POSITION_MM),
+    Printed("Fig. 12", "velocity", "mm/s", V_HILL, 1e3, paper.FIG_12_VELOCITY_MM_S),
+    Printed("Fig. 13", "mass centre", "mm", COM_MODEL, 1e3, paper.FIG_13_MASS_CENTRE_MM),
+    Printed("Fig. 14", "attitude", "deg", THETA_BODY, _DEGREES, paper.FIG_14_ATTITUDE_DEG),
+    Printed("Fig. 15", "rate", "deg/s", OMEGA_BODY, _DEGREES, paper.FIG_15_RATE_DEG_S),
 )
 
 

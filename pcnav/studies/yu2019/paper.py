@@ -77,11 +77,11 @@ nominal origin across the target's z axis."""
 
 FIG_8_POSITION_M = (0.01, 0.01, 0.01)
 FIG_10_ATTITUDE_DEG = (0.13, 0.12, 0.16)
-FIG_11_POSITION_M = (1.4e-3, 3.2e-3, 1.4e-3)
-FIG_12_VELOCITY_M_S = (1e-5, 1e-5, 1e-5)
-FIG_13_MASS_CENTRE_M = (1e-3, 1e-3, 1e-3)
-FIG_14_ATTITUDE_DEG = 0.1
-FIG_15_RATE_DEG_S = 0.01
+FIG_11_POSITION_MM = (1.4, 3.2, 1.4)
+FIG_12_VELOCITY_MM_S = (0.01, 0.01, 0.01)
+FIG_13_MASS_CENTRE_MM = (1.0, 1.0, 1.0)
+FIG_14_ATTITUDE_DEG = (0.1, 0.1, 0.1)
+FIG_15_RATE_DEG_S = (0.01, 0.01, 0.01)
 """Largest errors, by axis where the paper says so."""
 
 PRIOR_SD: FloatArray = np.repeat([1.0, 0.1, 0.1, 0.1, 0.01, 0.1], [3, 3, 3, 3, 3, 5])

@@ -78,10 +78,9 @@ _TEXT = (
     "pixels of 0.1 m noise no method that uses the ranges alone can tell it to better than 0.23 "
     "degrees facing the sensor (less at an angle, as the noise is along the ray): the stated "
     "column is that bound for the frames shown.",
-    "Whole satellite: at 0.1 m the noise is a sixteenth of the bus and RANSAC, with its "
-    "threshold of three standard deviations, joins returns of several faces into planes that are "
-    "not there. The paper's way, recognising each such plane by its size, then seldom finds a "
-    "face and does not find the right one. The area-weighted mode reads the frame again with the "
-    "planes of the hypothesis it starts from, which recovers the faces; what remains is the "
-    "hypothesis itself, which is wrong where only faces of similar size are in view.",
+    "Whole satellite: at 0.1 m the noise is a sixteenth of the bus. RANSAC therefore looks at "
+    "returns averaged over squares of pixels, or it would join returns of several faces into "
+    "planes that are not there. The paper's way then recognises each plane by its size, which "
+    "hidden parts and rims change; the area-weighted mode reads the frame again with the planes "
+    "of the hypothesis it starts from, and compares every face with the view expected of it.",
 )

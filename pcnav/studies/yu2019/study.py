@@ -156,6 +156,14 @@ def _verdict(
             float(np.rad2deg(worst)),
         )
     )
+    rows.append(
+        _row(
+            "ray-cast",
+            "panel, 0.1 m: attitude RMS, whole angle, deg",
+            ATTITUDE_GOAL_DEG,
+            ray_cast.panel.attitude_rms_deg,
+        )
+    )
     note = "" if complete else "A quick look with cut motions: the filter has not converged."
     return StudyTable(
         "verdict",
