@@ -96,7 +96,7 @@ def component_figure(
                 _set_two_sided_log(axes, time_s, bound, value)
                 continue
         _span(axes, np.concatenate([value, centre - bound, centre + bound]), np.tile(settled, 3))
-    _legend(figure, rows[0])
+    add_legend(figure, rows[0])
     return figure
 
 
@@ -133,7 +133,7 @@ def consistency_figure(track: Track, errors: TrackErrors | None) -> Figure:
         used = np.isfinite(squared) & (degrees > 0)
         _draw_squared(axes, track.time_s[used], squared[used], degrees[used])
         axes.set_ylabel(f"{label} / bound")
-    _legend(figure, rows[0])
+    add_legend(figure, rows[0])
     return figure
 
 
@@ -148,13 +148,13 @@ def timeline_figure(track: Track) -> Figure:
     end = 2.0 * track.time_s[-1] - track.time_s[-2] if len(track) > 1 else starts[0] + 1.0
     edges = np.append(starts, end)
     for axes in (counts, strip):
-        _style(axes)
+        style_axes(axes)
         axes.set_xlim(edges[0], edges[-1])
     _draw_counts(counts, edges, [track.n_rectangles[span] for span in spans])
     counts.tick_params(labelbottom=False)
     _draw_statuses(strip, edges, [[track.status[i] for i in span] for span in spans])
     strip.set_xlabel("time, s")
-    _legend(figure, strip)
+    add_legend(figure, strip)
     return figure
 
 
@@ -177,7 +177,7 @@ def outcome_figure(outcomes: Counter[tuple[str, str]]) -> Figure:
     axes.invert_yaxis()
     axes.margins(x=0.12)
     axes.set_xlabel("rectangles seen")
-    _style(axes)
+    style_axes(axes)
     axes.grid(visible=False, axis="y")
     return figure
 
@@ -219,7 +219,7 @@ def _stacked_axes(
     grid = figure.subplots(rows, 1, sharex=True, squeeze=False)
     axes: list[Axes] = list(grid[:, 0])
     for each in axes:
-        _style(each)
+        style_axes(each)
     if np.ptp(time_s) > 0.0:
         axes[-1].set_xlim(time_s[0], time_s[-1])
     axes[-1].set_xlabel("time, s")
@@ -227,7 +227,8 @@ def _stacked_axes(
     return figure, axes
 
 
-def _style(axes: Axes) -> None:
+def style_axes(axes: Axes) -> None:
+    """Spines, grid and labels in the look of the report."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(MUTED)
     axes.grid(visible=True, color=GRID, linewidth=0.6)
@@ -237,7 +238,7 @@ def _style(axes: Axes) -> None:
     axes.yaxis.label.set(fontsize=8.5, color=INK)
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
+def add_legend(figure: Figure, axes: Axes) -> None:
     """The legend of one of the axes, above all of them, where it covers no data."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(

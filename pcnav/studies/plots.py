@@ -12,11 +12,11 @@ from pcnav.evaluation.figures import (
     ALERT,
     BAND,
     CATEGORIES,
-    GRID,
-    INK,
     LINE,
     MUTED,
+    add_legend,
     envelope,
+    style_axes,
     svg_bytes,
 )
 from pcnav.studies.folder import StudyFigure
@@ -58,14 +58,14 @@ def series_figure(
     figure = _figure(0.7 + 1.15 * len(series))
     rows = list(figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0])
     for axes, each in zip(rows, series, strict=True):
-        _style(axes)
+        style_axes(axes)
         _draw(axes, time_s, each)
         _limit(axes, time_s, each, settled_from_s)
         axes.set_ylabel(each.label)
     rows[-1].set_xlabel("time, s")
     rows[-1].set_xlim(float(time_s[0]), float(time_s[-1]))
     figure.align_ylabels(rows)
-    _legend(figure, rows[0])
+    add_legend(figure, rows[0])
     return StudyFigure(key, title, caption, svg_bytes(figure))
 
 
@@ -81,7 +81,7 @@ def band_figure(
     """Curves over time against a band they should stay in."""
     figure = _figure(3.0)
     axes = figure.add_subplot()
-    _style(axes)
+    style_axes(axes)
     axes.axhspan(*band, color=BAND, linewidth=0, label="95 % bounds")
     for colour, (name, values) in zip(CATEGORIES, curves.items(), strict=False):
         axes.plot(time_s, values, color=colour, linewidth=0.9, label=name)
@@ -92,7 +92,7 @@ def band_figure(
     axes.set_xlim(float(time_s[0]), float(time_s[-1]))
     axes.set_xlabel("time, s")
     axes.set_ylabel(label)
-    _legend(figure, axes)
+    add_legend(figure, axes)
     return StudyFigure(key, title, caption, svg_bytes(figure))
 
 
@@ -134,24 +134,3 @@ def _figure(height_in: float) -> Figure:
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def _style(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(MUTED)
-    axes.grid(visible=True, color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8, color=MUTED, labelcolor=INK)
-    axes.xaxis.label.set(fontsize=8.5, color=INK)
-    axes.yaxis.label.set(fontsize=8.5, color=INK)
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    figure.legend(
-        *axes.get_legend_handles_labels(),
-        loc="outside upper left",
-        ncols=4,
-        fontsize=8,
-        frameon=False,
-        labelcolor=INK,
-    )
