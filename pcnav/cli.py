@@ -247,7 +247,9 @@ def _simulate(pipeline: str, out: Path, overwrite: bool) -> None:
     satellite = load_target(_mesh_of_pipeline(path, content.target_mesh))
     with _progress("simulate") as advance:
         summary = write_sequence(content, satellite, out, overwrite, advance, path)
-    typer.echo(f"sequence: {summary.path} ({summary.frames} frames)")
+    typer.echo(
+        f"sequence: {summary.path} ({summary.frames} frames, {summary.median_returns} returns each)"
+    )
 
 
 def _run(

@@ -223,15 +223,9 @@ class Tracker:
     def _track(
         self, frame: Frame, kalman: ErrorStateFilter[NavigationState]
     ) -> tuple[FrameEstimate, PerceivedFrame]:
-        result: UpdateResult | None
         kalman.predict(self._model, self._time_s, frame.time_s - self._time_s)
         self._time_s = frame.time_s
-        prior = kalman.snapshot()
         view, result = self._update(frame, kalman)
-        if view.explained < _LEAST_EXPLAINED:
-            # A few returns can always be found where a wrong pose predicts a face.
-            kalman.restore(prior)
-            result, view = None, _without_faces(view, "frame not explained")
         if result is not None and any(result.accepted):
             self._blind_frames = 0
             self._extend_arc(view, result)
@@ -247,8 +241,11 @@ class Tracker:
 
     def _update(
         self, frame: Frame, kalman: ErrorStateFilter[NavigationState]
-    ) -> tuple[View, UpdateResult]:
-        """Measure against the expected view and update; again while the view still moves."""
+    ) -> tuple[View, UpdateResult | None]:
+        """Measure against the expected view and update; again while the view still moves.
+
+        A frame that the pose does not explain leaves the filter as predicted, without a result.
+        """
         prior = kalman.snapshot()
         pose = self._pose(kalman.state, frame)
         view = self._reader.read(frame, pose, self._trust(kalman, frame))
@@ -264,6 +261,10 @@ class Tracker:
                 view = self._reader.read(frame, pose, Trust.PIXELS)
             kalman.restore(prior)
             result = kalman.update(self._timed(view).measurements)
+        if view.explained < _LEAST_EXPLAINED:
+            # A few returns can always be found where a wrong pose predicts a face.
+            kalman.restore(prior)
+            return _without_faces(view, "frame not explained"), None
         return view, result
 
     def _trust(self, kalman: ErrorStateFilter[NavigationState], frame: Frame) -> Trust:

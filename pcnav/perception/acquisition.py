@@ -12,7 +12,7 @@ import numpy as np
 
 from pcnav.arrays import DepthImage, FloatArray
 from pcnav.perception.ambiguity import apply_case, possible_cases
-from pcnav.perception.association import _LARGEST_YAW_SD_RAD
+from pcnav.perception.association import LARGEST_YAW_SD_RAD
 from pcnav.perception.expectation import Expecter
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.rectangles import YAW
@@ -20,7 +20,8 @@ from pcnav.spatial import invert_transform, rotation_angle
 from pcnav.target import Target
 
 _MOST_RECTANGLES = 4
-"""Only the largest whole rectangles of a frame propose poses; the others take part in the score."""
+"""Only the largest recognised rectangles propose poses; the others take part in the score. One
+that seems cut may propose, too: the score judges what it makes of the frame."""
 _SAME_ANGLE_RAD = 0.15
 _SAME_SHIFT_FRACTION = 0.1
 """Hypotheses closer than this angle and share of the diameter are one."""
@@ -68,12 +69,12 @@ def explained_share(seen: DepthImage, predicted: DepthImage, tolerance_m: float)
 
 def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:
     proposals = []
-    whole = [
+    recognised = [
         seen
         for seen in perceived.seen
-        if seen.recognitions and seen.observation.covariance[YAW, YAW] < _LARGEST_YAW_SD_RAD**2
+        if seen.recognitions and seen.observation.covariance[YAW, YAW] < LARGEST_YAW_SD_RAD**2
     ]
-    for seen in whole[:_MOST_RECTANGLES]:
+    for seen in recognised[:_MOST_RECTANGLES]:
         for recognition in seen.recognitions:
             rectangle = recognition.rectangle
             for case in possible_cases(rectangle):

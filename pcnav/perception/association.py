@@ -26,7 +26,7 @@ from pcnav.perception.rectangles import (
 from pcnav.spatial import invert_transform, skew
 from pcnav.target import Rectangle
 
-_LARGEST_YAW_SD_RAD = 0.1
+LARGEST_YAW_SD_RAD = 0.1
 """A face nearer to a square than this has no yaw of its own: five degrees of freedom are left."""
 _LEAST_OVERLAP = 0.5
 """Share of an expected face that a segment must cover to be it."""
@@ -194,7 +194,7 @@ def _measured(
 
 
 def _has_no_yaw(observation: RectangleObservation) -> bool:
-    return bool(observation.covariance[YAW, YAW] > _LARGEST_YAW_SD_RAD**2)
+    return bool(observation.covariance[YAW, YAW] > LARGEST_YAW_SD_RAD**2)
 
 
 def _same_size(observed: RectangleObservation, expected: SegmentShape, gate_sigma: float) -> bool:
