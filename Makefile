@@ -9,7 +9,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 # Processes of the test run.
 WORKERS ?= 2
 RUNS ?= runs
-STUDIES := yu2019
+STUDIES := yu2019 tracking
 TYPED := $(wildcard pcnav benchmarks tests)
 LINTED := $(wildcard pcnav benchmarks meshes tests)
 STAMP := $(VENV)/.installed
@@ -74,7 +74,7 @@ check: lint types test ## All of lint, types and test
 bench: setup ## Measure pcnav against its peers
 	$(BIN)/python -m benchmarks
 
-studies: setup ## Rebuild every paper's tables and figures under runs/studies
+studies: setup ## Rebuild every study's tables and figures under runs/studies
 	@set -e; for study in $(STUDIES); do \
 	    echo "study $$study -> $(RUNS)/studies/$$study"; \
 	    $(BIN)/pcnav study $$study -o $(RUNS)/studies/$$study; \

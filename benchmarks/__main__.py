@@ -9,12 +9,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from benchmarks.accuracy import score_case, score_table
-from benchmarks.memory import SHORT_FRAMES, measure_memory, memory_table
-from benchmarks.scenes import Scene, load, record, shortened
-from benchmarks.speed import measure_throughput, throughput_table
-
 _WARM_UP_FRAMES = 12
+_OUT = Path("runs/bench")
 
 
 class Part(StrEnum):
@@ -25,62 +21,90 @@ class Part(StrEnum):
     MEMORY = "memory"
 
 
+class Satellite(StrEnum):
+    """The shipped ones."""
+
+    BOXSAT = "boxsat"
+    TWINWING = "twinwing"
+    CUBESAT6U = "cubesat6u"
+
+
 def main(
-    frames: Annotated[int, typer.Option(min=20, help="Frames of each timed sequence.")] = 150,
+    frames: Annotated[
+        int, typer.Option(min=20, help="Frames of each sequence; accuracy counts the second half.")
+    ] = 100,
     long_frames: Annotated[
         int, typer.Option(min=1000, help="Frames of the long sequence of the memory part.")
     ] = 5000,
     only: Annotated[list[Part] | None, typer.Option(help="Measure only this; repeatable.")] = None,
-    every_case: Annotated[
-        bool, typer.Option("--all", help="All satellites, each at two noise levels.")
-    ] = False,
+    satellite: Annotated[
+        list[Satellite] | None, typer.Option(help="Compare only on this one; repeatable.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the comparison's tables.")
+    ] = _OUT,
 ) -> None:
-    """Measure pcnav against its peers and print tables.
+    """Measure pcnav against its peers, print tables and write the comparison to a folder.
 
-    Example: `python -m benchmarks --only accuracy --frames 60`
+    Example: `python -m benchmarks --only accuracy --satellite boxsat`
     """
+    # As the command line of pcnav does; NumPy reads it when it is first imported, below.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     parts = only or list(Part)
     console = Console(width=max(150, Console().width))
-    blas_threads = os.environ.get("OPENBLAS_NUM_THREADS", "not set")
-    console.print(
-        f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before the start, "
-        f"OPENBLAS_NUM_THREADS {blas_threads}"
-    )
+    console.print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before the start")
     with tempfile.TemporaryDirectory(prefix="pcnav-bench-") as name:
         folder = Path(name)
         if Part.SPEED in parts:
             _speed(frames, folder, console)
         if Part.ACCURACY in parts:
-            _accuracy(frames, every_case, folder, console)
+            _accuracy(frames, satellite or list(Satellite), folder, out, console)
         if Part.MEMORY in parts:
-            short = measure_memory(SHORT_FRAMES, folder)
-            console.print(memory_table(short, measure_memory(long_frames, folder)))
+            _memory(long_frames, folder, console)
 
 
 def _speed(frames: int, folder: Path, console: Console) -> None:
+    from benchmarks.scenes import record, shortened
+    from benchmarks.speed import measure_throughput, throughput_table
+
     warm_up = record("boxsat", shortened("boxsat", _WARM_UP_FRAMES), folder / "warm-up")
     measure_throughput(warm_up, folder / "warm-up-result")
     scene = record("boxsat", shortened("boxsat", frames), folder / "speed")
     console.print(throughput_table(scene, measure_throughput(scene, folder / "speed-result")))
 
 
-def _accuracy(frames: int, every_case: bool, folder: Path, console: Console) -> None:
-    for scene in _scenes(frames, every_case, folder):
-        case = load(scene)
-        console.print(score_table(case, score_case(case)))
+def _accuracy(
+    frames: int, satellites: list[Satellite], folder: Path, out: Path, console: Console
+) -> None:
+    from benchmarks.accuracy import score_case
+    from benchmarks.comparison import (
+        case_table,
+        conditions,
+        judge,
+        verdict_table,
+        write_comparison,
+    )
+    from benchmarks.scenes import load, noise_levels, record, shortened
+
+    for sentence in conditions():
+        console.print(sentence)
+    cases = []
+    for name in satellites:
+        for sigma_m in noise_levels(name):
+            path = folder / f"{name}-{sigma_m:g}"
+            cases.append(score_case(load(record(name, shortened(name, frames, sigma_m), path))))
+            console.print(case_table(cases[-1]).to_rich())
+            # Whatever is measured is kept, should a later case be interrupted.
+            write_comparison(out, cases)
+    console.print(verdict_table([judge(case) for case in cases]).to_rich())
+    console.print(f"tables: {out}")
 
 
-def _scenes(frames: int, every_case: bool, folder: Path) -> list[Scene]:
-    """The benchmark's scene; with ``every_case`` all satellites at their noise and half of it."""
-    if not every_case:
-        return [record("boxsat", shortened("boxsat", frames), folder / "boxsat")]
-    scenes = []
-    for name in ("boxsat", "twinwing", "cubesat6u"):
-        own_sigma_m = shortened(name, frames).noise.range_sigma_m
-        for sigma_m in (own_sigma_m, 0.5 * own_sigma_m):
-            pipeline = shortened(name, frames, sigma_m)
-            scenes.append(record(name, pipeline, folder / f"{name}-{sigma_m:g}"))
-    return scenes
+def _memory(long_frames: int, folder: Path, console: Console) -> None:
+    from benchmarks.memory import SHORT_FRAMES, measure_memory, memory_table
+
+    short = measure_memory(SHORT_FRAMES, folder)
+    console.print(memory_table(short, measure_memory(long_frames, folder)))
 
 
 if __name__ == "__main__":

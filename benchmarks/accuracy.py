@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from rich.table import Table
 
-from benchmarks.peers import METHODS, OURS, SAMPLES, START_SHIFT_FRACTION, Method, Poses
+from benchmarks.peers import METHODS, Method, Poses
 from benchmarks.scenes import Case
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.spatial import rotation_angle
@@ -16,18 +15,30 @@ class Spread:
     """How an error norm is spread over frames."""
 
     median: float
-    rms: float
+    """nan without any frame."""
     p95: float
 
     @staticmethod
     def of(errors: FloatArray) -> "Spread":
         """Of the error norms (n,)."""
-        rms = float(np.sqrt(np.mean(errors**2)))
-        return Spread(float(np.median(errors)), rms, float(np.percentile(errors, 95)))
+        if not errors.size:
+            return Spread(np.nan, np.nan)
+        return Spread(float(np.median(errors)), float(np.percentile(errors, 95)))
 
-    def cells(self, digits: int) -> list[str]:
-        """The three numbers as text."""
-        return [f"{value:.{digits}f}" for value in (self.median, self.rms, self.p95)]
+
+@dataclass(frozen=True)
+class FrameTime:
+    """Milliseconds a frame, from the depth image in memory to the pose."""
+
+    mean: float
+    median: float
+    longest: float
+
+    @staticmethod
+    def of(seconds: FloatArray) -> "FrameTime":
+        """Of the times (n,) of single frames."""
+        ms = 1e3 * seconds
+        return FrameTime(float(np.mean(ms)), float(np.median(ms)), float(np.max(ms)))
 
 
 @dataclass(frozen=True)
@@ -38,37 +49,74 @@ class Score:
     position_mm: Spread
     """Of the model frame's origin."""
     attitude_deg: Spread
-    mean_ms: float
-    median_ms: float
+    frame_ms: FrameTime
     frames: int
-    """Frames of the case with a pose."""
+    """Frames of the second half with a pose."""
 
 
-def score_case(case: Case, methods: tuple[Method, ...] = METHODS) -> tuple[Score, ...]:
-    """Errors of every method over the frames in which all of them have a pose."""
+@dataclass(frozen=True)
+class CaseScores:
+    """Every method on one case, scored over the second half of its frames."""
+
+    satellite: str
+    range_sigma_m: float
+    first_frame: int
+    """The first one of the second half."""
+    last_frame: int
+    compared: int
+    """Frames of the second half in which every method has a pose: those with errors."""
+    scores: tuple[Score, ...]
+
+    @property
+    def title(self) -> str:
+        """Satellite and noise."""
+        return f"{self.satellite}, range noise {self.range_sigma_m:g} m"
+
+    def of(self, method: Method) -> Score:
+        """The score of a method. Raises ``LookupError`` when it was not measured."""
+        for score in self.scores:
+            if score.method.name == method.name:
+                return score
+        raise LookupError(f"{self.title}: no score of {method.name}")
+
+
+def score_case(case: Case, methods: tuple[Method, ...] = METHODS) -> CaseScores:
+    """Errors of every method over the frames of the second half in which all have a pose.
+
+    The first half lets every method settle, and libraries load and warm up. Times are those of
+    every frame of the second half, with a pose or without.
+    """
     answers = [method.estimate(case) for method in methods]
     has_pose = [np.isfinite(answer.T_cam_model).all(axis=(1, 2)) for answer in answers]
-    compared = np.logical_and.reduce(has_pose)
-    if not compared.any():
-        found = ", ".join(f"{m.name}: {h.sum()}" for m, h in zip(methods, has_pose, strict=True))
-        raise RuntimeError(f"{case.title}: no frame in which all have a pose ({found})")
-    return tuple(
-        _score(case, method, answer, compared, int(has.sum()))
-        for method, answer, has in zip(methods, answers, has_pose, strict=True)
+    count = len(case.frames)
+    second_half = np.arange(count) >= count // 2
+    compared = np.logical_and.reduce([second_half, *has_pose])
+    return CaseScores(
+        satellite=case.scene.name,
+        range_sigma_m=case.info.range_sigma_m,
+        first_frame=count // 2,
+        last_frame=count - 1,
+        compared=int(compared.sum()),
+        scores=tuple(
+            _score(case, method, answer, second_half, compared)
+            for method, answer in zip(methods, answers, strict=True)
+        ),
     )
 
 
-def _score(case: Case, method: Method, answer: Poses, compared: BoolArray, frames: int) -> Score:
-    truth = case.T_cam_model[compared]
-    estimated = answer.T_cam_model[compared]
-    shift_m, turn_rad = _errors(case, method, estimated, truth)
+def _score(
+    case: Case, method: Method, answer: Poses, second_half: BoolArray, compared: BoolArray
+) -> Score:
+    shift_m, turn_rad = _errors(
+        case, method, answer.T_cam_model[compared], case.T_cam_model[compared]
+    )
+    has_pose = np.isfinite(answer.T_cam_model[second_half]).all(axis=(1, 2))
     return Score(
         method=method,
         position_mm=Spread.of(1e3 * shift_m),
         attitude_deg=Spread.of(np.rad2deg(turn_rad)),
-        mean_ms=1e3 * float(np.mean(answer.seconds)),
-        median_ms=1e3 * float(np.median(answer.seconds)),
-        frames=frames,
+        frame_ms=FrameTime.of(answer.seconds[second_half]),
+        frames=int(has_pose.sum()),
     )
 
 
@@ -80,6 +128,8 @@ def _errors(
     A symmetric target may be followed in any of its equivalent attitudes, but in one throughout; a
     method without memory may take another in every frame.
     """
+    if not len(truth):
+        return np.empty(0), np.empty(0)
     options = [truth @ symmetry for symmetry in case.scene.target.symmetry_rotations]
     turns = np.stack([rotation_angle(_between(estimated, option)) for option in options])
     shifts = np.stack(
@@ -95,47 +145,3 @@ def _errors(
 def _between(T_from: FloatArray, T_to: FloatArray) -> FloatArray:
     """(n, 3, 3) rotation between the attitudes of poses (n, 4, 4)."""
     return np.asarray(np.swapaxes(T_from[:, :3, :3], 1, 2) @ T_to[:, :3, :3])
-
-
-def score_table(case: Case, scores: tuple[Score, ...]) -> Table:
-    """Errors and times, and the ratio of pcnav's to each peer's."""
-    shift_m = START_SHIFT_FRACTION * case.scene.target.diameter_m
-    table = Table(
-        title=case.title,
-        caption=(
-            "Errors over the frames in which every method has a pose; times over all frames, from "
-            "depth image to pose. Open3D and small_gicp use all cores and align to "
-            f"those of {SAMPLES} samples of the mesh that face the camera, started from their own "
-            "extrapolated pose; "
-            f"having no cold start, they are given the first pose to 5 deg and {shift_m:.2g} m. "
-            "Ratios are of medians (position, attitude) and means (time), pcnav over peer."
-        ),
-    )
-    table.add_column("method")
-    table.add_column("is given")
-    table.add_column("frames", justify="right")
-    for name in ("mm median", "RMS", "95 %", "deg median", "RMS", "95 %", "ms mean", "median"):
-        table.add_column(name, justify="right")
-    table.add_column("pcnav / peer: mm, deg, ms", justify="right")
-    ours = next(score for score in scores if score.method is OURS)
-    for score in scores:
-        table.add_row(
-            score.method.name,
-            score.method.start,
-            str(score.frames),
-            *score.position_mm.cells(2),
-            *score.attitude_deg.cells(3),
-            f"{score.mean_ms:.1f}",
-            f"{score.median_ms:.1f}",
-            "" if score is ours else _ratios(ours, score),
-        )
-    return table
-
-
-def _ratios(ours: Score, peer: Score) -> str:
-    pairs = (
-        (ours.position_mm.median, peer.position_mm.median),
-        (ours.attitude_deg.median, peer.attitude_deg.median),
-        (ours.mean_ms, peer.mean_ms),
-    )
-    return "  ".join(f"{a / b:.2f}" for a, b in pairs)

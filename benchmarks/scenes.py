@@ -57,6 +57,12 @@ def shortened(name: str, frames: int, range_sigma_m: float | None = None) -> Pip
     return pipeline.model_copy(update=changed)
 
 
+def noise_levels(name: str) -> tuple[float, float]:
+    """Range noise of a shipped pipeline and half of it, m."""
+    shipped = shortened(name, 1).noise.range_sigma_m
+    return shipped, 0.5 * shipped
+
+
 def record(name: str, pipeline: Pipeline, path: Path) -> Scene:
     """Simulate a pipeline that names its mesh by path into a folder."""
     target = load_target(Path(pipeline.target_mesh or name))

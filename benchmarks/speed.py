@@ -12,23 +12,32 @@ from pcnav.pipeline import run
 
 _READING = "reading depth images"
 _PERCEPTION = "perception of the frame"
-_EXPECTATION = "expected view"
 _ACQUISITION = "acquisition (first frames)"
-_ARC = "arc fits (first 64 frames)"
+_COMPARISON = "comparison with the rendered view"
+_ARC = "arc fits"
 _FILTER = "association and filter"
 _WRITING = "writing results"
 _REPORT = "evaluation and report (once)"
 _OTHER = "other"
-PER_FRAME = (_READING, _PERCEPTION, _EXPECTATION, _ACQUISITION, _ARC, _FILTER, _WRITING, _OTHER)
+PER_FRAME = (
+    _READING,
+    _PERCEPTION,
+    _ACQUISITION,
+    _COMPARISON,
+    _ARC,
+    _FILTER,
+    _WRITING,
+    _OTHER,
+)
 
 _PLACES = {
     "pcnav.pipeline.open_sequence": _READING,
     "pcnav.sequences.bop.BopSequence.frame": _READING,
     "pcnav.perception.reading.perceive": _PERCEPTION,
-    "pcnav.perception.expectation.Expecter.expect": _EXPECTATION,
     "pcnav.perception.reading.pose_hypotheses": _ACQUISITION,
-    "pcnav.tracking.fit_arc": _ARC,
-    "pcnav.tracking.Tracker.step": _FILTER,
+    "pcnav.perception.refinement.Comparer.compare": _COMPARISON,
+    "pcnav.tracking.starting.fit_arc": _ARC,
+    "pcnav.tracking.tracker.Tracker.step": _FILTER,
     "pcnav.result_writer.ResultWriter.add": _WRITING,
     "pcnav.result_writer.ResultWriter.finish_tables": _WRITING,
     "pcnav.pipeline.read_track": _REPORT,

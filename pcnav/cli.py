@@ -214,14 +214,14 @@ def target(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="yu2019")],
+    name: Annotated[str, typer.Argument(help="yu2019 or tracking")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of tables and figures.")],
     runs: Annotated[
         int | None, typer.Option(help="Monte Carlo runs, instead of the study's own number.")
     ] = None,
     overwrite: _Overwrite = False,
 ) -> None:
-    """Rebuild a paper's tables and figures, the paper's value beside ours.
+    """Rebuild a study's tables and figures: a paper's, or the tracker's own.
 
     Example: `pcnav study yu2019 -o runs/yu2019`
     """
@@ -276,7 +276,7 @@ def _run(
             overwrite=overwrite,
             on_estimate=lambda estimate, total: advance(estimate.index + 1, total),
         )
-    Console().print(summary_table(summary.metrics))
+    Console().print(summary_table(summary.metrics, summary.knowledge))
     typer.echo(f"report: {summary.report}")
     typer.echo(f"web view: pcnav view {summary.folder}")
 

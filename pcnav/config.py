@@ -8,9 +8,9 @@ has defaults, so a file says only what differs; an unknown key or a value out of
 import tomllib
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pcnav.errors import InputError
 
@@ -38,6 +38,17 @@ class PerceptionMode(StrEnum):
 
     PAPER = "paper"
     AREA_WEIGHTED = "area_weighted"
+
+
+class Measurements(StrEnum):
+    """What a frame is measured by once a pose is predicted."""
+
+    RECTANGLES = "rectangles"
+    """Poses of recognised rectangles, from the moments of segmented planes."""
+    REFINED = "refined"
+    """The frame against the view rendered at the prediction, pixel by pixel."""
+    BOTH = "both"
+    """As refined; and every frame is searched for rectangles, as a check on the track."""
 
 
 class ScenarioTable(_Table):
@@ -96,6 +107,8 @@ class PerceptionTable(_Table):
     """[perception]: from a depth frame to recognised rectangles."""
 
     mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED
+    measurements: Measurements | None = None
+    """None takes `refined`, and in paper mode, which has nothing else, `rectangles`."""
     range_sigma_m: Positive | None = None
     """Noise along the ray; None takes the value the sequence states."""
     ransac_success_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
@@ -105,6 +118,22 @@ class PerceptionTable(_Table):
     """RANSAC inlier distance in standard deviations of the range noise."""
     size_gate_sigma: Positive = 4.0
     """Recognition gate on sides and area, in standard deviations of their difference."""
+
+    @model_validator(mode="after")
+    def _paper_mode_measures_rectangles(self) -> Self:
+        if self.mode is PerceptionMode.PAPER and self.measured_by is not Measurements.RECTANGLES:
+            raise ValueError(
+                'mode = "paper" has rectangles only: expected measurements absent or "rectangles"'
+            )
+        return self
+
+    @property
+    def measured_by(self) -> Measurements:
+        """The choice in force."""
+        if self.measurements is not None:
+            return self.measurements
+        paper = self.mode is PerceptionMode.PAPER
+        return Measurements.RECTANGLES if paper else Measurements.REFINED
 
 
 class FilterTable(_Table):

@@ -8,30 +8,37 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from pcnav.config import Pipeline
+from pcnav.dynamics.orbit import R_hill_world
 from pcnav.errors import InputError
+from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_known
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.overlay import frame_picture
 from pcnav.evaluation.report import ReportContent, write_report
 from pcnav.evaluation.truth import read_truth
 from pcnav.mesh import wireframe_edges
-from pcnav.perception.perceive import PerceivedFrame
+from pcnav.prior import PriorMass
 from pcnav.provenance import library_versions, pipeline_toml
 from pcnav.result_writer import ResultWriter
 from pcnav.results import (
+    KNOWLEDGE_FILE,
     METRICS_FILE,
     PIPELINE_FILE,
     REPORT_FILE,
     FrameEstimate,
+    Track,
     count_outcomes,
     read_track,
 )
 from pcnav.sequences.opening import open_sequence
 from pcnav.sequences.sequence import Sequence
+from pcnav.symmetry import group_name
 from pcnav.target import Target, load_target
 from pcnav.tracking import Tracker
+from pcnav.tracking.views import FrameView
 
 _LOG = logging.getLogger("pcnav")
 
@@ -49,6 +56,8 @@ class RunSummary:
     folder: Path
     metrics: Metrics
     """Errors in it only where the sequence carries a truth."""
+    knowledge: RunKnowledge | None
+    """What the data told of every state; None without an estimate."""
 
     @property
     def report(self) -> Path:
@@ -61,7 +70,17 @@ class _Showcase:
     """The frame that the report shows."""
 
     estimate: FrameEstimate
-    perceived: PerceivedFrame
+    view: FrameView
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """What is kept of following the target, beside the estimates written."""
+
+    showcase: _Showcase | None
+    """None without frames."""
+    prior: PriorMass | None
+    """What the last track started from; None when none started."""
 
 
 def run(
@@ -89,14 +108,17 @@ def run(
     origin = {"sequence": str(sequence.path.resolve()), "target_mesh": str(mesh.resolve())}
     as_run = pipeline.model_copy(update=origin)
     with ResultWriter(out, overwrite) as writer:
-        showcase = _track(sequence, target, as_run, writer, on_estimate)
+        followed = _track(sequence, target, as_run, writer, on_estimate)
         staging = writer.finish_tables()
         track = read_track(staging, with_covariance=True)
         metrics = evaluate(track, truth, target.symmetry_rotations)
         if metrics.errors is not None:
             writer.write_json(METRICS_FILE, metrics.to_json())
+        knowledge = _knowledge(followed.prior, track, sequence.info.mean_motion_rad_s)
+        if knowledge is not None:
+            writer.write_text(KNOWLEDGE_FILE, knowledge_csv(knowledge))
         writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions()))
-        picture, caption = _picture(target, showcase)
+        picture, caption = _picture(target, followed.showcase)
         report = ReportContent(
             title=sequence.info.name,
             target=target.name,
@@ -106,11 +128,13 @@ def run(
             metrics=metrics,
             configuration=as_run.model_dump(mode="json", include=_USED_BY_A_RUN),
             versions=library_versions(),
+            symmetry=group_name(target.symmetry_rotations),
+            knowledge=knowledge,
             picture=picture,
             picture_caption=caption,
         )
         write_report(staging / REPORT_FILE, report)
-    return RunSummary(out, metrics)
+    return RunSummary(out, metrics, knowledge)
 
 
 def _track(
@@ -119,17 +143,32 @@ def _track(
     pipeline: Pipeline,
     writer: ResultWriter,
     on_estimate: OnEstimate | None,
-) -> _Showcase | None:
+) -> _Followed:
     """Follow the target through the sequence; the estimates go to the writer as they come."""
     tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
     showcase: _Showcase | None = None
+    prior: PriorMass | None = None
     for frame in sequence:
-        estimate, perceived = tracker.step(frame)
+        estimate, view = tracker.step(frame)
         writer.add(estimate)
-        showcase = _better(showcase, _Showcase(estimate, perceived))
+        showcase = _better(showcase, _Showcase(estimate, view))
+        # A track that is lost forgets its prior, not the estimates it made.
+        prior = tracker.prior or prior
         if on_estimate is not None:
             on_estimate(estimate, len(sequence))
-    return showcase
+    return _Followed(showcase, prior)
+
+
+def _knowledge(
+    prior: PriorMass | None, track: Track, mean_motion_rad_s: float
+) -> RunKnowledge | None:
+    """What the last estimate of a run knows beyond its prior."""
+    known = np.flatnonzero(track.has_estimate)
+    if prior is None or track.covariance is None or not known.size:
+        return None
+    last = known[-1]
+    R_hill_body = R_hill_world(track.time_s[last], mean_motion_rad_s) @ track.R_world_body[last]
+    return what_is_known(prior, track.covariance[last], R_hill_body, track.omega_body[last])
 
 
 def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
@@ -165,12 +204,12 @@ def _better(best: _Showcase | None, new: _Showcase) -> _Showcase:
 def _picture(target: Target, showcase: _Showcase | None) -> tuple[Figure | None, str]:
     if showcase is None:
         return None, ""
-    estimate, perceived = showcase.estimate, showcase.perceived
-    frame = perceived.frame
+    estimate, view = showcase.estimate, showcase.view
+    frame = view.frame
     picture = frame_picture(
         frame.depth_m,
         frame.camera,
-        perceived.image_labels,
+        view.image_labels,
         estimate.records,
         wireframe_edges(target.mesh),
         estimate.T_cam_model,

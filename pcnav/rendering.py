@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from scipy.spatial import ConvexHull, QhullError
 
-from pcnav.arrays import DepthImage, FloatArray, IntArray
+from pcnav.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.camera import PinholeCamera, pixel_rays, project
 from pcnav.spatial import invert_transform, transform_points
 
@@ -56,15 +57,15 @@ class DepthRenderer:
         planes = self._inverse_depth_planes(T_cam_model)
         depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
         triangle = np.full((camera.height, camera.width), -1, dtype=np.intp)
-        rays = pixel_rays(camera)[window].reshape(-1, 3)
+        cast = self._outlined(vertices_cam, window)
+        rays = pixel_rays(camera)[window][cast]
         if len(rays) > 0:
             faces = self._first_faces(rays, T_cam_model, float(vertices_z.min()))
             hit = faces >= 0
             depth = np.zeros(len(rays))
             depth[hit] = self._depths(rays[hit], faces[hit], planes, vertices_z)
-            shape = depth_m[window].shape
-            depth_m[window] = depth.reshape(shape)
-            triangle[window] = faces.reshape(shape)
+            depth_m[window][cast] = depth
+            triangle[window][cast] = faces
         return RenderedDepth(camera, depth_m, triangle, window, planes)
 
     def _window(self, vertices_cam: FloatArray) -> Window:
@@ -80,6 +81,33 @@ class DepthRenderer:
         low = np.clip(np.floor(pixels.min(axis=0)), 0, [width, height]).astype(int)
         high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, [width, height]).astype(int)
         return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+    def _outlined(self, vertices_cam: FloatArray, window: Window) -> BoolArray:
+        """(height, width) of a window: the pixels inside the convex outline of the mesh."""
+        rows, columns = window
+        shape = (rows.stop - rows.start, columns.stop - columns.start)
+        if vertices_cam[:, 2].min() <= 0.0 or min(shape) == 0:
+            return np.ones(shape, dtype=np.bool_)
+        pixels = project(self._camera, vertices_cam)
+        try:
+            corners = pixels[ConvexHull(pixels).vertices]
+        except QhullError:
+            # Seen edge-on, a flat mesh has an outline without area.
+            return np.ones(shape, dtype=np.bool_)
+        start, end = corners, np.roll(corners, -1, axis=0)
+        v = np.arange(rows.start, rows.stop)[:, None]
+        # A row just above or below the outline still takes the columns of its tip.
+        low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
+        crossed = (v >= low - 1.0) & (v <= high + 1.0)
+        span = end[:, 1] - start[:, 1]
+        share = (np.clip(v, low, high) - start[:, 1]) / np.where(span == 0.0, 1.0, span)
+        u = start[:, 0] + share * (end[:, 0] - start[:, 0])
+        ends = np.maximum(start[:, 0], end[:, 0])
+        right = np.where(crossed, np.where(span == 0.0, ends, u), -np.inf).max(axis=1)
+        ends = np.minimum(start[:, 0], end[:, 0])
+        left = np.where(crossed, np.where(span == 0.0, ends, u), np.inf).min(axis=1)
+        column = np.arange(columns.start, columns.stop)
+        return np.asarray((column >= left[:, None] - 1.0) & (column <= right[:, None] + 1.0))
 
     def _first_faces(
         self, rays_cam: FloatArray, T_cam_model: FloatArray, nearest_z_m: float

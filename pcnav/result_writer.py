@@ -170,8 +170,20 @@ def _state_row(estimate: FrameEstimate) -> list[float | int | str]:
         # Rounding may leave a variance that should be zero slightly below it.
         sd = np.sqrt(np.maximum(np.diagonal(estimate.covariance), 0.0))
         row += state_row(estimate.time_s, estimate.state).tolist() + sd[SD_ORDER].tolist()
-    nis = "" if math.isnan(estimate.nis) else float(estimate.nis)
-    return [*row, estimate.status, nis, int(estimate.nis_dof), int(estimate.n_rectangles)]
+    return [
+        *row,
+        estimate.status,
+        _field(estimate.nis),
+        int(estimate.nis_dof),
+        _field(estimate.window_nis),
+        _field(estimate.explained),
+        int(estimate.n_rectangles),
+    ]
+
+
+def _field(value: float) -> float | str:
+    """A number, or the empty field of "no value"."""
+    return "" if math.isnan(value) else float(value)
 
 
 def _measurement_row(record: RectangleRecord) -> list[float | str]:

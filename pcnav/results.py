@@ -6,9 +6,8 @@ that read back to the same float64; an empty field means "no value".
 
 import csv
 import zipfile
-from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -16,6 +15,7 @@ from typing import IO
 import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.csv_table import read_csv
 from pcnav.errors import InputError
 from pcnav.spatial import make_transform, rotation_from_xyzw
 from pcnav.state import (
@@ -35,11 +35,15 @@ POSES_FILE = "poses.tum"
 COVARIANCES_FILE = "covariances.npz"
 MEASUREMENTS_FILE = "measurements.csv"
 METRICS_FILE = "metrics.json"
+KNOWLEDGE_FILE = "knowledge.csv"
 REPORT_FILE = "report.html"
 PIPELINE_FILE = "pipeline.toml"
 
 ACCEPTED = "accepted"
 """The outcome of a rectangle that the filter used."""
+NIS_WINDOW_FRAMES = 20
+"""`FrameEstimate.window_nis` is taken over so many frames with an accepted measurement: enough to
+tell a covariance off by half from chance, few enough to follow a run."""
 
 _Q = ("q_x", "q_y", "q_z", "q_w")
 _THETA = ("theta_x_rad", "theta_y_rad", "theta_z_rad")
@@ -47,7 +51,10 @@ _ERROR_NAMES = (*STATE_COLUMNS[1:7], *_THETA, *STATE_COLUMNS[11:])
 
 SD_COLUMNS = tuple(f"sd_{name}" for name in _ERROR_NAMES)
 """The attitude has three standard deviations, about the body axes, for its four numbers."""
-TRACK_COLUMNS = (*STATE_COLUMNS, *SD_COLUMNS, "status", "nis", "nis_dof", "n_rectangles")
+TRACK_COLUMNS = (
+    *(*STATE_COLUMNS, *SD_COLUMNS, "status"),
+    *("nis", "nis_dof", "window_nis", "explained", "n_rectangles"),
+)
 POSE_COLUMNS = ("p_x_m", "p_y_m", "p_z_m", *_Q)
 MEASUREMENT_COLUMNS = (
     "time_s",
@@ -108,6 +115,12 @@ class FrameEstimate:
     n_rectangles: int
     """Rectangles accepted."""
     records: tuple[RectangleRecord, ...]
+    explained: float = float("nan")
+    """Share of the frame's evidence that the estimated pose explains, 0 to 1; nan when nothing
+    was rendered to compare it with."""
+    window_nis: float = float("nan")
+    """Sum of the NIS over the sum of its degrees of freedom in the last `NIS_WINDOW_FRAMES` frames
+    of the track with an accepted measurement, this one included; nan when there is none."""
 
     def __post_init__(self) -> None:
         absent = [value is None for value in (self.state, self.covariance, self.T_cam_model)]
@@ -145,6 +158,10 @@ class Track:
     """(n,) nan in frames without an accepted measurement."""
     nis_dof: IntArray
     """(n,)"""
+    window_nis: FloatArray
+    """(n,) NIS per degree of freedom over the last frames, as in `FrameEstimate`; nan without."""
+    explained: FloatArray
+    """(n,) share of the frame's evidence that the pose explains, 0 to 1; nan when unknown."""
     n_rectangles: IntArray
     """(n,) rectangles accepted."""
     covariance: FloatArray | None = None
@@ -179,7 +196,7 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
     diagonals, as standard deviations. Raises `InputError` when a file is missing or damaged.
     """
     path = run_folder / STATES_FILE
-    table = _read_csv(path, TRACK_COLUMNS, ("status",))
+    table = read_csv(path, TRACK_COLUMNS, ("status",))
     state = table.numbers(STATE_COLUMNS[1:])
     sd = np.empty((len(state), STATE_SIZE))
     sd[:, SD_ORDER] = table.numbers(SD_COLUMNS)
@@ -205,6 +222,8 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
         status=table.words("status"),
         nis=table.numbers(("nis",))[:, 0],
         nis_dof=table.counts("nis_dof"),
+        window_nis=table.numbers(("window_nis",))[:, 0],
+        explained=table.numbers(("explained",))[:, 0],
         n_rectangles=table.counts("n_rectangles"),
         covariance=covariance,
     )
@@ -213,7 +232,7 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
 def read_measurements(run_folder: Path) -> tuple[RectangleRecord, ...]:
     """All rectangle records of a result folder, in the order seen. Raises `InputError`."""
     path = run_folder / MEASUREMENTS_FILE
-    table = _read_csv(path, MEASUREMENT_COLUMNS, ("rectangle", "case", "outcome"))
+    table = read_csv(path, MEASUREMENT_COLUMNS, ("rectangle", "case", "outcome"))
     poses = table.numbers(POSE_COLUMNS)
     T_cam_rect = make_transform(_rotations(path, poses[:, 3:7]), poses[:, 0:3])
     sizes = table.numbers(("length_m", "width_m"))
@@ -247,80 +266,6 @@ def count_outcomes(run_folder: Path) -> Counter[tuple[str, str]]:
         raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
     except (KeyError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(path, "file", f"expected the columns of a run ({error})") from error
-
-
-@dataclass(frozen=True)
-class _Table:
-    """The columns of a CSV file."""
-
-    path: Path
-    texts: dict[str, list[str]]
-    values: dict[str, "array[float]"]
-    """nan where the field is empty."""
-
-    def words(self, column: str) -> tuple[str, ...]:
-        """The column as text."""
-        return tuple(self.texts[column])
-
-    def numbers(self, names: tuple[str, ...]) -> FloatArray:
-        """(n, len(names)) values, nan where the field is empty."""
-        return np.column_stack([self.values[name] for name in names])
-
-    def times(self) -> FloatArray:
-        """(n,) the `time_s` column, which must have a finite number in every row."""
-        time_s = self.numbers(("time_s",))[:, 0]
-        bad = np.flatnonzero(~np.isfinite(time_s))
-        if bad.size:
-            raise InputError(self.path, f"line {bad[0] + 2}, time_s", "expected a finite number")
-        return time_s
-
-    def counts(self, column: str) -> IntArray:
-        """(n,) whole numbers."""
-        values = self.numbers((column,))[:, 0]
-        bad = np.flatnonzero(~(np.isfinite(values) & (values == np.rint(values))))
-        if bad.size:
-            field = f"line {bad[0] + 2}, {column}"
-            raise InputError(self.path, field, f"expected a whole number, got {values[bad[0]]}")
-        return values.astype(np.intp)
-
-
-def _read_csv(path: Path, names: tuple[str, ...], texts: tuple[str, ...] = ()) -> _Table:
-    """Columns of a CSV file, numbers but for ``texts``, read line by line; others are ignored."""
-    table = _Table(
-        path,
-        {name: [] for name in names if name in texts},
-        {name: array("d") for name in names if name not in texts},
-    )
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = csv.reader(file, strict=True)
-            _fill(table, next(rows, []), enumerate(rows, start=2))
-    except OSError as error:
-        raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, "file", f"expected CSV text ({error})") from error
-    return table
-
-
-def _fill(table: _Table, header: list[str], rows: Iterable[tuple[int, list[str]]]) -> None:
-    for name in (*table.texts, *table.values):
-        if name not in header:
-            raise InputError(table.path, "header", f"expected a column {name}")
-    texts = [(column, header.index(name)) for name, column in table.texts.items()]
-    values = [(name, column, header.index(name)) for name, column in table.values.items()]
-    for line, row in rows:
-        if len(row) != len(header):
-            expected = f"expected {len(header)} fields, got {len(row)}"
-            raise InputError(table.path, f"line {line}", expected)
-        for texts_of, position in texts:
-            texts_of.append(row[position])
-        for name, numbers, position in values:
-            text = row[position]
-            try:
-                numbers.append(float(text) if text else np.nan)
-            except ValueError as error:
-                field, expected = f"line {line}, {name}", f"expected a number, got {text!r}"
-                raise InputError(table.path, field, expected) from error
 
 
 def _rotations(path: Path, quaternions_xyzw: FloatArray, first_line: int = 2) -> FloatArray:

@@ -33,9 +33,17 @@ def exp_rotation(rotation_vector: FloatArray) -> FloatArray:
 def log_rotation(R: FloatArray) -> FloatArray:
     """Rotation vector (rad, angle in [0, pi]) of a rotation matrix; (..., 3, 3) -> (..., 3).
 
-    Goes through the quaternion of the largest component, so it is accurate at 180 degrees, where
-    the scalar-part formula of Yu 2019 (20) divides by zero.
+    Up to a right angle from the skew part of one matrix, which is ``sin(angle) axis``. Else through
+    the quaternion of the largest component, so it is accurate at 180 degrees, where the
+    scalar-part formula of Yu 2019 (20) divides by zero.
     """
+    if R.ndim == 2:
+        v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+        cosine, sine = 0.5 * (float(np.trace(R)) - 1.0), float(np.sqrt(v @ v))
+        if cosine > 0.0:
+            if sine < _SMALL_ANGLE_RAD:
+                return np.asarray(v * (1.0 + sine * sine / 6.0))
+            return np.asarray(v * (np.arctan2(sine, cosine) / sine))
     return np.asarray(Rotation.from_matrix(R).as_rotvec(), dtype=np.float64)
 
 

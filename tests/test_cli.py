@@ -611,7 +611,7 @@ def test_a_terminal_shows_a_bar_and_the_log_above_it(sequence: Path, tmp_path: P
     assert process.returncode == 0, shown
     assert f"{FRAMES}/{FRAMES}".encode() in shown
     # The line of the bar is erased before the log line is written, and the bar is gone at the end.
-    assert re.search(rb"\x1b\[2KINFO: frame \d+: acquiring -> locked\s*\r\n", shown), shown
+    assert re.search(rb"\x1b\[2KINFO: frame \d+: acquiring -> locked \(.*\)\s*\r\n", shown), shown
     assert shown.rstrip().endswith(b"\x1b[2K")
     assert b"\x1b[2K" not in out
 

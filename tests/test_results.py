@@ -55,17 +55,19 @@ def estimate(index: int, generator: np.random.Generator) -> FrameEstimate:
         state=state,
         covariance=factor @ factor.T,
         T_cam_model=make_transform(exp_rotation(draw(3)), draw(3) * 20.0),
-        status="tracking",
+        status="locked",
         nis=float(generator.chisquare(6)),
         nis_dof=6,
         n_rectangles=1,
         records=(record, unknown),
+        explained=float(generator.uniform()),
+        window_nis=float(generator.chisquare(60)) / 60.0,
     )
 
 
 def empty(index: int) -> FrameEstimate:
     """A frame before anything is known."""
-    return FrameEstimate(index, index / 3.0, None, None, None, "searching", np.nan, 0, 0, ())
+    return FrameEstimate(index, index / 3.0, None, None, None, "acquiring", np.nan, 0, 0, ())
 
 
 def write(folder: Path, estimates: list[FrameEstimate], overwrite: bool = False) -> None:
@@ -92,6 +94,8 @@ def test_round_trip_keeps_every_bit(tmp_path: Path, frames: list[FrameEstimate])
         assert track.nis_dof[i] == frame.nis_dof
         assert track.n_rectangles[i] == frame.n_rectangles
         np.testing.assert_array_equal(track.nis[i], frame.nis)
+        np.testing.assert_array_equal(track.window_nis[i], frame.window_nis)
+        np.testing.assert_array_equal(track.explained[i], frame.explained)
         if frame.state is None or frame.covariance is None or frame.T_cam_model is None:
             assert np.isnan(track.covariance[i]).all()
             assert np.isnan(track.T_cam_model[i]).all()
@@ -153,7 +157,10 @@ def test_columns_are_those_of_the_documented_format(
     assert float(row["sd_theta_x_rad"]) ** 2 == pytest.approx(frame.covariance[9, 9], rel=1e-14)
     assert float(row["sd_w_z_rad_s"]) ** 2 == pytest.approx(frame.covariance[14, 14], rel=1e-14)
     assert float(row["sd_i_yz"]) ** 2 == pytest.approx(frame.covariance[19, 19], rel=1e-14)
+    assert float(row["window_nis"]) == frame.window_nis
+    assert float(row["explained"]) == frame.explained
     assert rows[0]["r_x_m"] == rows[0]["nis"] == ""
+    assert rows[0]["window_nis"] == rows[0]["explained"] == ""
 
 
 def test_a_run_without_frames_or_estimates_is_still_a_run(tmp_path: Path) -> None:
@@ -261,7 +268,7 @@ def test_half_an_estimate_is_refused() -> None:
         ("states.csv", 4, 2, "", "line 5: expected all of the state or none"),
         ("states.csv", 4, 7, "5.0", "line 5: expected a unit quaternion"),
         ("states.csv", 4, -1, "1.5", "line 5, n_rectangles"),
-        ("states.csv", 4, -1, "1,1", "line 5: expected 46 fields, got 47"),
+        ("states.csv", 4, -1, "1,1", "line 5: expected 48 fields, got 49"),
         ("measurements.csv", 2, 2, "long", "line 3, length_m"),
         ("poses.tum", 0, 0, "99.0", "poses.tum: timestamp"),
         ("poses.tum", 0, 1, "x", "expected rows of numbers"),
@@ -294,6 +301,24 @@ def test_a_damaged_field_is_told_in_one_line(
         read_measurements(tmp_path / "run")
     assert told in str(raised.value)
     assert name in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("column", ["window_nis", "explained"])
+def test_a_folder_without_the_evidence_of_the_status_is_told(
+    tmp_path: Path, frames: list[FrameEstimate], column: str
+) -> None:
+    """As versions that did not store it have written them."""
+    write(tmp_path / "run", frames)
+    path = tmp_path / "run" / "states.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    position = rows[0].index(column)
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(row[:position] + row[position + 1 :] for row in rows)
+    with pytest.raises(InputError) as raised:
+        read_track(tmp_path / "run")
+    assert str(raised.value).endswith(f"states.csv: header: expected a column {column}")
     assert "\n" not in str(raised.value)
 
 

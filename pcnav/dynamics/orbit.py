@@ -4,6 +4,8 @@ Hill axes (DESIGN): x along-track, y minus orbit normal, z nadir. The orbit turn
 orbit normal, hence by -n about y. All functions accept a mean motion of 0 (straight lines).
 """
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -35,10 +37,12 @@ def hill_matrix(mean_motion_rad_s: float) -> FloatArray:
     return matrix
 
 
+@lru_cache(maxsize=64)
 def hill_transition(mean_motion_rad_s: float, duration_s: float) -> FloatArray:
     """(6, 6) transition matrix of (r, v) in closed form (Clohessy and Wiltshire 1960).
 
-    Written in ``sin(a)/a`` of the orbit angle ``a = n t``, so nothing is divided by n.
+    Written in ``sin(a)/a`` of the orbit angle ``a = n t``, so nothing is divided by n. Read-only,
+    cached: a sequence has few different steps.
     """
     n, t = mean_motion_rad_s, duration_s
     angle = n * t
@@ -60,6 +64,7 @@ def hill_transition(mean_motion_rad_s: float, duration_s: float) -> FloatArray:
     transition[4, 1], transition[4, 4] = -n * sine, cosine
     transition[5, 2] = 3.0 * n * sine
     transition[5, 3], transition[5, 5] = -2.0 * sine, cosine
+    transition.flags.writeable = False
     return transition
 
 
@@ -73,13 +78,14 @@ def _angle_minus_sine(angle: float) -> float:
     return angle**3 / 6.0 * series
 
 
+@lru_cache(maxsize=64)
 def hill_process_noise(
     mean_motion_rad_s: float, duration_s: float, acceleration_psd_m2_s3: float
 ) -> FloatArray:
     """(6, 6) covariance that white acceleration adds to (r, v) over a time step.
 
     The power spectral density (m^2/s^3) is the same along the three axes. Van Loan's (1978)
-    matrix exponential, exact for any mean motion.
+    matrix exponential, exact for any mean motion. Read-only, cached.
     """
     A = hill_matrix(mean_motion_rad_s)
     block = np.zeros((12, 12))
@@ -88,7 +94,9 @@ def hill_process_noise(
     block[6:, 6:] = A.T
     exponential = expm(block * duration_s)
     covariance = exponential[6:, 6:].T @ exponential[:6, 6:]
-    return np.asarray(0.5 * acceleration_psd_m2_s3 * (covariance + covariance.T))
+    noise = np.asarray(0.5 * acceleration_psd_m2_s3 * (covariance + covariance.T))
+    noise.flags.writeable = False
+    return noise
 
 
 def two_body_acceleration(

@@ -60,5 +60,6 @@ def euler_derivatives(
     cross = skew(omega_body)
     acceleration = -inverse @ (cross @ momentum)
     by_omega = inverse @ (skew(momentum) - cross @ inertia)
-    by_ratios = -inverse @ (_RATIO_UNITS @ acceleration + (_RATIO_UNITS @ omega_body) @ cross.T).T
+    twisted = _RATIO_UNITS @ np.column_stack([acceleration, omega_body])
+    by_ratios = -inverse @ (twisted[..., 0] + twisted[..., 1] @ cross.T).T
     return acceleration, by_omega, by_ratios

@@ -18,6 +18,9 @@ from pcnav.state import NavigationState
 
 State = NavigationState
 
+_FEW_STEPS = 5
+_SMALL_STEP = 0.03
+"""A step of so many standard deviations, in the mean over the state, is the last."""
 _MOST_STEPS = 40
 """Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
 
@@ -74,9 +77,13 @@ def fit_arc(
     """
     try:
         trajectory = _Trajectory(model, guess, prior_covariance, arc)
+        begin = np.zeros(len(prior_covariance)) if start is None else guess.local(start)
+        settled = None if start is None else _settled(trajectory, begin)
+        if settled is not None:
+            return trajectory.fit(settled, converged=True)
         solution = least_squares(
             trajectory.residual,
-            np.zeros(len(prior_covariance)) if start is None else guess.local(start),
+            begin,
             jac=trajectory.jacobian,
             # A trust region that starts at one standard deviation of the prior: a first step a
             # hundred times that, as other methods allow, may try rates that take ages to propagate.
@@ -87,6 +94,22 @@ def fit_arc(
         return trajectory.fit(solution.x, converged=bool(solution.success))
     except (np.linalg.LinAlgError, ValueError, OverflowError) as error:
         raise ArcError(f"no trajectory through {len(arc)} frames: {error}") from error
+
+
+def _settled(trajectory: "_Trajectory", error: FloatArray) -> FloatArray | None:
+    """Where a few plain Gauss-Newton steps settle from a good start; None if they do not."""
+    cost = np.inf
+    for _ in range(_FEW_STEPS):
+        residual, jacobian = trajectory.residual(error), trajectory.jacobian(error)
+        if not residual @ residual < cost:
+            return None
+        cost = float(residual @ residual)
+        step = -cho_solve(cho_factor(jacobian.T @ jacobian), jacobian.T @ residual)
+        error = error + step
+        # What is left of the step squares with every further one.
+        if np.sum((jacobian @ step) ** 2) < _SMALL_STEP**2 * len(error):
+            return error
+    return None
 
 
 class _Trajectory:
@@ -101,6 +124,8 @@ class _Trajectory:
     ) -> None:
         self._model, self._guess, self._arc = model, guess, arc
         self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
+        size = len(prior_covariance)
+        self._bound_rows = slice(size, size + 3)
         self._roots = [[cholesky(m.covariance, lower=True) for m in t.measurements] for t in arc]
         # Residual and Jacobian come from one pass along the arc; scipy asks for them in turn.
         self._last: tuple[bytes, list[State], FloatArray, FloatArray] | None = None
@@ -115,9 +140,13 @@ class _Trajectory:
 
     def fit(self, error: FloatArray, *, converged: bool) -> ArcFit:
         """The fit that an error stands for."""
-        states, residual, jacobian = self._evaluated(error)
+        _, residual, jacobian = self._evaluated(error)
         size = len(error)
-        initial = cho_solve(cho_factor(jacobian.T @ jacobian), np.eye(size))
+        # That the inertia is a body's guides the fit; as a measurement it would claim too much.
+        measured = np.delete(jacobian, self._bound_rows, axis=0)
+        initial = cho_solve(cho_factor(measured.T @ measured), np.eye(size))
+        error = self._guess.admissible(error, initial)
+        states = self._evaluated(error)[0]
         # So far a covariance of the error at the guess: carry it to the first state, then on.
         reset = self._guess.retraction_jacobian(error)
         initial = reset @ initial @ reset.T
@@ -131,7 +160,7 @@ class _Trajectory:
             covariance=0.5 * (covariance + covariance.T),
             initial_covariance=initial,
             chi_square=float(residual @ residual),
-            dof=len(residual) - size,
+            dof=len(measured) - size,
             converged=converged,
         )
 
@@ -145,7 +174,9 @@ class _Trajectory:
         state = self._guess.retract(error)
         sensitivity = self._guess.retraction_jacobian(error)
         states, time_s = [], self._arc[0].time_s
-        residuals, jacobians = [self._prior_root @ error], [self._prior_root]
+        bound, by_state = state.thinness()
+        residuals = [self._prior_root @ error, bound]
+        jacobians = [self._prior_root, by_state @ sensitivity]
         for timed, roots in zip(self._arc, self._roots, strict=True):
             if timed.time_s != time_s:
                 state, transition, _ = self._model.propagate(state, time_s, timed.time_s - time_s)

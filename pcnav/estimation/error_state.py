@@ -28,6 +28,12 @@ class ManifoldState(Protocol):
     def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
         """(n, n) how a small change of ``error`` moves the retracted state, in its own error."""
 
+    def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
+        """The error (n,) that leads to a state that can be, nearest to the given one.
+
+        Nearest in the metric of the covariance (n, n); the given error itself where it is such.
+        """
+
 
 S = TypeVar("S", bound=ManifoldState)
 
@@ -165,6 +171,8 @@ class ErrorStateFilter(Generic[S]):
             error = step
             # Far below the standard deviation of every component: nothing more to gain.
             converged = bool(np.all(np.abs(change) <= 1e-3 * np.sqrt(np.diag(self.covariance))))
+        # The covariance stays: a bound tells less than it seems, the truth may be anywhere inside.
+        error = prior.admissible(error, self.covariance)
         reset = prior.retraction_jacobian(error)
         self.state = prior.retract(error)
         self._kalman.P = _symmetric(reset @ self.covariance @ reset.T)

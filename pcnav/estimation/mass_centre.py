@@ -5,10 +5,12 @@ the Jacobians are derived here.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray
+from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
 from pcnav.dynamics.orbit import hill_process_noise, hill_transition
 from pcnav.dynamics.rigid_body import euler_derivatives, inertia_from_ratios
 from pcnav.estimation.error_state import Measurement, MotionModel
@@ -54,6 +56,7 @@ class MassCentreModel(MotionModel[NavigationState]):
         )
         return moved, transition, self._process_noise(step_s)
 
+    @lru_cache(maxsize=64)  # noqa: B019 - the models are few and frozen, the steps of a run as well
     def _process_noise(self, step_s: float) -> FloatArray:
         noise = np.zeros((STATE_SIZE, STATE_SIZE))
         noise[:6, :6] = hill_process_noise(
@@ -73,9 +76,8 @@ class _Turn:
 
 
 def _propagate_rotation(state: NavigationState, step_s: float) -> tuple[_Turn, FloatArray]:
-    """Turn of the body over the step; (11, 11) transition of theta, omega and the ratios."""
-    inertia = inertia_from_ratios(state.inertia_ratios)
-    inverse = np.asarray(np.linalg.inv(inertia))
+    """Turn of the body over the step; (11, 11) transition of theta, omega and inertia errors."""
+    inertia, inverse, by_parameters = _inertia_forms(state.inertia_ratios.tobytes())
     substeps = max(
         1, int(np.ceil(np.linalg.norm(state.omega_body) * abs(step_s) / _LARGEST_TURN_RAD))
     )
@@ -86,7 +88,21 @@ def _propagate_rotation(state: NavigationState, step_s: float) -> tuple[_Turn, F
         turn, step_transition = _rotation_step(inertia, inverse, omega, h)
         R, omega = R @ turn.R, turn.omega
         transition = step_transition @ transition
+    # So far by the ratios. They do not change over the step, so neither does this factor.
+    transition[:6, 6:] = transition[:6, 6:] @ by_parameters
     return _Turn(R, omega), transition
+
+
+@lru_cache(maxsize=8)
+def _inertia_forms(ratios: bytes) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Inertia over Ixx, its inverse, and the Jacobian (5, 5) of the ratios by their parameters.
+
+    Of ratios (5,) as bytes: along an arc they stay what they are, so their forms are kept.
+    """
+    values = np.frombuffer(ratios)
+    inertia = inertia_from_ratios(values)
+    jacobian = ratios_jacobian(parameters_from_ratios(values))
+    return inertia, np.asarray(np.linalg.inv(inertia)), jacobian
 
 
 def _rotation_step(

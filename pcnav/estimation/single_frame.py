@@ -1,8 +1,10 @@
 """The pose of a target from one depth frame alone: all of its faces, no motion model.
 
-Hypothesis, expected view, measured faces, one update of the filter engine from a prior that says
-nothing, and again with the view expected from the better pose. A bare pose is a navigation state
-whose mass centre is the model's origin and whose camera is the world.
+Hypotheses, each fitted to the frame, and the one that then explains most. They are fitted by
+comparison with the rendered view (`pose_fit`), or by rectangles: expected view, measured faces, one
+update of the filter engine from a prior that says nothing, and again with the view expected from
+the better pose. There a bare pose is a navigation state whose mass centre is the model's origin and
+whose camera is the world.
 """
 
 from collections.abc import Sequence
@@ -11,11 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.arrays import FloatArray
+from pcnav.config import Measurements
 from pcnav.estimation.error_state import ErrorStateFilter, innovation_gate
 from pcnav.estimation.mass_centre import RectangleMeasurement
+from pcnav.estimation.pose_fit import PoseFit, fit_pose
+from pcnav.perception.agreement import Agreement
 from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.perception.refinement import Comparison
 from pcnav.sequences.sequence import Frame
 from pcnav.spatial import log_rotation
 from pcnav.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
@@ -30,6 +36,11 @@ _PASSES = 4
 _POSITION_SD_FRACTION = 1.0
 _ATTITUDE_SD_RAD = 1.0
 """Prior about the hypothesis, the position over the diameter: so wide that it decides nothing."""
+_HYPOTHESIS_SD_FRACTION = 0.02
+_HYPOTHESIS_SD_RAD = 0.05
+"""How far a hypothesis from one rectangle may be off, the position over the diameter."""
+_SAME_PX = 3.0
+"""Poses that show no point of the target further apart are one."""
 _HELD_SD = 1e-9
 """Deviation of the parts of the state that are no pose: they stay where they are."""
 _GATE_PROBABILITY = 0.9999
@@ -46,14 +57,21 @@ class SingleFramePose:
     """(4, 4)"""
     covariance: FloatArray
     """(6, 6) of the model origin (m, camera axes) and the attitude error (rad, model axes)."""
-    explained: float
-    """Share of the frame that the target rendered at the pose explains; nan where not rendered."""
+    agreement: Agreement
+    """Of the frame with the target rendered at the pose."""
     used: tuple[str, ...]
     """Names of the rectangles it was fused from."""
     rejected: tuple[str, ...]
     """Rectangles that contradict the others."""
     converged: bool
     """Whether expecting the view anew moved the pose no more."""
+    comparison: Comparison | None = None
+    """The last one, where the pose was fitted by comparison."""
+
+    @property
+    def explained(self) -> float:
+        """Share of the frame that the pose explains; nan where not rendered."""
+        return self.agreement.share
 
 
 def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | None:
@@ -71,13 +89,57 @@ def refined_hypotheses(
 ) -> tuple[SingleFramePose, ...]:
     """The likeliest hypotheses of a frame, each refined on all faces; the best explaining first."""
     hypotheses = reader.hypotheses(perceived)[:_MOST_HYPOTHESES]
-    refined = [
-        refine_pose(hypothesis.T_cam_model, perceived, reader)
+    likely = [
+        hypothesis.T_cam_model
         for hypothesis in hypotheses
-        if hypothesis.explained > hypotheses[0].explained - _LARGEST_LAG
+        if hypothesis.agreement.share > hypotheses[0].agreement.share - _LARGEST_LAG
     ]
-    found = [pose for pose in refined if pose is not None]
-    return tuple(sorted(found, key=lambda pose: -pose.explained))
+    if reader.measured_by is Measurements.RECTANGLES:
+        found = [refine_pose(T_cam_model, perceived, reader) for T_cam_model in likely]
+    else:
+        found = compared_poses(likely, perceived.frame, reader)
+    refined = [pose for pose in found if pose is not None]
+    return tuple(sorted(refined, key=lambda pose: -pose.explained))
+
+
+def compared_poses(
+    hypotheses: Sequence[FloatArray], frame: Frame, reader: FrameReader
+) -> list[SingleFramePose | None]:
+    """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
+
+    Hypotheses that a few coarse passes bring to one place are one.
+    """
+    comparer = reader.comparer(frame)
+    rough = comparer.coarse(frame.depth_m)
+    sd = np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
+    coarse: list[PoseFit] = []
+    for T_cam_model in hypotheses:
+        fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough)
+        if fit is None:
+            continue
+        moved = [reader.moved_px(fit.T_cam_model, other.T_cam_model, frame) for other in coarse]
+        if min(moved, default=np.inf) > _SAME_PX:
+            coarse.append(fit)
+    found: list[SingleFramePose | None] = []
+    for start in coarse:
+        # The frame is used once: the coarse pass says where to start, not what is known.
+        fit = fit_pose(
+            frame.depth_m, start.T_cam_model, np.diag(sd**2), comparer, spread=start.covariance
+        )
+        found.append(None if fit is None else _from_fit(fit))
+    return found
+
+
+def _from_fit(fit: PoseFit) -> SingleFramePose:
+    return SingleFramePose(
+        fit.T_cam_model,
+        fit.covariance,
+        fit.comparison.agreement,
+        fit.used,
+        fit.rejected,
+        fit.converged,
+        fit.comparison,
+    )
 
 
 def refine_pose(
@@ -106,7 +168,7 @@ def refine_pose(
             break
     if estimate is None:
         return None
-    return replace(estimate, explained=reader.explained(perceived.frame, T_cam_model))
+    return replace(estimate, agreement=reader.explained(perceived.frame, T_cam_model))
 
 
 def fuse_faces(
@@ -126,7 +188,8 @@ def fuse_faces(
     covariance = kalman.covariance[np.ix_(_POSE, _POSE)]
     names = tuple(face.rectangle.name for face in used)
     pose = kalman.state.T_cam_model(np.eye(4), np.eye(3))
-    return SingleFramePose(pose, covariance, float("nan"), names, tuple(rejected), converged=False)
+    silent = Agreement(0, 0)
+    return SingleFramePose(pose, covariance, silent, names, tuple(rejected), converged=False)
 
 
 def agreeing_faces(

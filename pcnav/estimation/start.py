@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from pcnav.arrays import FloatArray
 from pcnav.dynamics.orbit import R_hill_world
+from pcnav.estimation.single_frame import SingleFramePose
 from pcnav.spatial import exp_rotation, log_rotation, rotation_angle
 from pcnav.state import (
     COM_MODEL,
@@ -30,8 +30,11 @@ MOST_SIGHTINGS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _LEAST_EXPLAINED = 0.5
 """A motion that explains less of the frames than this on average is not believed."""
-_CLEAR_LEAD = 0.03
-"""Lead, in the mean explained share, of the best motion over any other that decides."""
+_NATS_PER_CONFLICT = 0.25
+"""Log-likelihood that a pixel against a motion costs it. A stray return costs about 4, the log of
+outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
+_CLEAR_LEAD = 9.0
+"""Lead in log-likelihood of the best motion over any other that decides: 8,000 to one."""
 _MOST_MOTIONS = 24
 _POSITION_SD_M = 1.0
 _VELOCITY_SD_M_S = 1.0
@@ -40,26 +43,18 @@ _RATE_SD_RAD_S = 0.5
 """Spread allowed about the first sightings: far more than they err, so that it decides nothing."""
 
 
-class Candidate(Protocol):
-    """A pose that one frame allows."""
+@dataclass(frozen=True)
+class Sighting:
+    """A pose that one frame allows, and where the camera was."""
+
+    time_s: float
+    T_cam_world: FloatArray
+    pose: SingleFramePose
 
     @property
     def T_cam_model(self) -> FloatArray:
         """(4, 4)"""
-
-    @property
-    def explained(self) -> float:
-        """Share of the frame that it explains, 0 to 1."""
-
-
-@dataclass(frozen=True)
-class Sighting:
-    """A pose in one frame, and where the camera was."""
-
-    time_s: float
-    T_cam_world: FloatArray
-    T_cam_model: FloatArray
-    explained: float
+        return self.pose.T_cam_model
 
     @property
     def R_world_body(self) -> FloatArray:
@@ -82,7 +77,12 @@ class Motion:
     @property
     def explained(self) -> float:
         """Mean share of the frames explained."""
-        return float(np.mean([sighting.explained for sighting in self.sightings]))
+        return float(np.mean([sighting.pose.explained for sighting in self.sightings]))
+
+    def log_weight(self, frames: int) -> float:
+        """Log-likelihood of the last frames, up to a constant: pixels against it weigh it down."""
+        conflicts = [s.pose.agreement.conflict for s in self.sightings[-frames:]]
+        return -_NATS_PER_CONFLICT * float(np.sum(conflicts))
 
     def predicted_attitude(self, time_s: float) -> FloatArray:
         """(3, 3) R_world_body if the last rate, seen in the body, goes on."""
@@ -115,14 +115,14 @@ class MotionStart:
         self._motions: tuple[Motion, ...] = ()
 
     def add(
-        self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[Candidate]
+        self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[SingleFramePose]
     ) -> Decision | None:
         """Take in the hypotheses of a frame; a decision as soon as one can be made.
 
         After ten frames the best motion is taken even if another one is as good, and called
         ambiguous; so it is whenever the target's symmetry maps one onto the other.
         """
-        sightings = [Sighting(time_s, T_cam_world, h.T_cam_model, h.explained) for h in hypotheses]
+        sightings = [Sighting(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses]
         if not sightings:
             return None
         linked = [self._extended(motion, sightings) for motion in self._motions]
@@ -156,8 +156,7 @@ class MotionStart:
         if not ripe or ripe[0].explained < _LEAST_EXPLAINED:
             return None
         best = ripe[0]
-        rivals = [m for m in ripe[1:] if best.explained - m.explained < _CLEAR_LEAD]
-        rivals = [m for m in rivals if m.sightings[-1] is not best.sightings[-1]]
+        rivals = [m for m in ripe[1:] if _rivals(best, m)]
         undecided = [m for m in rivals if not self._symmetric(best, m)]
         if undecided and len(best.sightings) < MOST_SIGHTINGS:
             return None
@@ -168,6 +167,14 @@ class MotionStart:
         relative = a.sightings[-1].T_cam_model[:3, :3].T @ b.sightings[-1].T_cam_model[:3, :3]
         angles = rotation_angle(self._target.symmetry_rotations[:, :3, :3] @ relative.T)
         return bool(np.min(angles) < 0.5 * _LARGEST_STEP_RAD)
+
+
+def _rivals(best: Motion, other: Motion) -> bool:
+    """Whether another motion is not much less likely, over the frames that both have."""
+    if other.sightings[-1] is best.sightings[-1]:
+        return False
+    frames = min(len(best.sightings), len(other.sightings))
+    return best.log_weight(frames) - other.log_weight(frames) < _CLEAR_LEAD
 
 
 def first_state(
@@ -199,10 +206,18 @@ def _r_hill(sighting: Sighting, com_model: FloatArray, mean_motion_rad_s: float)
     return np.asarray(R_hill_world(sighting.time_s, mean_motion_rad_s) @ p_world)
 
 
-def start_covariance(com_sd_m: FloatArray, inertia_ratios_sd: FloatArray) -> FloatArray:
-    """(20, 20) prior about `first_state`: the mass properties' own, the rest left to the data."""
-    sd = np.empty(STATE_SIZE)
+def start_covariance(com_covariance_m2: FloatArray, parameter_covariance: FloatArray) -> FloatArray:
+    """(20, 20) prior about `first_state`: the mass properties' own, the rest left to the data.
+
+    Args:
+        com_covariance_m2: (3, 3) of the mass centre.
+        parameter_covariance: (5, 5) of the inertia's parameters, in which
+            `NavigationState.retract` moves it.
+    """
+    sd = np.zeros(STATE_SIZE)
     sd[R_HILL], sd[V_HILL] = _POSITION_SD_M, _VELOCITY_SD_M_S
     sd[THETA_BODY], sd[OMEGA_BODY] = _ATTITUDE_SD_RAD, _RATE_SD_RAD_S
-    sd[COM_MODEL], sd[INERTIA_RATIOS] = com_sd_m, inertia_ratios_sd
-    return np.diag(sd**2)
+    covariance = np.diag(sd**2)
+    covariance[COM_MODEL, COM_MODEL] = com_covariance_m2
+    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance
+    return covariance

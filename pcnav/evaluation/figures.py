@@ -36,7 +36,7 @@ _MOST_OUTCOMES = 9
 _CONFIDENCE = 0.95
 _DECADES_FROM = 20.0
 """Bounds that shrink by this factor over a run get logarithmic axes."""
-_LOG_FROM = 20.0
+LOG_FROM = 20.0
 """A squared error this many times its bound asks for a logarithmic axis."""
 
 
@@ -137,24 +137,23 @@ def consistency_figure(track: Track, errors: TrackErrors | None) -> Figure:
     return figure
 
 
-def timeline_figure(track: Track) -> Figure:
-    """Accepted rectangles per frame, and the status of each frame as a coloured strip."""
-    figure = _figure(3.2)
-    grid = figure.add_gridspec(2, 1, height_ratios=(5, 1))
-    counts, strip = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
-    spans = _spans(len(track), _BUCKETS)
-    starts = [track.time_s[span[0]] for span in spans]
-    # The last frame lasts as long as the one before it.
-    end = 2.0 * track.time_s[-1] - track.time_s[-2] if len(track) > 1 else starts[0] + 1.0
-    edges = np.append(starts, end)
-    for axes in (counts, strip):
-        style_axes(axes)
-        axes.set_xlim(edges[0], edges[-1])
-    _draw_counts(counts, edges, [track.n_rectangles[span] for span in spans])
-    counts.tick_params(labelbottom=False)
-    _draw_statuses(strip, edges, [[track.status[i] for i in span] for span in spans])
-    strip.set_xlabel("time, s")
-    add_legend(figure, strip)
+def count_figure(track: Track) -> Figure:
+    """Accepted rectangles per frame: in long runs the mean, smallest and largest of each span."""
+    figure = new_figure(2.6)
+    axes = figure.add_subplot()
+    style_axes(axes)
+    spans, edges = time_spans(track)
+    counts = [track.n_rectangles[span] for span in spans]
+    low = np.array([part.min() for part in counts])
+    high = np.array([part.max() for part in counts])
+    axes.stairs(high, edges, baseline=low, fill=True, color=BAND)
+    means = np.array([part.mean() for part in counts])
+    axes.stairs(means, edges, baseline=None, color=LINE, linewidth=0.9)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_ylim(0.0, float(high.max()) + 0.5)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    axes.set_ylabel("rectangles used")
+    axes.set_xlabel("time, s")
     return figure
 
 
@@ -167,7 +166,7 @@ def outcome_figure(outcomes: Counter[tuple[str, str]]) -> Figure:
     if len(counts) > _MOST_OUTCOMES:
         rest = sum(count for _, count in counts[_MOST_OUTCOMES:])
         counts = [*counts[:_MOST_OUTCOMES], ("other reasons", rest)]
-    figure = _figure(0.8 + 0.26 * max(len(counts), 2))
+    figure = new_figure(0.8 + 0.26 * max(len(counts), 2))
     axes = figure.add_subplot()
     names = [_shortened(name, 44) for name, _ in counts]
     colours = [LINE if name == ACCEPTED else "#cbd5e1" for name, _ in counts]
@@ -180,6 +179,17 @@ def outcome_figure(outcomes: Counter[tuple[str, str]]) -> Figure:
     style_axes(axes)
     axes.grid(visible=False, axis="y")
     return figure
+
+
+def time_spans(track: Track) -> tuple[list[IntArray], FloatArray]:
+    """The frames in runs of equal length, and the times at which these begin and the last ends."""
+    spans = _spans(len(track), _BUCKETS)
+    return spans, np.array([*(track.time_s[span[0]] for span in spans), end_s(track.time_s)])
+
+
+def end_s(time_s: FloatArray) -> float:
+    """When the last frame ends: it lasts as long as the one before it."""
+    return float(2.0 * time_s[-1] - time_s[-2]) if len(time_s) > 1 else float(time_s[0]) + 1.0
 
 
 def svg_bytes(figure: Figure) -> bytes:
@@ -205,7 +215,8 @@ def _spans(n: int, buckets: int) -> list[IntArray]:
     return [np.arange(start, min(start + size, n)) for start in range(0, n, size)]
 
 
-def _figure(height_in: float) -> Figure:
+def new_figure(height_in: float) -> Figure:
+    """An empty figure as wide as half a report."""
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -215,7 +226,7 @@ def _stacked_axes(
     rows: int, time_s: FloatArray, row_in: float = _ROW_IN
 ) -> tuple[Figure, list[Axes]]:
     """Axes above each other that share their time axis, the whole run wide."""
-    figure = _figure(0.6 + row_in * rows)
+    figure = new_figure(0.6 + row_in * rows)
     grid = figure.subplots(rows, 1, sharex=True, squeeze=False)
     axes: list[Axes] = list(grid[:, 0])
     for each in axes:
@@ -238,14 +249,14 @@ def style_axes(axes: Axes) -> None:
     axes.yaxis.label.set(fontsize=8.5, color=INK)
 
 
-def add_legend(figure: Figure, axes: Axes) -> None:
+def add_legend(figure: Figure, axes: Axes, most_columns: int = 4) -> None:
     """The legend of one of the axes, above all of them, where it covers no data."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles,
         [_shortened(label, 32) for label in labels],
         loc="outside upper left",
-        ncols=min(len(labels), 4) or 1,
+        ncols=min(len(labels), most_columns) or 1,
         fontsize=8,
         frameon=False,
         markerscale=2.5,
@@ -263,37 +274,10 @@ def _draw_squared(axes: Axes, time_s: FloatArray, squared: FloatArray, degrees: 
         dots = axes.plot(time_s[shown], ratio[shown], ".", markersize=3, color=colour, label=text)
         # As pixels, thousands of dots cost no more than a few, and none has to be left out.
         dots[0].set_rasterized(True)
-    if ratio.size and ratio.max() > _LOG_FROM:
+    if ratio.size and ratio.max() > LOG_FROM:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0.0)
-
-
-def _draw_counts(axes: Axes, edges: FloatArray, counts: list[IntArray]) -> None:
-    """Counts per span of frames: the mean, within the smallest and the largest."""
-    means = np.array([part.mean() for part in counts])
-    low = np.array([part.min() for part in counts])
-    high = np.array([part.max() for part in counts])
-    axes.stairs(high, edges, baseline=low, fill=True, color=BAND)
-    axes.stairs(means, edges, baseline=None, color=LINE, linewidth=0.9)
-    axes.set_ylim(0.0, float(high.max()) + 0.5)
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-    axes.set_ylabel("rectangles used")
-
-
-def _draw_statuses(axes: Axes, edges: FloatArray, statuses: list[list[str]]) -> None:
-    """A strip coloured by status, in each span of frames by the share of each."""
-    counts = Counter(status for span in statuses for status in span)
-    below = np.zeros(len(statuses))
-    for k, (name, count) in enumerate(counts.most_common()):
-        above = below + [span.count(name) / len(span) for span in statuses]
-        colour = CATEGORIES[min(k, len(CATEGORIES) - 1)]
-        label = f"{name} ({count})"
-        axes.stairs(above, edges, baseline=below, fill=True, color=colour, label=label)
-        below = above
-    axes.set_yticks([])
-    axes.set_ylim(0.0, 1.0)
-    axes.grid(visible=False)
 
 
 def _span(axes: Axes, values: FloatArray, settled: BoolArray) -> None:

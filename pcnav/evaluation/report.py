@@ -14,14 +14,22 @@ from pcnav.evaluation import page
 from pcnav.evaluation.figures import (
     component_figure,
     consistency_figure,
+    count_figure,
     outcome_figure,
     png_bytes,
     pose_error_figure,
     svg_bytes,
-    timeline_figure,
+)
+from pcnav.evaluation.knowledge import (
+    ENOUGH_BITS,
+    FROM_DATA,
+    LARGEST_PRIOR_SHARE,
+    RunKnowledge,
+    StateKnowledge,
 )
 from pcnav.evaluation.metrics import Consistency, Metrics
-from pcnav.evaluation.summary import ERROR_HEADINGS, error_row, number, run_facts
+from pcnav.evaluation.status import status_section
+from pcnav.evaluation.summary import ERROR_HEADINGS, display_unit, error_row, number, run_facts
 from pcnav.results import ACCEPTED, Track
 from pcnav.state import (
     COM_MODEL,
@@ -50,6 +58,7 @@ _NEES_HEADINGS = (
     "errors over stated sigma",
     "verdict",
 )
+_KNOWLEDGE_HEADINGS = ("verdict", "unit", "prior sd", "final sd", "bits", "prior's share")
 _XYZ = ("x", "y", "z")
 _DEGREES = float(np.rad2deg(1.0))
 _STATE_FIGURES = (
@@ -80,6 +89,10 @@ class ReportContent:
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
+    symmetry: str = "C1"
+    """Name of the target's symmetry group; C1 is none."""
+    knowledge: RunKnowledge | None = None
+    """None without an estimate."""
     picture: Figure | None = None
     """A frame drawn by `frame_picture`."""
     picture_caption: str = ""
@@ -96,8 +109,12 @@ def report_html(content: ReportContent) -> str:
     seconds = number(metrics.duration_s)
     lead = f"{content.target} · {metrics.frames} frames over {seconds} s"
     body = [page.heading(content.title, lead), page.cards(_headline(metrics)), _summary(content)]
+    if len(content.track):
+        body.append(status_section(content.track, content.symmetry))
     if metrics.errors is not None:
         body.append(_truth_section(metrics))
+    if content.knowledge is not None:
+        body.append(page.section("Known from data, or prior only", *_known(content.knowledge)))
     if content.track.has_estimate.any():
         body.append(page.section("States over time", page.grid(_state_figures(content))))
     if len(content.track):
@@ -130,7 +147,7 @@ def _headline(metrics: Metrics) -> list[tuple[str, str]]:
 
 
 def _summary(content: ReportContent) -> str:
-    facts = page.table((), run_facts(content.metrics), text_columns=2)
+    facts = page.table((), run_facts(content.metrics, content.knowledge), text_columns=2)
     pieces = [facts]
     if content.picture is not None:
         picture = png_bytes(content.picture)
@@ -249,12 +266,62 @@ def _estimates(track: Track) -> FloatArray:
     return values
 
 
+def _known(knowledge: RunKnowledge) -> list[str]:
+    """The states one by one, and the combinations that single states hide."""
+    rows, prior_only = [], []
+    for title, block, scale, unit, components in _STATE_FIGURES:
+        own = list(zip(components, knowledge.states[block], strict=True))
+        rows += [_knowledge_row(f"{title}, {name}", state, scale, unit) for name, state in own]
+        unknown = [name for name, state in own if not state.known]
+        if unknown:
+            prior_only.append(f"{title}: {', '.join(unknown)}")
+    verdict = (
+        f"Prior only are {'; '.join(prior_only)}."
+        if prior_only
+        else f"Here every state is {FROM_DATA}."
+    )
+    combinations = [
+        _knowledge_row(each.name, each, 1.0, each.unit)
+        for each in (*knowledge.com_combinations, *knowledge.ratio_combinations)
+    ]
+    return [
+        page.paragraph(
+            f"A state is {FROM_DATA} when at most {LARGEST_PRIOR_SHARE:.0%} of its final variance "
+            "is due to the prior of the mass properties, which takes data that at least halve the "
+            f"standard deviation of one of these, or when it gained {ENOUGH_BITS:g} bits or more. "
+            "Position and velocity are seen of the model's origin: the prior leaves them no more "
+            "certain than the mass centre. Attitude and rate are seen as they are, without any "
+            "prior. " + verdict
+        ),
+        page.table(("state", *_KNOWLEDGE_HEADINGS), rows, text_columns=3),
+        page.paragraph(
+            "A motion may leave a combination of states unknown while each of them gains. These "
+            "are the independent combinations of the mass centre and of the inertia ratios, the "
+            "least known of each first."
+        ),
+        page.table(("combination", *_KNOWLEDGE_HEADINGS), combinations, text_columns=3),
+    ]
+
+
+def _knowledge_row(title: str, state: StateKnowledge, scale: float, unit: str) -> tuple[str, ...]:
+    by, unit = display_unit(unit, scale * state.posterior_sd)
+    return (
+        title,
+        state.verdict,
+        unit,
+        number(by * scale * state.prior_sd) if np.isfinite(state.prior_sd) else "none",
+        number(by * scale * state.posterior_sd),
+        number(state.bits),
+        f"{state.prior_share:.1%}",
+    )
+
+
 def _measurements(content: ReportContent) -> list[str]:
-    """What was seen and used over time, and what became of each rectangle."""
+    """What was used over time, and what became of each rectangle."""
     timeline = _vector(
-        "Rectangles and status",
-        "Rectangles the filter used per frame (mean and range) and the status of the frames.",
-        timeline_figure(content.track),
+        "Rectangles used",
+        "Rectangles the filter used per frame: mean and range.",
+        count_figure(content.track),
     )
     if not content.outcomes:
         return [page.grid([timeline]), page.paragraph("No rectangle was seen.")]

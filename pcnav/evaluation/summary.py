@@ -7,6 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
+from pcnav.evaluation.knowledge import FROM_DATA, PRIOR_ONLY, RunKnowledge
 from pcnav.evaluation.metrics import Consistency, Metrics, QuantityErrors
 
 _MISSING = "-"
@@ -62,8 +63,11 @@ def number(value: float) -> str:
     return f"{value:.2e}"
 
 
-def run_facts(metrics: Metrics) -> list[tuple[str, str]]:
-    """What a run says of itself, as pairs of a name and a value with its unit."""
+def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[tuple[str, str]]:
+    """What a run says of itself, as pairs of a name and a value with its unit.
+
+    ``knowledge`` is None in a run without an estimate.
+    """
     facts = [
         ("frames", f"{metrics.frames} in {number(metrics.duration_s)} s"),
         ("frames with an estimate", _estimates(metrics)),
@@ -71,9 +75,18 @@ def run_facts(metrics: Metrics) -> list[tuple[str, str]]:
     statuses = [f"{name} {share:.1%}" for name, share in metrics.status_share.items()]
     facts.append(("status", ", ".join(statuses) or _MISSING))
     facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
+    if knowledge is not None:
+        facts.append((FROM_DATA, knowledge_text(knowledge)))
     whole_state = (block for block in metrics.nees if block.name == "all")
     name = "NEES per degree of freedom"
     return facts + [(name, consistency_text(block)) for block in whole_state]
+
+
+def knowledge_text(knowledge: RunKnowledge) -> str:
+    """How many states the data tell, and the names of the others."""
+    count, others = len(knowledge.states), knowledge.prior_only
+    text = f"{count - len(others)} of {count} states"
+    return f"{text}; {PRIOR_ONLY}: {', '.join(others)}" if others else text
 
 
 def consistency_text(values: Consistency) -> str:
@@ -85,9 +98,9 @@ def consistency_text(values: Consistency) -> str:
     return f"{values.mean_per_degree:.3f} (95 %: {bounds}); {inside}"
 
 
-def summary_table(metrics: Metrics) -> Table:
+def summary_table(metrics: Metrics, knowledge: RunKnowledge | None = None) -> Table:
     """The table printed at the end of a run: errors when there is a truth, facts below them."""
-    facts = run_facts(metrics)
+    facts = run_facts(metrics, knowledge)
     if not metrics.quantities:
         table = Table("run", "value", title="Run summary", title_justify="left")
         for name, value in facts:

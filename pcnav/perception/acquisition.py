@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import DepthImage, FloatArray
+from pcnav.arrays import FloatArray
+from pcnav.perception.agreement import Agreement
 from pcnav.perception.ambiguity import apply_case, possible_cases
 from pcnav.perception.association import LARGEST_YAW_SD_RAD
-from pcnav.perception.expectation import Expecter
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.rectangles import YAW
+from pcnav.perception.refinement import Comparer
 from pcnav.spatial import invert_transform, rotation_angle
 from pcnav.target import Target
 
@@ -36,35 +37,27 @@ class PoseHypothesis:
 
     T_cam_model: FloatArray
     """(4, 4)"""
-    explained: float
-    """Share, of the pixels that have a return or should have one, whose depth agrees; 0 to 1."""
+    agreement: Agreement
+    """Of the frame with the view from there, on a coarse grid."""
     rectangle: str
     """The catalogue entry that proposed it."""
 
 
 def pose_hypotheses(
-    perceived: PerceivedFrame, target: Target, expecter: Expecter, range_sigma_m: float
+    perceived: PerceivedFrame, target: Target, comparer: Comparer, range_sigma_m: float
 ) -> tuple[PoseHypothesis, ...]:
     """All distinct hypotheses of a frame, the one that explains most first."""
     tolerance = depth_tolerance(target, range_sigma_m)
     hypotheses = []
     for T_cam_model, rectangle in _distinct(_proposals(perceived), target.diameter_m):
-        rendered = expecter.render(T_cam_model)
-        explained = explained_share(perceived.frame.depth_m, rendered.depth_m, tolerance)
-        hypotheses.append(PoseHypothesis(T_cam_model, explained, rectangle))
-    return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.explained))
+        found = comparer.glance(perceived.frame.depth_m, T_cam_model, tolerance)
+        hypotheses.append(PoseHypothesis(T_cam_model, found, rectangle))
+    return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.agreement.share))
 
 
 def depth_tolerance(target: Target, range_sigma_m: float) -> float:
     """Difference in depth, m, that a pose which is roughly right may leave."""
     return _DEPTH_TOLERANCE_SIGMA * range_sigma_m + _DEPTH_TOLERANCE_FRACTION * target.diameter_m
-
-
-def explained_share(seen: DepthImage, predicted: DepthImage, tolerance_m: float) -> float:
-    """Share of the pixels with a return, or a predicted surface, where both agree."""
-    either = (seen > 0.0) | (predicted > 0.0)
-    agree = (seen > 0.0) & (predicted > 0.0) & (np.abs(seen - predicted) < tolerance_m)
-    return int(np.count_nonzero(agree)) / max(int(np.count_nonzero(either)), 1)
 
 
 def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:

@@ -68,7 +68,7 @@ class Expecter:
         self._settings = settings
         self._sigma_m = range_sigma_m
         self._renderer = DepthRenderer(target.mesh, camera)
-        self._face_of_triangle = _rectangle_of_triangle(target)
+        self._face_of_triangle = rectangle_of_triangle(target)
 
     def render(self, T_cam_model: FloatArray) -> RenderedDepth:
         """The clean view from a pose (4, 4)."""
@@ -169,7 +169,7 @@ def _rectangle_shown(
     return None if best is None or counts[best] == 0 else best
 
 
-def _rectangle_of_triangle(target: Target) -> IntArray:
+def rectangle_of_triangle(target: Target) -> IntArray:
     """(n,) index of the catalogue rectangle each triangle of the mesh lies on, -1 for none."""
     tolerance = _ON_FACE_FRACTION * target.diameter_m
     centres, normals = target.mesh.triangles_center, target.mesh.face_normals

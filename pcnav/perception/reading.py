@@ -5,15 +5,11 @@ from enum import IntEnum
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.config import PerceptionMode, PerceptionTable
+from pcnav.arrays import FloatArray, IntArray
+from pcnav.config import Measurements, PerceptionMode, PerceptionTable
 from pcnav.errors import InputError
-from pcnav.perception.acquisition import (
-    PoseHypothesis,
-    depth_tolerance,
-    explained_share,
-    pose_hypotheses,
-)
+from pcnav.perception.acquisition import PoseHypothesis, depth_tolerance, pose_hypotheses
+from pcnav.perception.agreement import Agreement, agreement
 from pcnav.perception.association import (
     MeasuredFace,
     Unused,
@@ -22,12 +18,15 @@ from pcnav.perception.association import (
 )
 from pcnav.perception.expectation import Expectation, Expecter
 from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.perception.refinement import Comparer, Comparison
 from pcnav.sequences.sequence import Frame
 from pcnav.spatial import rotation_angle
 from pcnav.target import Target
 
 _EXPLAINED_SIGMA = 3.0
 """A return further than this from the depth a pose predicts is not explained by it."""
+_MOST_DOUBT_PX = 3.0
+"""Poses that may be off by more are compared on the coarse grid."""
 _UNITS_RATIO = (0.02, 5.0)
 """What is seen of a target spans between these shares of its diameter, or the units differ."""
 _UNITS_RETURNS = 300
@@ -47,7 +46,7 @@ class Trust(IntEnum):
 
 @dataclass(frozen=True)
 class View:
-    """One frame read with a pose in mind."""
+    """One frame read as rectangles with a pose in mind."""
 
     perceived: PerceivedFrame
     faces: list[MeasuredFace]
@@ -60,9 +59,14 @@ class View:
         """The frame."""
         return self.perceived.frame
 
+    @property
+    def image_labels(self) -> IntArray:
+        """(height, width) segment of each pixel, -1 for none."""
+        return self.perceived.image_labels
+
 
 class FrameReader:
-    """Reads the frames of one target in the mode the settings say."""
+    """Reads the frames of one target in the way the settings say."""
 
     def __init__(
         self, target: Target, settings: PerceptionTable, range_sigma_m: float, seed: int
@@ -70,6 +74,17 @@ class FrameReader:
         self._target, self._settings = target, settings
         self._sigma_m, self._seed = range_sigma_m, seed
         self._expecter: Expecter | None = None
+        self._comparer: Comparer | None = None
+
+    @property
+    def diameter_m(self) -> float:
+        """Diameter of the target."""
+        return self._target.diameter_m
+
+    @property
+    def measured_by(self) -> Measurements:
+        """What frames are measured by once a pose is predicted."""
+        return self._settings.measured_by
 
     def look(self, frame: Frame) -> PerceivedFrame:
         """What a frame shows without any prediction."""
@@ -78,71 +93,9 @@ class FrameReader:
 
     def hypotheses(self, perceived: PerceivedFrame) -> tuple[PoseHypothesis, ...]:
         """Where the target may be, judging by one frame alone."""
-        expecter = self._expecter_of(perceived.frame)
-        return pose_hypotheses(perceived, self._target, expecter, self._sigma_m)
-
-    def explained(self, frame: Frame, T_cam_model: FloatArray) -> float:
-        """Share of a frame that the target at a pose (4, 4) explains, to the noise alone."""
-        rendered = self._expecter_of(frame).render(T_cam_model).depth_m
-        return explained_share(frame.depth_m, rendered, _EXPLAINED_SIGMA * self._sigma_m)
-
-    def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
-        """Segment a frame and measure its faces against the view that a pose predicts."""
-        if self._by_size:
-            perceived = self.look(frame)
-            return View(perceived, *measure_by_size(perceived, T_cam_model))
-        expectation = self._expecter_of(frame).expect(T_cam_model)
-        surface = None if trust is Trust.NONE else expectation.surface
-        if surface is not None and trust is Trust.PLANES:
-            surface = surface.planes_only()
-        perceived = perceive(
-            frame, self._target.rectangles, self._settings, self._sigma_m, self._seed, surface
-        )
-        return self._compared(perceived, expectation)
-
-    def read_again(self, view: View, T_cam_model: FloatArray) -> View:
-        """The same segments measured against the view that a better pose predicts."""
-        perceived = view.perceived
-        if self._by_size:
-            return View(perceived, *measure_by_size(perceived, T_cam_model))
-        return self._compared(perceived, self._expecter_of(perceived.frame).expect(T_cam_model))
-
-    def _compared(self, perceived: PerceivedFrame, expectation: Expectation) -> View:
-        faces, unused = measure_by_expectation(
-            perceived, expectation, self._settings.size_gate_sigma
-        )
-        tolerance = depth_tolerance(self._target, self._sigma_m)
-        seen, predicted = perceived.frame.depth_m, expectation.rendered.depth_m
-        return View(perceived, faces, unused, explained_share(seen, predicted, tolerance))
-
-    @property
-    def diameter_m(self) -> float:
-        """Diameter of the target."""
-        return self._target.diameter_m
-
-    @property
-    def _by_size(self) -> bool:
-        """Whether rectangles are recognised by their size alone, as the paper does."""
-        return self._settings.mode is PerceptionMode.PAPER
-
-    @property
-    def depends_on_pose(self) -> bool:
-        """Whether a better pose gives better measurements: not when only sizes are compared."""
-        return not self._by_size
-
-    def moved_px(self, before: FloatArray, after: FloatArray, frame: Frame) -> float:
-        """How far apart, in pixels, two poses (4, 4) may show a point of the target."""
-        shift = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
-        turn = float(rotation_angle(before[:3, :3].T @ after[:3, :3]))
-        return self.pixels(shift, turn, after, frame)
-
-    def pixels(
-        self, shift_m: float, turn_rad: float, T_cam_model: FloatArray, frame: Frame
-    ) -> float:
-        """A shift and a turn of the target as pixels at its edge."""
-        moved_m = shift_m + 0.5 * self._target.diameter_m * turn_rad
-        focal = max(frame.camera.fx, frame.camera.fy)
-        return moved_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
+        frame = perceived.frame
+        coarse = self.comparer(frame).coarse(frame.depth_m)
+        return pose_hypotheses(perceived, self._target, coarse, self._sigma_m)
 
     def check_units(self, perceived: PerceivedFrame) -> bool:
         """Whether enough was seen to compare sizes; `InputError` when it cannot be the target.
@@ -165,7 +118,85 @@ class FrameReader:
             )
         return True
 
+    # By comparison with a rendered view.
+
+    def comparer(self, frame: Frame) -> Comparer:
+        """Compares frames of the camera that took this one."""
+        if self._comparer is None or self._comparer.camera != frame.camera:
+            self._comparer = Comparer(self._target, frame.camera, self._sigma_m)
+        return self._comparer
+
+    def compare(
+        self, frame: Frame, T_cam_model: FloatArray, pose_covariance: FloatArray
+    ) -> Comparison:
+        """A frame against the view from a predicted pose, see `Comparer.compare`.
+
+        On the coarse grid where the pose is off by pixels.
+        """
+        comparer = self.comparer(frame)
+        if comparer.doubt_px(T_cam_model, pose_covariance) > _MOST_DOUBT_PX:
+            comparer = comparer.coarse(frame.depth_m)
+        return comparer.compare(frame.depth_m, T_cam_model, pose_covariance)
+
+    # By rectangles.
+
+    def explained(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
+        """How the target at a pose (4, 4) explains a frame, to the noise alone."""
+        rendered = self._expecter_of(frame).render(T_cam_model)
+        return agreement(frame.depth_m, rendered, _EXPLAINED_SIGMA * self._sigma_m)
+
+    def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
+        """Segment a frame and measure its faces against the view that a pose predicts."""
+        if not self.depends_on_pose:
+            perceived = self.look(frame)
+            return View(perceived, *measure_by_size(perceived, T_cam_model))
+        expectation = self._expecter_of(frame).expect(T_cam_model)
+        surface = None if trust is Trust.NONE else expectation.surface
+        if surface is not None and trust is Trust.PLANES:
+            surface = surface.planes_only()
+        perceived = perceive(
+            frame, self._target.rectangles, self._settings, self._sigma_m, self._seed, surface
+        )
+        return self._compared(perceived, expectation)
+
+    def read_again(self, view: View, T_cam_model: FloatArray) -> View:
+        """The same segments measured against the view that a better pose predicts."""
+        perceived = view.perceived
+        if not self.depends_on_pose:
+            return View(perceived, *measure_by_size(perceived, T_cam_model))
+        return self._compared(perceived, self._expecter_of(perceived.frame).expect(T_cam_model))
+
+    def _compared(self, perceived: PerceivedFrame, expectation: Expectation) -> View:
+        faces, unused = measure_by_expectation(
+            perceived, expectation, self._settings.size_gate_sigma
+        )
+        tolerance = depth_tolerance(self._target, self._sigma_m)
+        share = agreement(perceived.frame.depth_m, expectation.rendered, tolerance).share
+        return View(perceived, faces, unused, share)
+
+    @property
+    def depends_on_pose(self) -> bool:
+        """Whether a better pose gives better rectangles: not when only sizes are compared, as the
+        paper does."""
+        return self._settings.mode is not PerceptionMode.PAPER
+
     def _expecter_of(self, frame: Frame) -> Expecter:
         if self._expecter is None or self._expecter.camera != frame.camera:
             self._expecter = Expecter(self._target, frame.camera, self._settings, self._sigma_m)
         return self._expecter
+
+    # Poses as pixels.
+
+    def moved_px(self, before: FloatArray, after: FloatArray, frame: Frame) -> float:
+        """How far apart, in pixels, two poses (4, 4) may show a point of the target."""
+        shift = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
+        turn = float(rotation_angle(before[:3, :3].T @ after[:3, :3]))
+        return self.pixels(shift, turn, after, frame)
+
+    def pixels(
+        self, shift_m: float, turn_rad: float, T_cam_model: FloatArray, frame: Frame
+    ) -> float:
+        """A shift and a turn of the target as pixels at its edge."""
+        moved_m = shift_m + 0.5 * self._target.diameter_m * turn_rad
+        focal = max(frame.camera.fx, frame.camera.fy)
+        return moved_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))

@@ -1,4 +1,4 @@
-"""Studies: each rebuilds a paper's tables and figures and sets the printed values beside ours."""
+"""Studies: a paper rebuilt, the printed values beside ours, or the tracker against its bars."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,12 +6,28 @@ from pathlib import Path
 from pcnav.errors import InputError
 from pcnav.studies.folder import Study, StudySummary, study_folder, write_study
 from pcnav.studies.progress import OnProgress
-from pcnav.studies.yu2019.study import study_yu2019
 
 __all__ = ["StudySummary", "run_study"]
 
-STUDIES: dict[str, Callable[[int | None, OnProgress], Study]] = {"yu2019": study_yu2019}
-"""From the name users type to the function that rebuilds the paper."""
+
+# A study is imported when it is asked for: the processes that share one out load no other.
+def _tracking(runs: int | None, on_progress: OnProgress) -> Study:
+    from pcnav.studies.tracking.study import study_tracking
+
+    return study_tracking(runs, on_progress)
+
+
+def _yu2019(runs: int | None, on_progress: OnProgress) -> Study:
+    from pcnav.studies.yu2019.study import study_yu2019
+
+    return study_yu2019(runs, on_progress)
+
+
+STUDIES: dict[str, Callable[[int | None, OnProgress], Study]] = {
+    "tracking": _tracking,
+    "yu2019": _yu2019,
+}
+"""From the name users type to the function that makes the study."""
 
 
 def run_study(
@@ -22,7 +38,7 @@ def run_study(
     overwrite: bool = False,
     on_progress: OnProgress = lambda done, total: None,
 ) -> StudySummary:
-    """Rebuild a paper and write its folder: tables, figures, pipelines and a page.
+    """Make a study and write its folder: tables, figures, pipelines and a page.
 
     ``runs`` replaces the study's own number of Monte Carlo repetitions. Raises `InputError` for an
     unknown name, fewer than two runs, and a folder that must not be replaced; nothing is then left.

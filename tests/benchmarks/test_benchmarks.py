@@ -9,14 +9,13 @@ import pytest
 
 pytest.importorskip("small_gicp", reason="the peers are installed with the extra `bench`")
 
-from benchmarks.accuracy import Spread, score_case, score_table
+from benchmarks.accuracy import Spread, score_case
 from benchmarks.memory import PeakMemory, long_pipeline, measure_memory, memory_table
 from benchmarks.peers import METHODS, OURS, Method, Poses
 from benchmarks.scenes import Case, load, record, shortened
 from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
 from benchmarks.stopwatch import Stopwatch
 from pcnav.simulation.scenario import true_motion
-from pcnav.spatial import exp_rotation, make_transform
 
 _FRAMES = 8
 
@@ -33,28 +32,13 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 )
 def test_peer_follows_the_target(case: Case, method: Method) -> None:
     ours = Method(OURS.name, OURS.start, lambda given: Poses(given.T_cam_model, np.ones(_FRAMES)))
-    truth, peer = score_case(case, (ours, method))
-    assert truth.position_mm == Spread(0.0, 0.0, 0.0)
-    assert peer.frames == _FRAMES
+    scores = score_case(case, (ours, method))
+    peer = scores.of(method)
+    assert scores.of(ours).position_mm == Spread(0.0, 0.0)
+    assert peer.frames == scores.compared == _FRAMES // 2
     assert 0.0 < peer.position_mm.median < 30.0
     assert 0.0 < peer.attitude_deg.median < 1.0
-    assert peer.mean_ms > 0.0
-
-
-def test_errors_are_those_put_in(case: Case) -> None:
-    wrong = make_transform(exp_rotation(np.array([0.0, 0.02, 0.0])), np.array([0.003, 0.0, 0.004]))
-
-    def shifted(given: Case) -> Poses:
-        return Poses(given.T_cam_model @ wrong, np.full(_FRAMES, 0.002))
-
-    scores = score_case(case, (OURS, Method("shifted", "all", shifted)))
-    known = scores[1]
-    np.testing.assert_allclose(
-        [known.position_mm.median, known.position_mm.rms, known.position_mm.p95], 5.0
-    )
-    np.testing.assert_allclose(known.attitude_deg.rms, np.rad2deg(0.02))
-    np.testing.assert_allclose([known.mean_ms, known.median_ms], 2.0)
-    assert score_table(case, scores).row_count == 2
+    assert peer.frame_ms.median > 0.0
 
 
 def test_throughput_accounts_for_the_whole_run(case: Case, tmp_path: Path) -> None:

@@ -7,13 +7,14 @@ import pytest
 from scipy.stats import chi2
 
 from pcnav.arrays import FloatArray
+from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.estimation.batch import ArcFit, TimedMeasurements, fit_arc
 from pcnav.estimation.error_state import ErrorStateFilter, Measurement
 from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.estimation.start import start_covariance
 from pcnav.spatial import exp_rotation, make_transform
-from pcnav.state import STATE_SIZE, NavigationState
+from pcnav.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 
 N = 1.1e-3
 MODEL = MassCentreModel(N, 0.0, 0.0)
@@ -67,12 +68,14 @@ def rough(seed: int) -> NavigationState:
     """A guess like that of the first sightings: rates and pose off, mass as in the prior."""
     error = np.random.default_rng(1000 + seed).normal(size=STATE_SIZE)
     sd = np.concatenate(
-        [np.full(3, 0.2), np.full(3, 0.1), COM_SD, np.full(3, 0.1), np.full(3, 0.03), RATIO_SD]
+        [np.full(3, 0.2), np.full(3, 0.1), COM_SD, np.full(3, 0.1), np.full(3, 0.03), np.ones(5)]
     )
+    error[INERTIA_RATIOS] = np.linalg.cholesky(INERTIA_PRIOR) @ error[INERTIA_RATIOS]
     return TRUTH.retract(error * sd)
 
 
-PRIOR = start_covariance(COM_SD, RATIO_SD)
+INERTIA_PRIOR = parameter_covariance(TRUTH.inertia_ratios, RATIO_SD)
+PRIOR = start_covariance(np.diag(COM_SD**2), INERTIA_PRIOR)
 
 
 def test_a_noiseless_arc_gives_the_truth_back() -> None:

@@ -27,6 +27,9 @@ class Vector:
     def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
         return np.eye(len(error))
 
+    def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
+        return error
+
 
 @dataclass(frozen=True)
 class Attitude:
@@ -39,6 +42,9 @@ class Attitude:
 
     def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
         return left_jacobian(-error)
+
+    def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
+        return error
 
 
 @dataclass(frozen=True)

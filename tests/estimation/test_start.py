@@ -7,7 +7,9 @@ import pytest
 import trimesh
 
 from pcnav.arrays import FloatArray
+from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
+from pcnav.estimation.single_frame import SingleFramePose
 from pcnav.estimation.start import (
     Decision,
     Motion,
@@ -16,7 +18,7 @@ from pcnav.estimation.start import (
     first_state,
     start_covariance,
 )
-from pcnav.perception.acquisition import PoseHypothesis
+from pcnav.perception.agreement import Agreement
 from pcnav.spatial import exp_rotation, make_transform, rotation_angle
 from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, NavigationState
 from pcnav.target import Target
@@ -52,14 +54,19 @@ def camera_pose(k: int) -> FloatArray:
     return make_transform(exp_rotation(np.array([0.1, 0.3 * k, 0.2])), np.array([0.0, 0.1, 0.2]))
 
 
+def pose(T_cam_model: FloatArray, share: float) -> SingleFramePose:
+    """A pose found in a frame of a thousand pixels, of which it explains a share."""
+    agreement = Agreement(round(1000 * share), 1000 - round(1000 * share))
+    return SingleFramePose(T_cam_model, np.eye(6), agreement, (), (), converged=True)
+
+
 def feed(
     start: MotionStart, k: int, *alternatives: tuple[FloatArray, float], still: bool = False
 ) -> Decision | None:
     """Give the frame k with hypotheses: the true pose turned by each motion, and its share."""
     T_cam_world = np.eye(4) if still else camera_pose(k)
     hypotheses = [
-        PoseHypothesis(T_cam_world @ true_pose(k) @ motion, share, "panel")
-        for motion, share in alternatives
+        pose(T_cam_world @ true_pose(k) @ motion, share) for motion, share in alternatives
     ]
     hypotheses.sort(key=lambda h: -h.explained)
     return start.add(0.5 * k, T_cam_world, tuple(hypotheses))
@@ -92,8 +99,8 @@ def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of
 def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
     start = MotionStart(target_with())
     for k in range(9):
-        assert feed(start, k, (np.eye(4), 0.90), (HALF_TURN, 0.89)) is None
-    decision = feed(start, 9, (np.eye(4), 0.90), (HALF_TURN, 0.89))
+        assert feed(start, k, (np.eye(4), 0.900), (HALF_TURN, 0.899)) is None
+    decision = feed(start, 9, (np.eye(4), 0.900), (HALF_TURN, 0.899))
     assert decision is not None and decision.ambiguous
     assert follows(decision.motion, np.eye(4))
     assert len(decision.motion.sightings) == 10
@@ -157,7 +164,8 @@ def test_a_broken_link_starts_over() -> None:
 
 def test_attitude_is_predicted_at_the_last_rate() -> None:
     sightings = tuple(
-        Sighting(0.5 * k, camera_pose(k), camera_pose(k) @ true_pose(k), 0.9) for k in range(3)
+        Sighting(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), 0.9))
+        for k in range(3)
     )
     ahead = Motion(sightings).predicted_attitude(3.5)
     np.testing.assert_allclose(ahead, true_pose(7)[:3, :3], atol=1e-12)
@@ -177,7 +185,7 @@ def test_first_state_of_exact_sightings_is_the_true_one(mean_motion_rad_s: float
         R = START @ exp_rotation(OMEGA * 0.5 * k)
         state = NavigationState(r0 + 0.5 * k * v, v, com, R, OMEGA, ratios)
         T = state.T_cam_model(camera_pose(k), R_hill)
-        sightings.append(Sighting(t, camera_pose(k), T, 0.9))
+        sightings.append(Sighting(t, camera_pose(k), pose(T, 0.9)))
     found = first_state(Motion(tuple(sightings)), com, ratios, mean_motion_rad_s)
     expected = NavigationState(r0, v, com, START, OMEGA, ratios)
     np.testing.assert_allclose(expected.local(found), 0.0, atol=1e-10)
@@ -185,10 +193,12 @@ def test_first_state_of_exact_sightings_is_the_true_one(mean_motion_rad_s: float
 
 def test_prior_keeps_what_is_known_of_the_mass_and_leaves_the_rest_to_the_data() -> None:
     com_sd, ratios_sd = np.array([0.1, 0.2, 0.3]), np.linspace(0.01, 0.05, 5)
-    P = start_covariance(com_sd, ratios_sd)
-    np.testing.assert_array_equal(P, np.diag(np.diag(P)))
+    inertia = parameter_covariance(np.array([0.8, 1.1, 0.02, -0.03, 0.01]), ratios_sd)
+    P = start_covariance(np.diag(com_sd**2), inertia)
     np.testing.assert_allclose(np.diag(P)[COM_MODEL], com_sd**2)
-    np.testing.assert_allclose(np.diag(P)[INERTIA_RATIOS], ratios_sd**2)
+    np.testing.assert_array_equal(P[INERTIA_RATIOS, INERTIA_RATIOS], inertia)
+    P[INERTIA_RATIOS, INERTIA_RATIOS] = np.eye(5)
+    np.testing.assert_array_equal(P, np.diag(np.diag(P)))
     assert np.all(np.sqrt(np.diag(P)[OMEGA_BODY]) >= 0.5)
 
 

@@ -1,16 +1,16 @@
 """A made-up run whose errors are drawn from the covariance it states."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from pcnav.arrays import FloatArray
 from pcnav.evaluation.truth import Truth
-from pcnav.results import ACCEPTED, FrameEstimate, RectangleRecord
+from pcnav.results import ACCEPTED, NIS_WINDOW_FRAMES, FrameEstimate, RectangleRecord
 from pcnav.spatial import exp_rotation, make_transform
-from pcnav.state import STATE_SIZE, NavigationState
+from pcnav.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 
 FIRST_ESTIMATE = 3
 SD = np.repeat([0.05, 0.002, 0.03, 0.01, 0.001, 0.02], [3, 3, 3, 3, 3, 5])
@@ -53,11 +53,15 @@ def frame_estimate(
     dof = int(generator.integers(0, 4)) * 6
     nis = float(generator.chisquare(dof)) if dof else np.nan
     if index < FIRST_ESTIMATE:
-        return FrameEstimate(index, time_s, None, None, None, "searching", np.nan, 0, 0, ())
+        return FrameEstimate(index, time_s, None, None, None, "acquiring", np.nan, 0, 0, ())
     covariance = correlated_covariance(generator, time_s)
     error = generator.multivariate_normal(np.zeros(STATE_SIZE), covariance, method="cholesky")
     # The truth is the estimate moved by the error; with a small error the reverse holds as well.
-    state = truth.retract(-inflation * error)
+    # The covariance is that of a result: by the inertia ratios, not by the filter's parameters.
+    off = -inflation * error
+    ratios = truth.inertia_ratios + off[INERTIA_RATIOS]
+    off[INERTIA_RATIOS] = 0.0
+    state = replace(truth.retract(off), inertia_ratios=ratios)
     pose = state.T_cam_model(T_CAM_WORLD, np.eye(3))
     outcomes = (ACCEPTED, "side too short", ACCEPTED, "normal away from camera <45 deg>")
     records = tuple(
@@ -73,10 +77,23 @@ def frame_estimate(
         )
         for k in range(dof // 6 + (index % 7 == 0))
     )
-    status = "tracking" if dof else "no measurement"
+    status = "locked" if dof else "coasting"
     return FrameEstimate(
-        index, time_s, state, covariance, pose, status, nis, dof, dof // 6, records
+        *(index, time_s, state, covariance, pose, status, nis, dof, dof // 6, records),
+        explained=0.95 + 0.04 * np.sin(0.3 * index),
     )
+
+
+def windowed(estimates: Iterable[FrameEstimate]) -> tuple[FrameEstimate, ...]:
+    """The estimates with their NIS over the last frames, by its definition."""
+    made: list[FrameEstimate] = []
+    for estimate in estimates:
+        made.append(estimate)
+        used = [each for each in made if each.nis_dof][-NIS_WINDOW_FRAMES:]
+        if used:
+            ratio = sum(each.nis for each in used) / sum(each.nis_dof for each in used)
+            made[-1] = replace(estimate, window_nis=ratio)
+    return tuple(made)
 
 
 @pytest.fixture(scope="session")
@@ -87,7 +104,7 @@ def make_run() -> Callable[..., SyntheticRun]:
         generator = np.random.default_rng(7)
         time_s: FloatArray = 0.5 * np.arange(frames, dtype=np.float64)
         states = [true_state(t) for t in time_s]
-        estimates = tuple(
+        estimates = windowed(
             frame_estimate(i, state, generator, inflation) for i, state in enumerate(states)
         )
         truth = Truth(

@@ -68,7 +68,7 @@ def honest(
     return run, stored(folder, run), folder
 
 
-def test_state_errors_are_the_states_own_local(honest: tuple[Any, Track, Path]) -> None:
+def test_state_errors_are_the_states_own(honest: tuple[Any, Track, Path]) -> None:
     run, track, _ = honest
     errors = track_errors(track, run.truth)
     known = np.flatnonzero(track.has_estimate)
@@ -83,7 +83,7 @@ def test_state_errors_are_the_states_own_local(honest: tuple[Any, Track, Path]) 
             omega_body=run.truth.omega_body[i],
             inertia_ratios=run.truth.inertia_ratios[i],
         )
-        np.testing.assert_allclose(errors.state[i], state.local(true), rtol=1e-9, atol=1e-13)
+        np.testing.assert_allclose(errors.state[i], state.ratio_error(true), rtol=1e-9, atol=1e-13)
     assert np.isnan(errors.state[~track.has_estimate]).all()
 
 
@@ -222,9 +222,9 @@ def test_what_a_run_says_of_itself(honest: tuple[Any, Track, Path]) -> None:
     assert (metrics.frames, metrics.frames_with_estimate) == (400, 397)
     assert metrics.first_estimate_after_s == 1.5
     assert metrics.duration_s == 199.5
-    assert metrics.status_share["searching"] == 3 / 400
+    assert metrics.status_share["acquiring"] == 3 / 400
     assert sum(metrics.status_share.values()) == pytest.approx(1.0)
-    assert next(iter(metrics.status_share)) == "tracking"
+    assert next(iter(metrics.status_share)) == "locked"
     assert (metrics.quantities, metrics.nees) == ((), ())
 
 

@@ -14,17 +14,35 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import StepPatch
+from scipy.stats import chi2
 
 from pcnav.arrays import DepthImage, FloatArray
 from pcnav.camera import PinholeCamera, project
+from pcnav.evaluation import report, status
 from pcnav.evaluation.figures import component_figure, envelope, outcome_figure, svg_bytes
+from pcnav.evaluation.knowledge import what_is_known
 from pcnav.evaluation.metrics import evaluate
 from pcnav.evaluation.overlay import frame_picture, rectangle_corners, visible_pieces
 from pcnav.evaluation.report import ReportContent, report_html, write_report
+from pcnav.evaluation.status import (
+    STATUS_COLOURS,
+    status_figure,
+    status_section,
+    window_nis_bounds,
+)
 from pcnav.evaluation.summary import number
+from pcnav.prior import PriorMass
 from pcnav.result_writer import ResultWriter
-from pcnav.results import ACCEPTED, RectangleRecord, count_outcomes, read_track
+from pcnav.results import (
+    ACCEPTED,
+    NIS_WINDOW_FRAMES,
+    RectangleRecord,
+    count_outcomes,
+    read_track,
+)
 from pcnav.spatial import exp_rotation, make_transform
+from pcnav.tracking import Status
 
 VOID = {"meta", "img", "br"}
 
@@ -100,10 +118,10 @@ def test_the_page_is_whole_and_loads_nothing(written: tuple[ReportContent, str])
     reader = read_page(html)
     assert reader.external == []
     assert not re.search(r"url\(|@import|https?://", re.sub(r"base64,[^\"]*", "", html))
-    # Pose, six states, consistency, timeline, outcomes and the picture.
-    assert len(reader.images) == 11
+    # Status, pose, six states, consistency, counts, outcomes and the picture.
+    assert len(reader.images) == 12
     kinds = [re.split("[:;]", image)[1] for image in reader.images]
-    assert (kinds.count("image/png"), kinds.count("image/svg+xml")) == (1, 10)
+    assert (kinds.count("image/png"), kinds.count("image/svg+xml")) == (1, 11)
     for image, kind in zip(reader.images, kinds, strict=True):
         data = base64.b64decode(image.split(",", 1)[1], validate=True)
         if kind == "image/png":
@@ -141,7 +159,7 @@ def test_without_a_truth_the_estimates_are_shown(
     reader = read_page(report_html(content))
     assert "Against the truth" not in reader.text
     assert "Pose error" not in reader.text
-    assert len(reader.images) == 9
+    assert len(reader.images) == 10
 
 
 @pytest.mark.parametrize("frames", [0, 1, 3, 4])
@@ -173,11 +191,129 @@ def test_a_long_run_stays_a_small_page(make_run: Callable[..., Any], tmp_path: P
         status=short.track.status * 10,
         nis=short.track.nis[repeats],
         nis_dof=short.track.nis_dof[repeats],
+        window_nis=short.track.window_nis[repeats],
+        explained=short.track.explained[repeats],
         n_rectangles=short.track.n_rectangles[repeats],
         covariance=None,
     )
     long = replace(short, track=track, metrics=evaluate(track, None))
     assert 2e5 < len(report_html(long)) < 3e6
+
+
+def test_the_status_and_its_changes_are_shown(
+    written: tuple[ReportContent, str], make_run: Callable[..., Any], tmp_path: Path
+) -> None:
+    content, html = written
+    track = content.track
+    text = read_page(html).text
+    changes = [k for k in range(1, 60) if track.status[k] != track.status[k - 1]]
+    assert 3 < len(changes) < 25
+    for k in changes:
+        row = f"{track.status[k - 1]}\n{track.status[k]}\n{k}\n{number(track.time_s[k])}\n"
+        assert row + f"{track.explained[k]:.0%}\n{number(track.window_nis[k])}\n" in text
+    assert "Ambiguous" not in text
+    steady = make_content(tmp_path / "run", make_run(3)).track
+    told = read_page(status_section(steady, "C1")).text
+    assert "The status is acquiring in every frame." in told
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "told"), [("D2", "symmetry group is D2"), ("C1", "the target itself has no")]
+)
+def test_an_ambiguous_status_names_the_symmetry(
+    make_run: Callable[..., Any], tmp_path: Path, symmetry: str, told: str
+) -> None:
+    content = make_content(tmp_path / "run", make_run(6))
+    track = replace(content.track, status=("acquiring",) * 3 + ("ambiguous",) * 3)
+    assert told in read_page(status_section(track, symmetry)).text
+
+
+def test_a_restless_status_is_cut_short(make_run: Callable[..., Any], tmp_path: Path) -> None:
+    content = make_content(tmp_path / "run", make_run(60))
+    track = replace(content.track, status=("locked", "coasting") * 30)
+    reader = read_page(status_section(track, "C1"))
+    assert "34 later changes are not listed" in reader.text
+
+
+def test_every_status_has_its_own_colour_in_the_order_of_worth() -> None:
+    assert set(STATUS_COLOURS) == {str(status) for status in Status}
+    assert len(set(STATUS_COLOURS.values())) == len(Status)
+
+
+def test_the_status_bands_last_as_long_as_the_status(
+    make_run: Callable[..., Any], tmp_path: Path
+) -> None:
+    """Read from the drawing: frames 0.5 s apart, of which the strip shows every one."""
+    track = make_content(tmp_path / "run", make_run(60)).track
+    figure = status_figure(track)
+    strip, explained, window = figure.axes
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    for patch, label in zip(strip.patches, legend, strict=True):
+        assert isinstance(patch, StepPatch)
+        heights, edges, below = patch.get_data()
+        covered = float(np.sum((heights - below) * np.diff(edges)))
+        name, count = label.removesuffix(")").split(" (")
+        assert covered == pytest.approx(0.5 * track.status.count(name))
+        assert int(count) == track.status.count(name)
+    np.testing.assert_array_equal(explained.lines[0].get_ydata(), track.explained)
+    np.testing.assert_array_equal(window.lines[1].get_ydata(), track.window_nis)
+
+
+def test_without_evidence_only_the_status_is_drawn(
+    make_run: Callable[..., Any], tmp_path: Path
+) -> None:
+    track = make_content(tmp_path / "run", make_run(3)).track
+    assert len(status_figure(track).axes) == 1
+
+
+def test_the_band_of_the_window_nis_is_chi_square(
+    make_run: Callable[..., Any], tmp_path: Path
+) -> None:
+    track = make_content(tmp_path / "run", make_run(400)).track
+    lower, upper = window_nis_bounds(track)
+    for k in (3, 10, 50, 399):
+        used = np.flatnonzero(track.nis_dof[: k + 1])[-NIS_WINDOW_FRAMES:]
+        degrees = int(track.nis_dof[used].sum())
+        if degrees:
+            band = np.array(chi2.interval(0.95, degrees)) / degrees
+            np.testing.assert_allclose([lower[k], upper[k]], band)
+    known = np.isfinite(track.window_nis)
+    np.testing.assert_array_equal(np.isfinite(lower), known)
+    # The run's innovations are what they should be; neighbouring windows share most frames.
+    inside = (track.window_nis >= lower) & (track.window_nis <= upper)
+    assert 0.8 < inside[known].mean() <= 1.0
+
+
+def test_the_window_begins_anew_with_a_new_track(
+    make_run: Callable[..., Any], tmp_path: Path
+) -> None:
+    track = make_content(tmp_path / "run", make_run(40)).track
+    r_hill = track.r_hill.copy()
+    r_hill[20] = np.nan
+    _, upper = window_nis_bounds(replace(track, r_hill=r_hill))
+    _, before = window_nis_bounds(track)
+    np.testing.assert_array_equal(upper[:20], before[:20])
+    assert (upper[22:38] > before[22:38]).all()
+
+
+def test_the_report_says_what_is_known(
+    written: tuple[ReportContent, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (report, status):
+        monkeypatch.setattr(module, "svg_bytes", lambda figure: b"")
+    content, html = written
+    assert "prior only" not in read_page(html).text
+    covariance = np.diag(np.full(20, 1e-6))
+    covariance[15:17, 15:17] = 0.005 * np.ones((2, 2)) + 1e-9 * np.eye(2)
+    knowledge = what_is_known(
+        PriorMass.from_sd(np.full(3, 0.15), np.full(5, 0.1)), covariance, np.eye(3), np.ones(3)
+    )
+    text = read_page(report_html(replace(content, knowledge=knowledge))).text
+    assert "Prior only are Inertia ratios over Ixx: Iyy, Izz." in text
+    assert "0.71 Iyy + 0.71 Izz\nprior only\n1\n" in text
+    assert "Mass centre in model, x\nknown from data\nmm\n150\n1.00\n" in text
+    assert "18 of 20 states; prior only: i_yy, i_zz" in text
+    assert "Attitude, body axes, y\nknown from data\ndeg\nnone\n0.0573\n-\n0.0%" in text
 
 
 def test_the_same_figure_gives_the_same_bytes() -> None:

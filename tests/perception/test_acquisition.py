@@ -8,9 +8,9 @@ import pytest
 from pcnav.arrays import FloatArray
 from pcnav.camera import PinholeCamera
 from pcnav.config import PerceptionTable
-from pcnav.perception.acquisition import PoseHypothesis, explained_share, pose_hypotheses
-from pcnav.perception.expectation import Expecter
+from pcnav.perception.acquisition import PoseHypothesis, pose_hypotheses
 from pcnav.perception.perceive import perceive
+from pcnav.perception.refinement import Comparer
 from pcnav.rendering import RenderedDepth
 from pcnav.sequences.sequence import Frame
 from pcnav.spatial import make_transform, rotation_angle
@@ -21,10 +21,10 @@ SIGMA = 0.02
 SETTINGS = PerceptionTable()
 
 
-def hypotheses_of(target: Target, expecter: Expecter, frame: Frame) -> tuple[PoseHypothesis, ...]:
+def hypotheses_of(target: Target, comparer: Comparer, frame: Frame) -> tuple[PoseHypothesis, ...]:
     perceived = perceive(frame, target.rectangles, SETTINGS, SIGMA, 0)
-    found = pose_hypotheses(perceived, target, expecter, SIGMA)
-    shares = [h.explained for h in found]
+    found = pose_hypotheses(perceived, target, comparer, SIGMA)
+    shares = [h.agreement.share for h in found]
     assert shares == sorted(shares, reverse=True)
     assert all(0.0 <= share <= 1.0 for share in shares)
     return found
@@ -34,15 +34,6 @@ def angle_to(T: FloatArray, hypothesis: PoseHypothesis) -> float:
     return float(rotation_angle(T[:3, :3].T @ hypothesis.T_cam_model[:3, :3]))
 
 
-def test_share_explained_by_hand() -> None:
-    seen = np.array([[5.0, 5.0, 5.0, 0.0, 0.0]], dtype=np.float32)
-    predicted = np.array([[5.1, 5.3, 0.0, 5.0, 0.0]], dtype=np.float32)
-    assert explained_share(seen, predicted, 0.2) == pytest.approx(1 / 4)
-    assert explained_share(seen, predicted, 0.4) == pytest.approx(2 / 4)
-    assert explained_share(0 * seen, 0 * predicted, 0.2) == 0.0
-    assert explained_share(seen, seen, 1e-6) == 1.0
-
-
 def test_best_hypothesis_is_the_true_pose(
     boxsat: Target,
     camera: PinholeCamera,
@@ -50,19 +41,19 @@ def test_best_hypothesis_is_the_true_pose(
     random_pose: Callable[..., FloatArray],
 ) -> None:
     rng = np.random.default_rng(2)
-    expecter = Expecter(boxsat, camera, SETTINGS, SIGMA)
+    comparer = Comparer(boxsat, camera, SIGMA, stride=4)
     proposed = best = 0
     runs = 12
     for k in range(runs):
         T = random_pose(rng)
         frame, _ = shoot(boxsat.mesh, T, SIGMA, k)
-        hypotheses = hypotheses_of(boxsat, expecter, frame)
+        hypotheses = hypotheses_of(boxsat, comparer, frame)
         near = [h for h in hypotheses if angle_to(T, h) < 0.15]
         proposed += bool(near)
         if near and hypotheses[0] is near[0]:
             best += 1
             assert np.linalg.norm(hypotheses[0].T_cam_model[:3, 3] - T[:3, 3]) < 0.4
-            assert hypotheses[0].explained > 0.7
+            assert hypotheses[0].agreement.share > 0.7
         # Distinct: no two within the angle and shift that make them one.
         for i, h in enumerate(hypotheses):
             for other in hypotheses[:i]:
@@ -76,7 +67,7 @@ def test_best_hypothesis_is_the_true_pose(
 def test_symmetric_attitudes_explain_the_frame_equally(
     twinwing: Target, camera: PinholeCamera, shoot: Shoot
 ) -> None:
-    expecter = Expecter(twinwing, camera, SETTINGS, SIGMA)
+    comparer = Comparer(twinwing, camera, SIGMA, stride=4)
     x = np.array([0.25, 0.9, 0.2])
     z = np.array([-0.9, 0.1, 0.4])  # the sensor looks at the +x side
     z /= np.linalg.norm(z)
@@ -84,17 +75,17 @@ def test_symmetric_attitudes_explain_the_frame_equally(
     x /= np.linalg.norm(x)
     T = make_transform(np.stack([x, np.cross(z, x), z]), np.array([0.0, 0.0, 24.0]))
     frame, _ = shoot(twinwing.mesh, T, SIGMA)
-    hypotheses = hypotheses_of(twinwing, expecter, frame)
+    hypotheses = hypotheses_of(twinwing, comparer, frame)
     assert len(twinwing.symmetry_rotations) == 2
     shares = []
     for motion in twinwing.symmetry_rotations:
         matches = [h for h in hypotheses if angle_to(T @ motion, h) < 0.1]
         # The same attitude may be proposed elsewhere too, by a wing taken for the other one.
-        shares.append(max(h.explained for h in matches))
+        shares.append(max(h.agreement.share for h in matches))
     assert min(shares) > 0.8
     assert shares[0] == pytest.approx(shares[1], abs=0.05)
     others = [
-        h.explained
+        h.agreement.share
         for h in hypotheses
         if min(angle_to(T @ motion, h) for motion in twinwing.symmetry_rotations) > 0.1
     ]
@@ -103,5 +94,5 @@ def test_symmetric_attitudes_explain_the_frame_equally(
 
 def test_no_returns_no_hypotheses(boxsat: Target, camera: PinholeCamera) -> None:
     frame = Frame(0, 0.0, np.zeros((256, 256), dtype=np.float32), camera, np.eye(4))
-    expecter = Expecter(boxsat, camera, SETTINGS, SIGMA)
-    assert hypotheses_of(boxsat, expecter, frame) == ()
+    comparer = Comparer(boxsat, camera, SIGMA, stride=4)
+    assert hypotheses_of(boxsat, comparer, frame) == ()

@@ -110,12 +110,16 @@ def test_the_ambiguity_flips_frames_unless_solved() -> None:
 
 def test_filter_converges_in_a_tumble_and_keeps_its_cases() -> None:
     pipeline = scenario(240, (0.5, -0.8, 1.0))
-    run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), 6, QUIET)
-    assert run.flips == 0
-    assert np.linalg.norm(run.errors[0, 6:9]) == pytest.approx(0.1 * np.sqrt(3.0))
-    assert np.linalg.norm(run.errors[-1, 6:9]) < 0.02
-    assert (run.sd[-1, 15:] < 0.1 * paper.PRIOR_SD[15:]).all()
-    assert 0.2 < np.nanmean(run.nees["all"][-50:]) < 4.0
+    nees = []
+    for seed in range(2, 7):
+        run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), seed, QUIET)
+        assert run.flips == 0
+        assert np.linalg.norm(run.errors[0, 6:9]) == pytest.approx(0.1 * np.sqrt(3.0))
+        assert np.linalg.norm(run.errors[-1, 6:9]) < 0.02
+        assert (run.sd[-1, 15:] < 0.1 * paper.PRIOR_SD[15:]).all()
+        nees.append(np.nanmean(run.nees["all"][-50:]))
+    # A filter alone, without fits of the whole arc, errs by more now and then.
+    assert 0.2 < np.median(nees) < 4.0
 
 
 def test_pure_spin_leaves_three_ratios_unknown() -> None:

@@ -229,7 +229,7 @@ def _sequence_errors(
         estimate, _ = tracker.step(frame)
         statuses.append(estimate.status)
         if estimate.state is not None and estimate.T_cam_model is not None:
-            errors[k] = estimate.state.local(motion.states[k])
+            errors[k] = estimate.state.ratio_error(motion.states[k])
             pose_m[k] = np.linalg.norm(estimate.T_cam_model[:3, 3] - T_true[:3, 3])
             assert estimate.covariance is not None, "state and covariance come together"
             squared = squared_normalised_errors(errors[k : k + 1], estimate.covariance[None])

@@ -6,7 +6,9 @@ import numpy as np
 
 from pcnav.arrays import FloatArray
 from pcnav.config import Pipeline
+from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.estimation.error_state import ErrorStateFilter
 from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.evaluation.metrics import squared_normalised_errors
@@ -22,6 +24,7 @@ from pcnav.state import (
     THETA_BODY,
     V_HILL,
     NavigationState,
+    ratio_covariance,
 )
 from pcnav.studies.progress import Progress
 from pcnav.studies.yu2019 import paper
@@ -78,7 +81,8 @@ def run_filter(
     """Filter even clouds of every frame, starting as the paper does.
 
     Position and attitude start at the first observation, the velocity and the mass centre's offset
-    at zero, the rate and the ratios at the truth plus a draw from their prior.
+    at zero, the rate and the ratios at the truth plus a draw from their prior. Ratios that no body
+    can have are drawn again: the prior of the ratios is what of the paper's is physical.
     """
     sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spread.EVEN, seed)
     kalman, first_guess = _started(motion, sensor, pipeline, seed)
@@ -99,10 +103,11 @@ def run_filter(
         flips += int(np.sum(true_R * measurement.T_cam_rect[:3, :3]) < 1.0)
         if k > 0:  # the first observation is the starting point: it must not count twice
             rejected += int(not all(kalman.update([measurement]).accepted))
-        errors[k] = kalman.state.local(motion.states[k])
-        sd[k] = np.sqrt(np.diag(kalman.covariance))
+        errors[k] = kalman.state.ratio_error(motion.states[k])
+        covariance = ratio_covariance(kalman.state, kalman.covariance)
+        sd[k] = np.sqrt(np.diag(covariance))
         if k in stored:
-            covariances.append(kalman.covariance)
+            covariances.append(covariance)
         if k % _FRAMES_PER_UNIT == 0:
             progress.add(1.0)
     at = np.array(sorted(stored))
@@ -166,15 +171,29 @@ def _started(
         com_model=np.zeros(3),
         R_world_body=T_world_model[:3, :3],
         omega_body=truth.omega_body + draw[OMEGA_BODY],
-        inertia_ratios=np.array(pipeline.body.inertia_ratios) + draw[INERTIA_RATIOS],
+        inertia_ratios=_first_ratios(truth.inertia_ratios, draw[INERTIA_RATIOS], generator),
+    )
+    covariance = np.diag(paper.PRIOR_SD**2)
+    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance(
+        state.inertia_ratios, paper.PRIOR_SD[INERTIA_RATIOS]
     )
     kalman = ErrorStateFilter(
         state,
-        np.diag(paper.PRIOR_SD**2),
+        covariance,
         gate_probability=pipeline.filter.gate_probability,
         most_iterations=pipeline.filter.iterations,
     )
     return kalman, guess
+
+
+def _first_ratios(
+    true_ratios: FloatArray, draw: FloatArray, generator: np.random.Generator
+) -> FloatArray:
+    """(5,) the truth plus the draw (5,), drawn again until a body can have the ratios."""
+    sd = paper.PRIOR_SD[INERTIA_RATIOS]
+    while not is_physical_inertia(inertia_from_ratios(true_ratios + draw)):
+        draw = sd * generator.standard_normal(len(sd))
+    return np.asarray(true_ratios + draw)
 
 
 def _predicted(

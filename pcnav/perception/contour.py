@@ -1,0 +1,477 @@
+"""Where the outline of a target lies in an image, compared with where a pose predicts it.
+
+The occluding edges of the mesh are projected, and where one crosses a pixel column (or row) the two
+pixels beside the crossing should show the part it bounds and what lies behind. Each pixel on the
+wrong side is one pixel of displacement there. Over a straight edge these counts have a mean and a
+tilt, two measurements whose errors come from the pixel grid alone and follow in closed form from
+how uncertain the prediction is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from scipy.ndimage import uniform_filter1d
+
+from pcnav.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.camera import PinholeCamera, project
+from pcnav.rendering import RenderedDepth
+from pcnav.spatial import transform_points
+
+_GATE_SIGMA = 4.0
+"""A return belongs to a predicted surface when it is this near, in standard deviations."""
+_NEAR_FRACTION = 0.01
+"""The pixel beside an edge shows the part it bounds when their depths differ by less than this
+share of the diameter: rims thinner than a pixel lie between them."""
+_APART = 1.25
+"""Two surfaces are told apart where they differ by this many times the sum of their tolerances."""
+_SHARP_PX = 0.3
+"""Predictions better than this need one pixel on each side of an edge."""
+_MOST_REACH_PX = 4
+_SATURATED = 0.6
+"""Beyond this share of the pixels looked at on each side, a count is only a bound."""
+_MOST_UNKNOWN = 0.5
+"""With more than this share of unusable pixels beside an edge it says nothing."""
+_ABOUT_CROSSINGS = 5
+_MOST_STRANGE = 0.5
+"""Where more of the crossings about one than this show neither the part nor what lies behind it,
+something that is not of the model hides the edge. Lone ones are outliers."""
+_RUN_GATE_SIGMA = 4.0
+"""An edge displaced by more standard deviations than this is not the one of the mesh."""
+OFFSET_PX = 0.1
+"""How far beside the predicted edges pixels are counted."""
+_EDGE_SD_PX = 0.01
+"""How well mesh and lens are known at best, along an edge."""
+_ONE_PIXEL_SIGMA = 2.5
+"""A single displaced pixel may be at most so many standard deviations: its law has a long tail that
+a variance alone does not tell, and the gates go by variances."""
+_COPLANAR = 1e-6
+_MEAN_ABS_NORMAL = float(np.sqrt(2.0 / np.pi))
+"""Mean absolute value of a standard normal variable."""
+
+
+@dataclass(frozen=True)
+class MeshEdges:
+    """Edges of a mesh that can bound it in an image."""
+
+    ends: IntArray
+    """(n, 2) vertices."""
+    wings: IntArray
+    """(n, k) the third vertices of the triangles at each edge, padded by repetition."""
+
+
+@dataclass(frozen=True)
+class ContourRuns:
+    """Unbroken stretches of edges, each with its displacement and tilt. Pixels.
+
+    Measured minus predicted, positive where the near part covers more than predicted.
+    """
+
+    value: FloatArray
+    """(n,)"""
+    variance: FloatArray
+    """(n,)"""
+    jacobian: FloatArray
+    """(n, 6) by the pose: translation of the model origin (m, camera axes), rotation (rad, model
+    axes)."""
+    triangle: IntArray
+    """(n,) of the mesh, seen beside the edge."""
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+def mesh_edges(mesh: trimesh.Trimesh) -> MeshEdges:
+    """All edges of a mesh but those inside its flat faces."""
+    faces = np.array(mesh.faces, dtype=np.intp)
+    pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    opposite = faces[:, [2, 0, 1]].ravel()
+    owner = np.repeat(np.arange(len(faces)), 3)
+    ends, edge = np.unique(pairs, axis=0, return_inverse=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    counts = np.bincount(edge.ravel())
+    starts = np.cumsum(counts) - counts
+    rank = np.arange(len(order)) - np.repeat(starts, counts)
+    first = order[starts]
+    wings = np.repeat(opposite[first][:, None], counts.max(), axis=1)
+    wings[edge.ravel()[order], rank] = opposite[order]
+    normals = np.array(mesh.face_normals)
+    second = order[starts + (counts > 1)]
+    flat = np.einsum("ij,ij->i", normals[owner[first]], normals[owner[second]]) > 1.0 - _COPLANAR
+    bounds = (counts != 2) | ~flat
+    return MeshEdges(ends[bounds], wings[bounds])
+
+
+def contour_runs(
+    edges: MeshEdges,
+    vertices: FloatArray,
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    T_cam_model: FloatArray,
+    pose_covariance: FloatArray,
+    sigma_m: float,
+    dropout: float,
+    diameter_m: float,
+) -> ContourRuns:
+    """The outline of a frame against the view rendered at a pose.
+
+    Args:
+        edges: of the mesh.
+        vertices: (n, 3) of the mesh, model frame, m.
+        depth_m: (height, width) the frame.
+        rendered: the view from the pose.
+        T_cam_model: (4, 4) the pose.
+        pose_covariance: (6, 6) of it, as for `ContourRuns.jacobian`.
+        sigma_m: range noise.
+        dropout: share of the returns that are lost at random.
+        diameter_m: of the target.
+    """
+    samples = _sampled(edges, vertices, rendered.camera, T_cam_model)
+    shift_px = _offsets(len(edges.ends), T_cam_model)[samples.edge]
+    jacobian = _displacement_jacobian(samples, rendered.camera, T_cam_model)
+    variance_px = np.einsum("ij,jk,ik->i", jacobian, pose_covariance, jacobian)
+    doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
+    reach = 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MOST_REACH_PX)
+    doubt = _DepthDoubt(T_cam_model, pose_covariance, sigma_m)
+    counted = _count(samples, shift_px, depth_m, rendered, reach, doubt, dropout, diameter_m)
+    kept = _between_others(samples, counted)
+    return _runs(
+        samples.edge[kept],
+        samples.major[kept],
+        samples.slope[kept],
+        counted.displacement_px[kept],
+        counted.extra_variance[kept],
+        counted.kind[kept],
+        jacobian[kept],
+        counted.triangle[kept],
+        pose_covariance,
+        reach,
+    )
+
+
+def _offsets(n: int, T_cam_model: FloatArray) -> FloatArray:
+    """(n,) how far outward of each predicted edge pixels are counted, plus or minus `OFFSET_PX`.
+
+    Counted at the predicted edge itself, a good prediction sees no displaced pixel in most frames,
+    and how good it is would have to be known to say what that means: a filter that thinks too well
+    of itself is never put right. Counted a known step away, the counts tell the same displacement
+    with noise that does not depend on the prediction. The signs are drawn from the pose, so that a
+    comparison can be repeated.
+    """
+    seed = np.frombuffer(np.ascontiguousarray(T_cam_model).tobytes(), dtype=np.uint32)
+    signs = np.random.default_rng(seed).integers(0, 2, n)
+    return np.asarray(OFFSET_PX * (2.0 * signs - 1.0), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _DepthDoubt:
+    """What makes the depth of a predicted surface differ from the one seen."""
+
+    T_cam_model: FloatArray
+    pose_covariance: FloatArray
+    sigma_m: float
+
+    def tolerance(self, planes: FloatArray, p_cam: FloatArray) -> FloatArray:
+        """(n,) metres within which returns belong to planes (n, 3), near points (n, 3) on them.
+
+        Where a surface moves by dx the depth along a ray changes by ``z m . dx``: on steep faces by
+        many times as much.
+        """
+        along = planes * p_cam[:, 2:]
+        p_model = (p_cam - self.T_cam_model[:3, 3]) @ self.T_cam_model[:3, :3]
+        jacobian = np.hstack([along, np.cross(p_model, along @ self.T_cam_model[:3, :3])])
+        variance = np.einsum("ij,ij->i", jacobian @ self.pose_covariance, jacobian)
+        return np.asarray(_GATE_SIGMA * np.sqrt(self.sigma_m**2 + variance))
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Crossings of projected edges with pixel columns or rows, edge after edge."""
+
+    edge: IntArray
+    major: IntArray
+    """(n,) the column (or row) crossed."""
+    minor: FloatArray
+    """(n,) where along it, pixels."""
+    upright: BoolArray
+    """(n,) whether a row is crossed (the edge is steeper than 45 degrees)."""
+    slope: FloatArray
+    """(n,) change of minor by major."""
+    side: IntArray
+    """(n,) +1 where the part lies at larger minor, else -1."""
+    p_cam: FloatArray
+    """(n, 3) point of the edge, m."""
+
+    @property
+    def pixels(self) -> FloatArray:
+        """(n, 2) u, v."""
+        major = self.major.astype(np.float64)
+        return np.where(
+            self.upright[:, None],
+            np.column_stack([self.minor, major]),
+            np.column_stack([major, self.minor]),
+        )
+
+
+def _sampled(
+    edges: MeshEdges, vertices: FloatArray, camera: PinholeCamera, T_cam_model: FloatArray
+) -> _Samples:
+    p_cam = transform_points(T_cam_model, vertices)
+    z = p_cam[:, 2]
+    in_front = z > 1e-3 * float(np.abs(z).max())
+    pixels = project(camera, np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0]))
+    ends = edges.ends
+    along = pixels[ends[:, 1]] - pixels[ends[:, 0]]
+    to_wings = pixels[edges.wings] - pixels[ends[:, 0]][:, None, :]
+    cross = along[:, None, 0] * to_wings[..., 1] - along[:, None, 1] * to_wings[..., 0]
+    # Faces on one side of the edge only: beyond it one looks past the part.
+    bounds = (cross > 0.0).all(axis=1) | (cross < 0.0).all(axis=1)
+    bounds &= in_front[ends].all(axis=1) & in_front[edges.wings].all(axis=1)
+    chosen = np.flatnonzero(bounds)
+    upright = np.abs(along[chosen, 1]) > np.abs(along[chosen, 0])
+    axis = upright.astype(np.intp)
+    rows = np.arange(len(chosen))
+    first, second = pixels[ends[chosen, 0]], pixels[ends[chosen, 1]]
+    a0, b0 = first[rows, axis], first[rows, 1 - axis]
+    a1, b1 = second[rows, axis], second[rows, 1 - axis]
+    length = np.where(np.abs(a1 - a0) > 0.0, a1 - a0, np.inf)
+    slope = (b1 - b0) / length
+    size = np.where(upright, camera.height, camera.width)
+    low = np.maximum(np.ceil(np.minimum(a0, a1)), 0.0).astype(np.intp)
+    high = np.minimum(np.floor(np.maximum(a0, a1)), size - 1.0).astype(np.intp)
+    counts = np.maximum(high - low + 1, 0)
+    index = np.repeat(rows, counts)
+    major = low[index] + np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (major - a0[index]) / length[index]
+    z0, z1 = z[ends[chosen, 0]][index], z[ends[chosen, 1]][index]
+    # The inverse of depth is linear in the image.
+    weight = share * z0 / (share * z0 + (1.0 - share) * z1)
+    start, end = p_cam[ends[chosen, 0]][index], p_cam[ends[chosen, 1]][index]
+    # Left of the edge (cross > 0, v down) means larger v for one that runs right, and smaller u
+    # for one that runs down.
+    turned = np.where(upright, -np.sign(a1 - a0), np.sign(a1 - a0))
+    side = np.where(cross[chosen, 0] > 0.0, turned, -turned).astype(np.intp)
+    return _Samples(
+        edge=chosen[index],
+        major=major,
+        minor=b0[index] + slope[index] * (major - a0[index]),
+        upright=upright[index],
+        slope=slope[index],
+        side=side[index],
+        p_cam=start + weight[:, None] * (end - start),
+    )
+
+
+def _displacement_jacobian(
+    samples: _Samples, camera: PinholeCamera, T_cam_model: FloatArray
+) -> FloatArray:
+    """(n, 6) outward displacement of the edge at each crossing, pixels, by the pose."""
+    x, y, z = samples.p_cam.T
+    # Image motion of the point across the edge: minor minus slope times major.
+    du = np.column_stack([camera.fx / z, np.zeros_like(z), -camera.fx * x / z**2])
+    dv = np.column_stack([np.zeros_like(z), camera.fy / z, -camera.fy * y / z**2])
+    slope = samples.slope[:, None]
+    across = np.where(samples.upright[:, None], du - slope * dv, dv - slope * du)
+    outward = -samples.side[:, None] * across
+    R = T_cam_model[:3, :3]
+    p_model = (samples.p_cam - T_cam_model[:3, 3]) @ R
+    return np.hstack([outward, np.cross(p_model, outward @ R)])
+
+
+@dataclass(frozen=True)
+class _Counted:
+    usable: BoolArray
+    displacement_px: FloatArray
+    extra_variance: FloatArray
+    """(n,) beyond that of the pixel grid, px^2; where a surface lies behind the edge, of each pixel
+    that is displaced."""
+    kind: IntArray
+    """(n,) 0 where space lies behind the edge, 1 where another surface does."""
+    triangle: IntArray
+
+
+def _count(
+    samples: _Samples,
+    shift_px: FloatArray,
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    reach: int,
+    doubt: _DepthDoubt,
+    dropout: float,
+    diameter_m: float,
+) -> _Counted:
+    camera, planes = rendered.camera, rendered.inverse_depth_planes
+    below = np.floor(samples.minor - samples.side * shift_px).astype(np.intp)
+    nearest = np.where(samples.side > 0, below + 1, below)
+    # The pixels counted on each side, and after them one more, which tells what should be there:
+    # the line counted at is not where the view has its edge.
+    steps = np.arange(reach + 1)
+    near = nearest[:, None] + samples.side[:, None] * steps
+    far = nearest[:, None] - samples.side[:, None] * (steps + 1)
+    minor = np.hstack([near, far])
+    size = np.where(samples.upright, camera.width, camera.height)
+    inside = ((minor >= 0) & (minor < size[:, None])).all(axis=1)
+    minor = np.clip(minor, 0, size[:, None] - 1)
+    major = np.broadcast_to(samples.major[:, None], minor.shape)
+    upright = samples.upright[:, None]
+    u, v = np.where(upright, minor, major), np.where(upright, major, minor)
+    triangle = rendered.triangle[v, u]
+    rays = np.stack(
+        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1
+    )
+    near_triangle, far_triangle = triangle[:, reach], triangle[:, -1]
+    edge_z = samples.p_cam[:, 2]
+    edge_rays = samples.p_cam / edge_z[:, None]
+    beside_z = _depths(planes[near_triangle], edge_rays[:, None])[:, 0]
+    space = far_triangle < 0
+    far_z = np.where(space, edge_z, _depths(planes[far_triangle], rays[:, -1:])[:, 0])
+    gap = np.where(space, np.inf, far_z - edge_z)
+    allowed = np.minimum(_NEAR_FRACTION * diameter_m, 0.25 * gap)
+    usable = inside & (near_triangle >= 0) & (np.abs(beside_z - edge_z) < allowed)
+    counted = np.r_[0:reach, reach + 1 : 2 * reach + 1]
+    if reach > 1:
+        # The strip must be plain: the part on one side, one surface or space on the other.
+        near_z = rendered.depth_m[v[:, 1:reach], u[:, 1:reach]]
+        predicted = _depths(planes[near_triangle], rays[:, 1:reach])
+        usable &= (np.abs(near_z - predicted) < allowed[:, None]).all(axis=1)
+        usable &= (triangle[:, reach + 2 :] == far_triangle[:, None]).all(axis=1)
+    p_behind = rays[:, -1] * far_z[:, None]
+    u, v, rays = u[:, counted], v[:, counted], rays[:, counted]
+    seen = depth_m[v, u].astype(np.float64)
+    returned = seen > 0.0
+    part_z, behind_z = _depths(planes[near_triangle], rays), _depths(planes[far_triangle], rays)
+    # Displaced, the edge shows the rim that lies between it and the pixel beside it.
+    half_rim = 0.5 * np.clip(edge_z - beside_z, -allowed, allowed)[:, None]
+    part_z = part_z + half_rim
+    part_tolerance = doubt.tolerance(planes[near_triangle], samples.p_cam)[:, None]
+    part_tolerance = part_tolerance + np.abs(half_rim)
+    behind_tolerance = doubt.tolerance(planes[far_triangle], p_behind)[:, None]
+    is_part = returned & (np.abs(seen - part_z) < part_tolerance)
+    is_behind = returned & (np.abs(seen - behind_z) < behind_tolerance)
+    # Extended beyond the edge, a steep part may come near what lies behind.
+    told_apart = behind_z - part_z > _APART * (part_tolerance + behind_tolerance)
+    usable &= space | told_apart.all(axis=1)
+    strange = (returned & ~is_part & (space[:, None] | ~is_behind)).any(axis=1)
+    usable &= uniform_filter1d(strange.astype(np.float64), _ABOUT_CROSSINGS) < _MOST_STRANGE
+    grown = is_part[:, reach:].sum(axis=1).astype(np.float64)
+    lost = (~returned[:, :reach]).sum(axis=1) - dropout * reach
+    covered = is_behind[:, :reach].sum(axis=1)
+    known = (is_part | is_behind).mean(axis=1)
+    surfaces = usable & ~space
+    unknown = 1.0 - float(known[surfaces].mean()) if surfaces.any() else 1.0
+    if unknown > _MOST_UNKNOWN:
+        usable &= space
+    unknown = min(unknown, _MOST_UNKNOWN)
+    displacement = shift_px + np.where(
+        space, (grown - lost) / (1.0 - dropout), (grown - covered) / (1.0 - unknown)
+    )
+    # Which pixels are lost is chance: of those looked at on the part that stands before space, of
+    # those displaced before another surface.
+    extra = np.where(space, reach * dropout / (1.0 - dropout), unknown / (1.0 - unknown))
+    return _Counted(usable, displacement, extra, (~space).astype(np.intp), near_triangle)
+
+
+def _depths(planes: FloatArray, rays: FloatArray) -> FloatArray:
+    """(n, k) z-depth where rays (n, k, 3) meet planes (n, 3); infinite where they never do."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / np.einsum("ij,ikj->ik", planes, rays))
+
+
+def _between_others(samples: _Samples, counted: _Counted) -> BoolArray:
+    """(n,) usable crossings whose neighbours along the edge are usable, too.
+
+    At the last crossing before a corner, or before something hides the edge, the pixels beside it
+    may be cut by the other edge as well.
+    """
+    joined = np.zeros(len(samples.edge) + 1, dtype=np.bool_)
+    joined[1:-1] = (
+        (np.diff(samples.edge) == 0) & (np.diff(samples.major) == 1) & (np.diff(counted.kind) == 0)
+    )
+    joined[1:-1] &= counted.usable[1:] & counted.usable[:-1]
+    return np.asarray(joined[1:] & joined[:-1])
+
+
+def _runs(
+    edge: IntArray,
+    major: IntArray,
+    slope: FloatArray,
+    displacement: FloatArray,
+    extra: FloatArray,
+    kind: IntArray,
+    jacobian: FloatArray,
+    triangle: IntArray,
+    pose_covariance: FloatArray,
+    reach: int,
+) -> ContourRuns:
+    if len(edge) == 0:
+        empty = np.empty(0)
+        return ContourRuns(empty, empty, np.empty((0, 6)), np.empty(0, dtype=np.intp))
+    breaks = (np.diff(edge) != 0) | (np.diff(major) != 1) | (np.diff(kind) != 0)
+    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    n = np.diff(np.append(starts, len(edge)))
+    offset = np.arange(len(edge)) - np.repeat(starts + 0.5 * (n - 1), n)
+    spread = np.add.reduceat(offset**2, starts)
+    tilt_weight = offset / np.repeat(np.maximum(spread, 0.5), n)
+    mean_weight = np.repeat(1.0 / n, n)
+    first_triangle, first_slope, first_extra = triangle[starts], slope[starts], extra[starts]
+    jacobian_spread = np.einsum("ij,ij->i", jacobian @ pose_covariance, jacobian)
+    doubt = np.add.reduceat(jacobian_spread, starts) / n
+    displaced = np.hypot(OFFSET_PX, _MEAN_ABS_NORMAL * np.sqrt(doubt))
+    grid = grid_variances(n, first_slope, displaced)
+    first_extra = first_extra * np.where(kind[starts] == 0, 1.0, displaced)
+    # As far as one looked, or farther: no better known than before.
+    reached = np.abs(np.add.reduceat(displacement * mean_weight, starts)) > _SATURATED * reach
+    rows = []
+    for power, weight in enumerate((mean_weight, tilt_weight)):
+        H = np.add.reduceat(jacobian * weight[:, None], starts)
+        value = np.add.reduceat(displacement * weight, starts)
+        variance = grid[power] + first_extra * np.add.reduceat(weight**2, starts)
+        variance += _EDGE_SD_PX**2 * n * np.add.reduceat(weight**2, starts)
+        # Displaced pixels are few and whole: one is no outlier.
+        one = np.maximum.reduceat(np.abs(weight), starts)
+        variance = np.maximum(variance, (one / _ONE_PIXEL_SIGMA) ** 2)
+        if power == 0:
+            variance += np.where(reached, doubt, 0.0)
+        innovation = np.einsum("ij,ij->i", H @ pose_covariance, H) + variance
+        kept = (np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)) & (n > power)
+        rows.append((value[kept], variance[kept], H[kept], first_triangle[kept]))
+    value, variance, H, triangles = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return ContourRuns(value, variance, H, triangles)
+
+
+def grid_variances(
+    n: IntArray, slope: FloatArray, distance_px: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Variances (k,) of the mean (px^2) and the tilt (px^2 per crossing^2) of counts along edges.
+
+    The last pixel inside an edge at crossing i lies ``e_i = frac(c + i s) - 1/2`` off it, a
+    sawtooth with autocovariance C(x) = B2(frac x) / 2. The line d away that pixels are counted at
+    has the same sawtooth at other phases, so the counts err by ``e_i(c + d) - e_i(c)``, with
+    autocovariance ``2 C(x) - C(x + d) - C(x - d)``.
+
+    Args:
+        n: (k,) crossings of each edge.
+        slope: (k,) s, pixels per crossing.
+        distance_px: (k,) d, the mean distance of that line from the edge; at most half a pixel
+            counts.
+    """
+    lag = np.arange(int(n.max()))
+    phase = lag * slope[:, None]
+    d = np.minimum(distance_px, 0.5)[:, None]
+    covariance = 2.0 * _sawtooth(phase) - _sawtooth(phase + d) - _sawtooth(phase - d)
+    covariance[:, 1:] *= 2.0
+    # How many pairs of crossings lie so far apart, and the sum of the products of their positions.
+    pairs = np.maximum(n[:, None] - lag, 0).astype(np.float64)
+    c = 0.5 * (n[:, None] - 1.0)
+    products = pairs * (pairs - 1.0) * ((2.0 * pairs - 1.0) / 6.0 + 0.5 * lag - c)
+    products += pairs * c * (c - lag)
+    mean = np.einsum("ij,ij->i", covariance, pairs) / n**2
+    tilt = (
+        np.einsum("ij,ij->i", covariance, products) / np.maximum(n * (n**2 - 1.0) / 12.0, 0.5) ** 2
+    )
+    return np.maximum(mean, 0.0), np.maximum(tilt, 0.0)
+
+
+def _sawtooth(phase: FloatArray) -> FloatArray:
+    x = phase - np.floor(phase)
+    return np.asarray(0.5 * (x * x - x + 1.0 / 6.0))

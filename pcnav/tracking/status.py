@@ -1,0 +1,58 @@
+"""What an estimate is worth, and on what evidence."""
+
+from collections import deque
+from enum import StrEnum
+
+import numpy as np
+from scipy.stats import chi2
+
+from pcnav.estimation.error_state import UpdateResult
+from pcnav.results import NIS_WINDOW_FRAMES
+
+_POOR_EXPLAINED = 0.9
+"""A track that explains less of its frames than this, over the window, is looked at afresh."""
+_WINDOW_FRAMES = 5
+_NIS_PROBABILITY = 1e-6
+"""So improbable must the innovations of the window be for the track to be looked at afresh."""
+
+
+class Status(StrEnum):
+    """What an estimate is worth."""
+
+    ACQUIRING = "acquiring"
+    LOCKED = "locked"
+    AMBIGUOUS = "ambiguous"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+class Evidence:
+    """What the last frames say for and against a track."""
+
+    def __init__(self) -> None:
+        self._explained: deque[float] = deque(maxlen=_WINDOW_FRAMES)
+        self._innovations: deque[tuple[float, int]] = deque(maxlen=NIS_WINDOW_FRAMES)
+
+    def add(self, explained: float, result: UpdateResult) -> None:
+        """Take in an update: share of the frame explained, and innovations."""
+        self._explained.append(explained)
+        if result.joint_dof:
+            self._innovations.append((result.joint_nis, result.joint_dof))
+
+    @property
+    def window_nis(self) -> float:
+        """NIS over its degrees of freedom, over the last frames; nan without any."""
+        nis, dof = self._sums()
+        return nis / dof if dof else float("nan")
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the track deserves a fresh look: it explains too little, or errs too much."""
+        if len(self._explained) < _WINDOW_FRAMES:
+            return False
+        nis, dof = self._sums()
+        errs = bool(nis > chi2.isf(_NIS_PROBABILITY, dof)) if dof else False
+        return errs or float(np.mean(self._explained)) < _POOR_EXPLAINED
+
+    def _sums(self) -> tuple[float, int]:
+        return sum(nis for nis, _ in self._innovations), sum(dof for _, dof in self._innovations)

@@ -1,0 +1,153 @@
+"""The Cramer-Rao bound against the whole information matrix of a problem, and by hand."""
+
+import numpy as np
+import pytest
+
+from pcnav.arrays import FloatArray
+from pcnav.config import BodyTable, OrbitTable, Pipeline, ScenarioTable
+from pcnav.estimation.mass_centre import MassCentreModel
+from pcnav.simulation.scenario import TrueMotion, true_motion
+from pcnav.spatial import exp_rotation
+from pcnav.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    STATE_SIZE,
+    NavigationState,
+    ratio_covariance,
+)
+from pcnav.studies.tracking.bound import informed, pose_jacobian, posterior_bound, predicted
+from pcnav.studies.tracking.consistency import prior_covariance
+from pcnav.studies.tracking.following import errors_of_pose
+from pcnav.studies.tracking.satellites import satellite
+
+MEAN_MOTION = 0.0011
+
+
+@pytest.fixture(scope="module")
+def motion() -> TrueMotion:
+    return true_motion(
+        Pipeline(
+            scenario=ScenarioTable(frames=8, frame_rate_hz=2.0),
+            orbit=OrbitTable(mean_motion_rad_s=MEAN_MOTION, v_hill_m_s=(0.01, -0.02, 0.005)),
+            body=BodyTable(
+                attitude_rotvec_deg=(20.0, -40.0, 70.0),
+                omega_body_deg_s=(2.0, -1.0, 3.0),
+                com_model_m=(0.1, -0.2, 0.15),
+                inertia_ratios=(0.6, 0.8, -0.02, 0.06, -0.04),
+            ),
+        )
+    )
+
+
+def positive(size: int, generator: np.random.Generator, rank: int | None = None) -> FloatArray:
+    root = generator.standard_normal((size, size if rank is None else rank))
+    return np.asarray(root @ root.T)
+
+
+def test_pose_jacobian_is_the_derivative_of_the_pose_error(motion: TrueMotion) -> None:
+    state, k = motion.states[5], 5
+    H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k])
+
+    def pose(of: NavigationState) -> FloatArray:
+        return of.T_cam_model(motion.T_cam_world[k], motion.R_hill_world[k])
+
+    step = 1e-6
+    for column, unit in enumerate(np.eye(STATE_SIZE)):
+        ahead, behind = pose(state.retract(step * unit)), pose(state.retract(-step * unit))
+        slope = errors_of_pose(pose(state), ahead, np.eye(4)[None])
+        slope = (slope - errors_of_pose(pose(state), behind, np.eye(4)[None])) / (2.0 * step)
+        np.testing.assert_allclose(H[:, column], slope, atol=1e-8)
+
+
+def test_recursion_is_the_last_block_of_the_whole_information_matrix() -> None:
+    """Linear: the joint information of all states at all times, inverted in one piece."""
+    n, frames = 4, 6
+    generator = np.random.default_rng(3)
+    F = [np.eye(n) + 0.3 * generator.standard_normal((n, n)) for _ in range(frames - 1)]
+    Q = [0.1 * positive(n, generator) for _ in range(frames - 1)]
+    H = [generator.standard_normal((3, n)) for _ in range(frames)]
+    # Some frames say nothing of a direction, one nothing at all.
+    information = [positive(3, generator, rank) for rank in (2, 3, 1, 0, 3, 2)]
+    prior = positive(n, generator)
+    joint = np.zeros((n * frames, n * frames))
+    joint[:n, :n] = np.linalg.inv(prior)
+    for k in range(frames):
+        here = slice(n * k, n * (k + 1))
+        joint[here, here] += H[k].T @ information[k] @ H[k]
+        if k > 0:
+            before = slice(n * (k - 1), n * k)
+            link = np.zeros((n, n * frames))
+            link[:, here], link[:, before] = np.eye(n), -F[k - 1]
+            joint += link.T @ np.linalg.inv(Q[k - 1]) @ link
+    whole = np.linalg.inv(joint)[-n:, -n:]
+    P = informed(prior, H[0], information[0])
+    for k in range(1, frames):
+        P = informed(predicted(P, F[k - 1], Q[k - 1]), H[k], information[k])
+    np.testing.assert_allclose(P, whole, rtol=1e-9)
+
+
+def test_bound_of_a_motion_is_the_information_gathered_along_it(motion: TrueMotion) -> None:
+    """Without process noise all information can be carried back to the first frame and summed."""
+    generator = np.random.default_rng(5)
+    given = [1e4 * positive(6, generator, 5) for _ in motion.states]
+    prior = prior_covariance(satellite("boxsat").target, motion.states[0].inertia_ratios)
+    model = MassCentreModel(MEAN_MOTION, 0.0, 0.0)
+    found = posterior_bound(model, motion, lambda k, covariance: given[k], prior)
+    gathered, carried = np.linalg.inv(prior), np.eye(STATE_SIZE)
+    for k, state in enumerate(motion.states):
+        if k > 0:
+            before = float(motion.times_s[k - 1])
+            step = float(motion.times_s[k]) - before
+            _, transition, _ = model.propagate(motion.states[k - 1], before, step)
+            carried = transition @ carried
+        H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k]) @ carried
+        gathered = gathered + H.T @ given[k] @ H
+        if k in (0, len(given) - 1):
+            expected = carried @ np.linalg.inv(gathered) @ carried.T
+            scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+            np.testing.assert_allclose(found[k] / scale, expected / scale, atol=1e-5)
+
+
+def test_frames_are_asked_with_what_the_prediction_leaves_open(motion: TrueMotion) -> None:
+    prior = prior_covariance(satellite("boxsat").target, motion.states[0].inertia_ratios)
+    model = MassCentreModel(MEAN_MOTION, 1e-6, 1e-6)
+    asked: list[FloatArray] = []
+
+    def information(k: int, pose_covariance: FloatArray) -> FloatArray:
+        asked.append(pose_covariance)
+        return np.zeros((6, 6)) if k % 2 else 1e6 * np.eye(6)
+
+    bounds = posterior_bound(model, motion, information, prior)
+    assert len(asked) == len(motion.states)
+    sd = [np.sqrt(np.diag(covariance)) for covariance in asked]
+    assert sd[0][:3] == pytest.approx(10.0, rel=0.02) and sd[0][3:] == pytest.approx(2.0)
+    seen, unseen = (np.trace(bounds[k]) for k in (6, 7))
+    assert unseen > seen
+    # A frame of 1 mm and 1 mrad leaves no pose less certain than that.
+    assert np.all(sd[-1] < 0.1)
+    H = pose_jacobian(motion.states[6], motion.T_cam_world[6], motion.R_hill_world[6])
+    assert np.all(np.diag(H @ bounds[6] @ H.T) < 1.0001e-6)
+
+
+def test_a_turn_that_is_known_leaves_no_doubt_of_the_lever() -> None:
+    """By hand: a fixed body whose origin is seen has its mass centre along with the position."""
+    state = NavigationState(
+        r_hill=np.array([20.0, 0.0, 0.0]),
+        v_hill=np.zeros(3),
+        com_model=np.array([0.0, 0.0, 0.5]),
+        R_world_body=exp_rotation(np.array([0.0, 0.0, np.pi / 2])),
+        omega_body=np.zeros(3),
+        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
+    )
+    H = pose_jacobian(state, np.eye(4), np.eye(3))
+    # A turn about body x moves the origin, at -0.5 z of the mass centre, along body y: world -x.
+    turned = H @ np.eye(STATE_SIZE)[9]
+    np.testing.assert_allclose(turned, [-0.5, 0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_prior_in_the_filter_s_parameters_is_the_target_s_in_ratios(motion: TrueMotion) -> None:
+    target, state = satellite("boxsat").target, motion.states[0]
+    prior = ratio_covariance(state, prior_covariance(target, state.inertia_ratios))
+    ratios = prior[INERTIA_RATIOS, INERTIA_RATIOS]
+    np.testing.assert_allclose(ratios, target.inertia_ratio_sd**2 * np.eye(5), atol=1e-12)
+    np.testing.assert_allclose(np.diag(prior)[COM_MODEL], target.com_sd_m**2)

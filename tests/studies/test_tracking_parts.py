@@ -1,0 +1,275 @@
+"""The parts of the tracking study: truths, sequences in memory, faults, and how runs are judged."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcnav.arrays import FloatArray
+from pcnav.camera import project
+from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+from pcnav.errors import InputError
+from pcnav.mesh import mesh_diameter
+from pcnav.sequences.opening import open_sequence
+from pcnav.simulation.recording import simulate
+from pcnav.simulation.scenario import pinhole_camera, true_motion
+from pcnav.spatial import exp_rotation, make_transform, rotation_angle, transform_points
+from pcnav.state import COM_MODEL, STATE_SIZE
+from pcnav.studies.tracking import faults
+from pcnav.studies.tracking.bars import at, mean_squared, share
+from pcnav.studies.tracking.blackouts import Blackout, Phases
+from pcnav.studies.tracking.figures import BlockCurve, StartCurve, block_figure, start_figures
+from pcnav.studies.tracking.following import (
+    JudgedRun,
+    Scene,
+    errors_of_pose,
+    status_sequence,
+    status_shares,
+)
+from pcnav.studies.tracking.satellites import Spread, random_truth, satellite
+from pcnav.studies.tracking.starts import Outcome, run_start
+
+SPREAD = Spread(range_m=(10.0, 30.0), rate_deg_s=(1.0, 5.0), speed_m_s=0.02)
+
+
+def judged_run(
+    status: tuple[str, ...],
+    position_m: FloatArray | None = None,
+    sd_m: FloatArray | None = None,
+) -> JudgedRun:
+    """A run of so many frames that is off along x only, with the deviations given."""
+    n = len(status)
+    error, sd = np.zeros((n, 6)), np.ones(n) if sd_m is None else sd_m
+    error[:, 0] = 0.0 if position_m is None else position_m
+    state_error = np.zeros((n, STATE_SIZE))
+    state_error[:, :6] = error
+    return JudgedRun(
+        time_s=np.arange(0.0, 0.5 * n, 0.5),
+        status=status,
+        seconds=np.full(n, 0.01),
+        nis=np.full(n, 6.0),
+        nis_dof=np.full(n, 6, dtype=np.intp),
+        explained=np.full(n, 0.9),
+        pose_error=error,
+        pose_covariance=np.eye(6) * sd[:, None, None] ** 2,
+        state_error=state_error,
+        covariance=np.eye(STATE_SIZE) * sd[:, None, None] ** 2,
+        filter_nees=np.sum(state_error**2, axis=1) / sd**2,
+    )
+
+
+def test_truths_follow_the_prior_of_the_target_and_the_limits() -> None:
+    of = satellite("boxsat")
+    truths = [random_truth(of, SPREAD, k, frames=2, frame_rate_hz=5.0) for k in range(200)]
+    assert truths[3] == random_truth(of, SPREAD, 3, frames=2, frame_rate_hz=5.0)
+    com = np.array([truth.body.com_model_m for truth in truths])
+    # 200 draws: a mean is known to sd / 14, a deviation to 5 %.
+    assert np.abs(com.mean(axis=0) - of.target.com_model).max() < 4.0 * of.target.com_sd_m / 14.0
+    assert com.std(axis=0) == pytest.approx(of.target.com_sd_m, rel=0.2)
+    ratios = np.array([truth.body.inertia_ratios for truth in truths])
+    assert all(is_physical_inertia(inertia_from_ratios(row)) for row in ratios)
+    off = (ratios - of.target.inertia_ratios) / of.target.inertia_ratio_sd
+    assert np.abs(off.mean(axis=0)).max() < 0.5 and 0.6 < off.std() < 1.1
+    rates = np.linalg.norm([truth.body.omega_body_deg_s for truth in truths], axis=1)
+    assert rates.min() >= 1.0 and rates.max() <= 5.0 and rates.mean() == pytest.approx(3.0, abs=0.4)
+    speeds = np.linalg.norm([truth.orbit.v_hill_m_s for truth in truths], axis=1)
+    assert speeds.max() <= 0.02
+
+
+def test_attitudes_are_uniform_on_the_rotations() -> None:
+    """The mean of a uniform rotation is zero, and its angle has density (1 - cos a) / pi."""
+    of = satellite("boxsat")
+    attitudes = np.stack(
+        [
+            exp_rotation(
+                np.deg2rad(
+                    random_truth(
+                        of, SPREAD, k, frames=1, frame_rate_hz=1.0
+                    ).body.attitude_rotvec_deg
+                )
+            )
+            for k in range(300)
+        ]
+    )
+    assert np.abs(attitudes.mean(axis=0)).max() < 4.0 * np.sqrt(1.0 / 3.0 / 300.0)
+    assert rotation_angle(attitudes).mean() == pytest.approx(np.pi / 2 + 2 / np.pi, abs=0.15)
+
+
+@pytest.mark.parametrize("name", ["boxsat", "cubesat6u", "twinwing"])
+def test_targets_are_in_view(name: str) -> None:
+    of = satellite(name)
+    factor = of.target.diameter_m / satellite("boxsat").target.diameter_m
+    camera = pinhole_camera(of.pipeline.camera)
+    size = np.array([camera.width, camera.height])
+    for seed in range(40):
+        truth = random_truth(of, SPREAD.scaled(factor), seed, frames=1, frame_rate_hz=5.0)
+        T_cam_model = true_motion(truth).T_cam_model(0)
+        middle = transform_points(T_cam_model, of.target.mesh.bounds.mean(axis=0)[None])
+        assert 10.0 * factor <= middle[0, 2] <= 30.0 * factor
+        assert np.all(np.abs(project(camera, middle)[0] - 0.5 * size) < 0.5 * size)
+        pixels = project(camera, transform_points(T_cam_model, np.array(of.target.mesh.vertices)))
+        # A sphere that fits the smaller side has room to spare only where it is off the axis.
+        if of.target.diameter_m * camera.fx / middle[0, 2] < 0.8 * size.min():
+            assert np.all(pixels > -0.05 * size) and np.all(pixels < 1.05 * size)
+        assert np.any(np.all((pixels > 0) & (pixels < size), axis=1))
+
+
+def test_an_unknown_satellite_is_refused() -> None:
+    with pytest.raises(InputError, match="shipped by this name"):
+        satellite("sputnik")
+
+
+def test_frames_in_memory_are_those_of_a_recording(tmp_path: Path) -> None:
+    of = satellite("boxsat")
+    truth = random_truth(of, SPREAD, 11, frames=3, frame_rate_hz=5.0)
+    simulate(truth, of.target, tmp_path / "sequence")
+    recorded = open_sequence(tmp_path / "sequence")
+    scene = Scene.of(truth, of.target.mesh)
+    assert scene.info.range_sigma_m == recorded.info.range_sigma_m
+    for ours, stored in zip(scene.frames(), recorded, strict=True):
+        np.testing.assert_allclose(ours.depth_m, stored.depth_m, atol=1e-5)
+        np.testing.assert_allclose(ours.T_cam_world, stored.T_cam_world, atol=1e-12)
+        assert ours.time_s == stored.time_s and np.any(ours.depth_m)
+    dark = [np.any(frame.depth_m) for frame in scene.frames(blind=range(1, 2))]
+    assert dark == [True, False, True]
+
+
+def test_errors_of_a_pose_are_to_the_nearest_equivalent_one() -> None:
+    symmetry = satellite("twinwing").target.symmetry_rotations
+    assert len(symmetry) == 2
+    generator = np.random.default_rng(1)
+    T = make_transform(exp_rotation(generator.standard_normal(3)), np.array([0.3, -0.2, 20.0]))
+    shift, turn = np.array([0.01, -0.02, 0.03]), np.array([0.02, 0.01, -0.03])
+    for S in symmetry:
+        labelled = T @ S
+        # The estimate sits short of the truth by a shift in the camera and a turn of the body.
+        R, p = labelled[:3, :3] @ exp_rotation(-turn), labelled[:3, 3] - shift
+        found = errors_of_pose(make_transform(R, p), T, symmetry)
+        np.testing.assert_allclose(found, [*shift, *turn], atol=1e-12)
+    alone = errors_of_pose(T @ symmetry[1], T, np.eye(4)[None])
+    assert np.linalg.norm(alone[3:]) == pytest.approx(np.pi)
+
+
+def test_means_of_squared_errors_are_judged_by_chi_square() -> None:
+    generator = np.random.default_rng(2)
+    squared = np.sum(generator.standard_normal((400, 3)) ** 2, axis=1)
+    fair = mean_squared(squared, 3)
+    assert fair.verdict == "inside" and fair.values == 400
+    # 1200 degrees of freedom: sqrt(2 / 1200) = 4.1 % is the deviation of the mean.
+    assert (fair.lower, fair.upper) == pytest.approx((0.92, 1.08), abs=0.005)
+    assert mean_squared(1.3 * squared, 3).verdict == "above"
+    assert mean_squared(0.7 * squared, 3).verdict == "below"
+    known = mean_squared(np.array([3.0, np.nan, 9.0]), np.array([3.0, 3.0, 6.0]))
+    assert known.values == 2 and known.mean == pytest.approx(12.0 / 9.0)
+    assert str(mean_squared(np.full(3, np.nan), 3)) == "-"
+
+
+def test_wilson_interval_of_a_share() -> None:
+    k, n, z = 297, 300, 1.959964
+    centre = (k + z**2 / 2) / (n + z**2)
+    half = z / (n + z**2) * np.sqrt(k * (n - k) / n + z**2 / 4)
+    low, high = 100 * (centre - half), 100 * (centre + half)
+    assert share(k, n) == f"99.0% ({low:.1f} to {high:.1f})"
+    assert share(0, 300).startswith("0.0% (0.0 to 1.3")
+    assert at(50, np.array([1.0, np.nan, 3.0])) == 2.0 and np.isnan(at(50, np.array([np.nan])))
+
+
+def test_statuses_are_told_in_order_and_in_shares() -> None:
+    words = ("acquiring", "acquiring", "locked", "coasting", "locked", "locked")
+    assert status_sequence(words) == "acquiring 2, locked 1, coasting 1, locked 2"
+    run = judged_run(words)
+    assert run.lock == 2 and run.claims.tolist() == [False, False, True, False, True, True]
+    assert status_shares([run]) == "locked 50.0%, acquiring 33.3%, coasting 16.7%"
+    assert judged_run(("acquiring",)).lock is None
+
+
+def test_nees_of_pose_and_blocks() -> None:
+    run = judged_run(("locked",) * 3, np.array([0.0, 0.5, 3.0]), np.array([1.0, 0.5, 1.0]))
+    np.testing.assert_allclose(run.pose_nees, [0.0, 1.0, 9.0])
+    np.testing.assert_allclose(run.nees(slice(0, 3)), [0.0, 1.0, 9.0])
+    np.testing.assert_allclose(run.nees(COM_MODEL), 0.0)
+
+
+def test_a_blackout_ends_with_a_right_lock_and_keeps_what_was_known() -> None:
+    phases = Phases(before=2, after=4)
+    words = ("acquiring", "locked", *["coasting"] * 10, "coasting", "locked", "locked", "locked")
+    position = np.zeros(16)
+    position[13] = 2.0  # the first lock is a wrong one
+    sd = np.concatenate([[2.0, 1.0], np.ones(10), [1.0, 1.0, 0.9, 0.8]])
+    blackout = Blackout(5, 7, phases, judged_run(words, position, sd))
+    assert (blackout.last_seen, blackout.last_blind) == (1, 11)
+    assert blackout.relocked == 3
+    np.testing.assert_allclose(blackout.growth, 0.9)
+    lost = Blackout(5, 7, phases, judged_run(("locked", "locked", *["lost"] * 14)))
+    assert lost.relocked is None and np.isnan(lost.growth).all()
+
+
+def test_silent_wrong_frames_are_those_called_locked() -> None:
+    words = ("locked", "ambiguous", "coasting", "locked", "locked", "acquiring")
+    far = np.array([0.1, 0.5, 0.5, 0.5, 0.5, 0.5])  # 3 % of 10 m is 0.3 m
+    run = faults.FaultRun("none", 1, judged_run(words, far))
+    assert run.silent.tolist() == [0, 1, 0, 1, 1, 0] and run.longest_silent == 2
+    other = faults.FaultRun(faults.WRONG_TARGET, 1, judged_run(words))
+    assert other.silent.tolist() == [1, 1, 0, 1, 1, 0]
+
+
+def test_the_box_adds_its_volume_on_the_bus() -> None:
+    target = satellite("boxsat").target
+    boxed = faults.with_box(target)
+    assert boxed.volume - target.mesh.volume == pytest.approx(0.5 * 0.4 * 0.3)
+    extra = np.array(boxed.vertices)[len(target.mesh.vertices) :]
+    assert extra[:, 0].min() == pytest.approx(0.8) and extra[:, 0].max() == pytest.approx(1.1)
+    assert np.all(np.abs(extra[:, 1:]) < [0.9, 1.1])
+    assert np.sort(np.ptp(extra, axis=0)) == pytest.approx([0.3, 0.4, 0.5])
+
+
+def test_the_panel_turns_about_its_root_and_nothing_else_moves() -> None:
+    target = satellite("boxsat").target
+    before, after = (
+        np.array(target.mesh.vertices),
+        np.array(faults.with_bent_panel(target).vertices),
+    )
+    moved = np.linalg.norm(after - before, axis=1)
+    panel = (before[:, 1] > 1.2 - 1e-9) & (np.abs(before[:, 2] - 0.25) > 0.7)
+    assert panel.sum() == 8 and np.all(moved[~panel] == 0.0)
+    tip, root = panel & (before[:, 1] > 5.0), panel & (before[:, 1] < 1.3)
+    # The front is hinged; the back, 40 mm behind it, swings by 2 mm.
+    assert moved[tip].max() == pytest.approx(2.0 * 4.0 * np.sin(np.deg2rad(1.5)), rel=1e-3)
+    assert sorted(moved[root]) == pytest.approx([0, 0, 0.04 * 0.05236, 0.04 * 0.05236], abs=1e-5)
+    assert faults.with_bent_panel(target).volume == pytest.approx(target.mesh.volume)
+    both = faults.with_box_and_bent_panel(target)
+    np.testing.assert_array_equal(np.array(both.vertices)[: len(after)], after)
+    assert both.volume == pytest.approx(target.mesh.volume + 0.06)
+
+
+def test_another_satellite_is_as_large() -> None:
+    target = satellite("boxsat").target
+    other = faults.another_satellite(target)
+    assert mesh_diameter(other) == pytest.approx(target.diameter_m)
+    assert len(other.vertices) != len(target.mesh.vertices)
+
+
+def test_a_cold_start_is_judged_by_the_truth() -> None:
+    start = run_start("boxsat", 2557970329)
+    assert start.outcome in set(Outcome) and start.seconds > 0.0 and 1 <= start.frames <= 5
+    locked = start.status in {"locked", "ambiguous"}
+    assert locked == (start.outcome is not Outcome.NOT_YET)
+    assert np.isfinite(start.attitude_rad) == np.isfinite(start.position_fraction) == locked
+    if locked:
+        near = start.attitude_rad < np.deg2rad(5.0) and start.position_fraction < 0.05
+        assert near == (start.outcome is Outcome.RIGHT)
+    assert 9.0 < start.range_m < 32.0 and start.rate_deg_s <= 20.0
+
+
+def test_figures_stand_empty_frames_and_satellites_without_locks() -> None:
+    none = StartCurve("b", np.empty(0, dtype=np.intp), np.empty(0), 4)
+    some = StartCurve("a", np.array([3, 4, 3]), np.array([1e-3, 2e-3, 0.2]), 4)
+    mean = np.array([np.nan, 1.0, 30.0])
+    curve = BlockCurve("position", mean, 0.8 * np.ones(3), 1.2 * np.ones(3))
+    unknown = replace(curve, name="NIS", mean=np.full(3, np.nan))
+    figures = [
+        *start_figures([some, none], 5, 0.087),
+        block_figure("k", "t", "c", np.arange(3.0), [curve, unknown]),
+    ]
+    assert all(figure.svg.startswith(b"<?xml") for figure in figures)
