@@ -10,7 +10,7 @@ import trimesh
 from scipy.stats import chi2
 
 from pcnav.arrays import FloatArray
-from pcnav.config import FilterTable, PerceptionTable, Pipeline
+from pcnav.config import FilterTable, Measurements, PerceptionTable, Pipeline
 from pcnav.errors import InputError
 from pcnav.rendering import DepthRenderer
 from pcnav.results import ACCEPTED, FrameEstimate
@@ -21,6 +21,7 @@ from pcnav.spatial import rotation_angle
 from pcnav.state import COM_MODEL, INERTIA_RATIOS, STATE_SIZE
 from pcnav.target import Target, load_target
 from pcnav.tracking import Status, Tracker
+from pcnav.tracking.measuring import AGREES
 
 FRAMES = 40
 PIPELINE = Pipeline.model_validate(
@@ -288,6 +289,28 @@ def test_prior_is_that_of_the_file_then_the_sequence_then_the_target(recording: 
         # is now.
         assert np.all(sd[INERTIA_RATIOS] <= ratio_sd * 1.05)
         assert np.max(sd[INERTIA_RATIOS]) > 0.5 * ratio_sd
+
+
+@pytest.mark.parametrize("measured_by", ["rectangles", "both"])
+def test_other_measurements_lock_and_track_as_well(recording: Recording, measured_by: str) -> None:
+    settings = PerceptionTable(measurements=Measurements(measured_by))
+    tracker = Tracker(recording.target, INFO, settings, PIPELINE.filter, PIPELINE.seed)
+    found = [tracker.step(frame)[0] for frame in recording.frames[:14]]
+    assert found[-1].status == Status.LOCKED
+    errors = pose_errors(recording, found)
+    assert np.median(errors[4:, 0]) < 2e-3
+    assert np.median(errors[4:, 1]) < np.deg2rad(0.06)
+    checks = [r for e in found for r in e.records if r.outcome.startswith("check: ")]
+    assert bool(checks) == (measured_by == "both")
+    # Faces of planes that RANSAC found agree with the track.
+    if checks:
+        assert sum(r.outcome == AGREES for r in checks) > 0.5 * len(checks)
+
+
+def test_evidence_comes_with_every_estimate(estimates: list[FrameEstimate]) -> None:
+    locked = [e for e in estimates if e.status == Status.LOCKED]
+    assert min(e.explained for e in locked) > 0.95
+    assert 0.7 < locked[-1].window_nis < 1.4
 
 
 def test_range_noise_of_the_perception_table_replaces_the_sequence_s(recording: Recording) -> None:

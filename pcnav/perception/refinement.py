@@ -236,8 +236,9 @@ def _surface_pixels(rendered: RenderedDepth, sigma_m: float) -> _Pixels:
     depth = rendered.depth_m[rendered.window].astype(np.float64)
     rays = pixel_rays(rendered.camera)[rendered.window]
     inside = triangle >= 0
-    inside[[0, -1]] = False
-    inside[:, [0, -1]] = False
+    # Slices, for a target out of view leaves an empty window.
+    inside[:1] = inside[-1:] = False
+    inside[:, :1] = inside[:, -1:] = False
     planes = rendered.inverse_depth_planes
     for first, second in (
         ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),

@@ -5,13 +5,14 @@ with the rendered view. Both measure about the prediction first; the view is exp
 the updated pose until that moves no more, and the filter always updates from the prediction.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from pcnav.arrays import FloatArray
-from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult
+from pcnav.config import Measurements
+from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult, innovation_gate
 from pcnav.estimation.pose_fit import step_doubt
 from pcnav.estimation.pose_measurement import Sight, pose_covariance, pose_error
 from pcnav.perception.reading import FrameReader, Trust
@@ -27,6 +28,9 @@ _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
 _SHARP_PX = 0.7
 """A prediction that is off by less than this settles which face a pixel shows."""
+_CHECK_PROBABILITY = 0.9999
+AGREES, CONTRADICTS = "check: agrees", "check: contradicts"
+"""Outcomes of rectangles that RANSAC found, as a check on the track."""
 _RECTANGLE_PASSES = 3
 _REFINED_PASSES = 6
 
@@ -47,6 +51,8 @@ class Updated:
 
 class Updater(Protocol):
     """A way to update the filter with a frame."""
+
+    def __init__(self, reader: FrameReader) -> None: ...
 
     def update(
         self,
@@ -160,6 +166,39 @@ class RectangleUpdater:
         return Trust.PIXELS if off_px < _SHARP_PX else Trust.PLANES
 
 
-def updater_of(reader: FrameReader, *, refined: bool) -> Updater:
+@dataclass(frozen=True)
+class CheckedUpdater:
+    """By comparison; and rectangles of planes found by RANSAC say whether they agree with it."""
+
+    reader: FrameReader
+
+    def update(
+        self,
+        frame: Frame,
+        kalman: Kalman,
+        sight: Sight,
+        start: tuple[FloatArray, FloatArray] | None = None,
+    ) -> Updated:
+        """See `Updater`. The rectangles are recorded; the filter does not use the pixels twice."""
+        updated = RefinedUpdater(self.reader).update(frame, kalman, sight, start)
+        if not updated.is_good:
+            return updated
+        found = self.reader.read(frame, pose_of(kalman, sight), Trust.NONE)
+        view = view_of_rectangles(found, sight)
+        checks = []
+        for measurement, record in zip(view.measurements, view.records, strict=True):
+            squared, degrees = kalman.innovation(measurement)
+            agrees = squared <= innovation_gate(_CHECK_PROBABILITY, degrees)
+            checks.append(replace(record, outcome=AGREES if agrees else CONTRADICTS))
+        unused = (*updated.view.unused, *checks, *view.unused)
+        return replace(updated, view=replace(updated.view, unused=unused))
+
+
+def updater_of(reader: FrameReader) -> Updater:
     """The way to update that the settings ask for."""
-    return RefinedUpdater(reader) if refined else RectangleUpdater(reader)
+    ways: dict[Measurements, type[Updater]] = {
+        Measurements.REFINED: RefinedUpdater,
+        Measurements.RECTANGLES: RectangleUpdater,
+        Measurements.BOTH: CheckedUpdater,
+    }
+    return ways[reader.measured_by](reader)

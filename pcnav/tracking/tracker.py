@@ -76,7 +76,7 @@ class Tracker:
         sigma_m = perception.range_sigma_m or info.range_sigma_m
         self._reader = FrameReader(target, perception, sigma_m, seed)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
-        self._updater = updater_of(self._reader, refined=self._refined)
+        self._updater = updater_of(self._reader)
         self._model = MassCentreModel(
             info.mean_motion_rad_s,
             filtering.acceleration_psd_m2_s3,
