@@ -44,6 +44,7 @@ _PLACES = {
     "pcnav.pipeline.read_truth": _REPORT,
     "pcnav.pipeline.count_outcomes": _REPORT,
     "pcnav.pipeline.evaluate": _REPORT,
+    "pcnav.pipeline.what_is_known": _REPORT,
     "pcnav.pipeline.frame_picture": _REPORT,
     "pcnav.pipeline.library_versions": _REPORT,
     "pcnav.pipeline.write_report": _REPORT,

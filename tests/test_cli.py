@@ -20,9 +20,10 @@ import trimesh
 from PIL import Image
 
 from pcnav import cli
-from pcnav.evaluation import report
+from pcnav.evaluation import report, status
 from pcnav.results import read_track
 from pcnav.shipped import shipped_mesh, shipped_mesh_names
+from pcnav.studies import STUDIES
 from pcnav.tracking import Tracker
 
 COMMANDS = ("demo", "simulate", "run", "target", "study")
@@ -86,8 +87,8 @@ def pcnav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 @pytest.fixture
 def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports without pictures, which take most of a test's time, where it is not about them."""
-    for draw in ("svg_bytes", "png_bytes"):
-        monkeypatch.setattr(report, draw, lambda figure: b"")
+    for module, draw in ((report, "svg_bytes"), (report, "png_bytes"), (status, "svg_bytes")):
+        monkeypatch.setattr(module, draw, lambda figure: b"")
 
 
 @pytest.fixture(scope="session")
@@ -155,6 +156,13 @@ def test_help_shows_an_example_of_the_command(pcnav: Pcnav, command: str, flag: 
     assert f"Example: pcnav {command}" in answer.out
 
 
+def test_help_of_study_names_every_study(pcnav: Pcnav) -> None:
+    answer = pcnav("study", "--help")
+    assert {"yu2019", "tracking"} <= set(STUDIES)
+    for name in STUDIES:
+        assert re.search(rf"\b{name}\b", answer.out.partition("Arguments")[2]), name
+
+
 def test_without_a_command_the_help_is_shown(pcnav: Pcnav) -> None:
     answer = pcnav()
     assert answer.code == 0
@@ -195,6 +203,7 @@ def test_examples_use_what_is_shipped_and_work_in_order(
     assert answer.error_lines == []
     assert "\x1b" not in answer.out + answer.err
     assert "Errors against the truth" in answer.out
+    assert re.search(r"known from data: \d+\s+of\s+20\s+states", answer.out)
 
 
 @pytest.mark.parametrize(

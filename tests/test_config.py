@@ -6,7 +6,14 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from pcnav.config import OrbitModel, PerceptionMode, Pipeline, read_pipeline
+from pcnav.config import (
+    Measurements,
+    OrbitModel,
+    PerceptionMode,
+    PerceptionTable,
+    Pipeline,
+    read_pipeline,
+)
 from pcnav.errors import InputError
 
 
@@ -62,6 +69,7 @@ def test_what_a_file_says_replaces_the_default_and_nothing_else(tmp_path: Path) 
         ("[filter]\niterations = 0\n", "filter.iterations", "1"),
         ("[filter]\ngate_probability = 1.0\n", "filter.gate_probability", "less than 1"),
         ("[perception]\nminimum_plane_points = 9\n", "perception.minimum_plane_points", "10"),
+        ('[perception]\nmeasurements = "planes"\n', "perception.measurements", "refined"),
         ("scenario = 3\n", "scenario", "3"),
         ("seed = \n", "file", "valid TOML"),
     ],
@@ -71,6 +79,34 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, field: str, word: str
     # Pydantic appends how it read a tuple's entry; what matters is where it points.
     assert error.field.startswith(field)
     assert word in str(error)
+
+
+@pytest.mark.parametrize(
+    ("text", "measured_by"),
+    [
+        ("", Measurements.REFINED),
+        ('measurements = "refined"', Measurements.REFINED),
+        ('measurements = "both"', Measurements.BOTH),
+        ('measurements = "rectangles"', Measurements.RECTANGLES),
+        ('mode = "paper"', Measurements.RECTANGLES),
+        ('mode = "paper"\nmeasurements = "rectangles"', Measurements.RECTANGLES),
+    ],
+)
+def test_frames_are_measured_by_what_the_file_says_or_its_mode_has(
+    tmp_path: Path, text: str, measured_by: Measurements
+) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(f"[perception]\n{text}\n", encoding="utf-8")
+    assert read_pipeline(path).perception.measured_by is measured_by
+
+
+@pytest.mark.parametrize("measurements", ["refined", "both"])
+def test_paper_mode_has_nothing_but_rectangles(tmp_path: Path, measurements: str) -> None:
+    error = refusal(tmp_path, f'[perception]\nmode = "paper"\nmeasurements = "{measurements}"\n')
+    assert error.field == "perception"
+    assert 'expected measurements absent or "rectangles"' in str(error)
+    with pytest.raises(ValidationError, match="rectangles only"):
+        PerceptionTable(mode=PerceptionMode.PAPER, measurements=Measurements(measurements))
 
 
 def test_an_absent_file_and_one_that_is_no_text(tmp_path: Path) -> None:

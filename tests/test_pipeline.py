@@ -1,5 +1,6 @@
 """The whole way from a pipeline file to a result folder, on a short piece of the shipped demo."""
 
+import csv
 import json
 import logging
 import re
@@ -14,13 +15,14 @@ from evo.tools.file_interface import read_tum_trajectory_file
 
 from pcnav.config import Pipeline, ScenarioTable, read_pipeline
 from pcnav.errors import InputError
-from pcnav.evaluation import report
+from pcnav.evaluation import report, status
 from pcnav.evaluation.truth import read_truth
 from pcnav.pipeline import run
 from pcnav.results import ACCEPTED, FrameEstimate, read_measurements, read_track
 from pcnav.shipped import shipped_mesh, shipped_pipeline
 from pcnav.simulation.recording import simulate
 from pcnav.spatial import rotation_angle
+from pcnav.state import STATE_SIZE
 from pcnav.target import load_target
 
 FRAMES = 24
@@ -58,8 +60,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 @pytest.fixture
 def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports without pictures, which take most of a test's time, where it is not about them."""
-    for draw in ("svg_bytes", "png_bytes"):
-        monkeypatch.setattr(report, draw, lambda figure: b"")
+    for module, draw in ((report, "svg_bytes"), (report, "png_bytes"), (status, "svg_bytes")):
+        monkeypatch.setattr(module, draw, lambda figure: b"")
 
 
 def same_estimates(one: Path, other: Path) -> bool:
@@ -123,6 +125,26 @@ def test_metrics_have_every_quantity_and_its_unit(made: Made) -> None:
         assert quantity in errors
     assert "NaN" not in errors
     assert metrics["frames"] == FRAMES
+
+
+def test_what_is_known_of_every_state_is_written(made: Made) -> None:
+    with (made.result / "knowledge.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    # 20 states, 3 combinations of the mass centre's components and 5 of the inertia ratios.
+    assert len(rows) == 28
+    track = read_track(made.result)
+    sd = np.array([float(row["posterior_sd"]) for row in rows[:STATE_SIZE]])
+    np.testing.assert_allclose(sd, track.sd[-1], rtol=1e-9)
+    target = load_target(made.mesh)
+    prior = {row["state"]: float(row["prior_sd"]) for row in rows}
+    for axis in "xyz":
+        assert prior[f"com_{axis}_m"] == pytest.approx(target.com_sd_m)
+    assert prior["i_yy"] == pytest.approx(target.inertia_ratio_sd)
+    assert {row["verdict"] for row in rows} <= {"known from data", "prior only"}
+    # In 6 s the rate is seen, all of the inertia is not.
+    verdicts = {row["state"]: row["verdict"] for row in rows}
+    assert verdicts["w_x_rad_s"] == "known from data"
+    assert "prior only" in {row["verdict"] for row in rows[15:20]}
 
 
 def self_contained(page: str) -> bool:

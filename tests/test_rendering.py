@@ -6,7 +6,7 @@ import trimesh
 
 from pcnav.camera import PinholeCamera, pixel_rays, project
 from pcnav.rendering import DepthRenderer, depth_beyond_edge
-from pcnav.spatial import exp_rotation, invert_transform, make_transform
+from pcnav.spatial import exp_rotation, invert_transform, make_transform, transform_points
 
 CAMERA = PinholeCamera.from_field_of_view(96, 64, np.deg2rad(25.0))
 ROTATION = exp_rotation(np.array([0.5, -0.8, 0.3]))
@@ -139,3 +139,78 @@ def test_occlusion_edges_are_found_and_creases_are_not() -> None:
         expected = np.where(mask & beside, rim[is_near], 0.0)
         np.testing.assert_array_equal(np.where(mask, beyond, 0.0), expected)
     assert not beyond[~(near | far)].any()
+
+
+FRAMED = np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]])
+"""Directions far outside the image."""
+
+
+def with_all_rays(mesh: trimesh.Trimesh, T: np.ndarray) -> trimesh.Trimesh:
+    """The mesh with specks far outside the image, so that its outline takes in every pixel."""
+    z = float(transform_points(T, mesh.vertices)[:, 2].mean())
+    specks = []
+    for x, y in FRAMED * z:
+        corners = np.array([[x, y, z], [x + 1e-3, y, z], [x, y + 1e-3, z]])
+        in_model = transform_points(invert_transform(T), corners)
+        specks.append(trimesh.Trimesh(in_model, [[0, 1, 2]], process=False))
+    return join(mesh, *specks)
+
+
+BODIES = {
+    "box": trimesh.creation.box((1.0, 0.6, 1.5)),
+    "sheet": sheet(1.2, 0.7),
+    "two": join(sheet(0.2, 0.9), trimesh.creation.box((0.1, 0.1, 0.1))),
+    "ball": trimesh.creation.icosphere(subdivisions=2, radius=0.6),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_no_ray_that_meets_the_mesh_is_left_out(name: str) -> None:
+    mesh, rng = BODIES[name], np.random.default_rng(0)
+    poses = [
+        make_transform(exp_rotation(rng.normal(size=3)), np.array([*offset, distance]))
+        for distance in (4.0, 12.0, 150.0, 2000.0)
+        for offset in rng.uniform(-0.25, 0.25, (5, 2)) * distance
+    ]
+    renderer, hits = DepthRenderer(mesh, CAMERA), []
+    for T in poses:
+        expected = DepthRenderer(with_all_rays(mesh, T), CAMERA).render(T)
+        rendered = renderer.render(T)
+        np.testing.assert_array_equal(rendered.triangle, expected.triangle)
+        np.testing.assert_array_equal(rendered.depth_m, expected.depth_m)
+        hits.append(np.count_nonzero(rendered.depth_m))
+        edge = np.ones(rendered.depth_m.shape, dtype=np.bool_)
+        edge[rendered.window] = False
+        assert not rendered.depth_m[edge].any()
+    # Large, small, cut by the border, and out of the image.
+    assert max(hits) > 300
+    assert any(0 < n < 100 for n in hits)
+    assert min(hits) == 0
+
+
+@pytest.mark.parametrize("turn", [0.5 * np.pi, 0.5 * np.pi - 1e-9, 0.5 * np.pi - 1e-3, 1.5])
+@pytest.mark.parametrize("roll", [0.0, 0.3, 0.25 * np.pi])
+def test_no_ray_is_left_out_of_a_sheet_that_is_seen_edge_on(turn: float, roll: float) -> None:
+    mesh = sheet(3.0, 2.0)
+    R = exp_rotation(np.array([0.0, 0.0, roll])) @ exp_rotation(np.array([0.0, turn, 0.0]))
+    for x in (0.0, 0.4, 1.7):
+        T = make_transform(R, np.array([x, 0.1, 8.0]))
+        expected = DepthRenderer(with_all_rays(mesh, T), CAMERA).render(T)
+        rendered = DepthRenderer(mesh, CAMERA).render(T)
+        # Rays within the plane itself meet it or not by chance; none is left out.
+        both = (rendered.triangle >= 0) & (expected.triangle >= 0)
+        np.testing.assert_array_equal(both, expected.triangle >= 0)
+        np.testing.assert_array_equal(rendered.triangle[both], expected.triangle[both])
+        np.testing.assert_array_equal(rendered.depth_m[both], expected.depth_m[both])
+
+
+def test_a_mesh_that_passes_the_camera_is_seen_all_over_the_image() -> None:
+    # A tube about the optical axis that begins behind the camera, and its bottom at 6 m.
+    extents = np.array([2.0, 2.0, 12.0])
+    rendered = DepthRenderer(trimesh.creation.box(extents), CAMERA).render(
+        make_transform(np.eye(3), np.zeros(3))
+    )
+    rays = np.abs(pixel_rays(CAMERA))
+    np.testing.assert_allclose(
+        rendered.depth_m, 1.0 / np.maximum(1.0 / 6.0, rays[..., :2].max(axis=-1)), rtol=1e-6
+    )

@@ -58,6 +58,32 @@ def test_logarithm_undoes_the_exponential(v: FloatArray) -> None:
     assert rotation_angle(exp_rotation(v)) == pytest.approx(np.linalg.norm(v), abs=1e-12)
 
 
+def test_logarithm_is_that_of_scipy_for_one_matrix_and_for_many() -> None:
+    rng = np.random.default_rng(0)
+    # One matrix takes another way up to a right angle than beyond it, and than a batch.
+    changes = [0.0, 1e-4, 0.5 * np.pi, np.pi]
+    near = [a + d for a in changes for d in (0.0, 1e-15, -1e-15, 1e-9, -1e-9, 1e-5, -1e-5)]
+    spread = np.linspace(0.0, np.pi, 200).tolist()
+    angles = np.array([angle for angle in near + spread if 0.0 <= angle <= np.pi])
+    axes = rng.normal(size=(len(angles), 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    rotations = Rotation.from_rotvec(angles[:, None] * axes)
+    R, expected = rotations.as_matrix(), rotations.as_rotvec()
+    # At a half turn either sense of the axis is right; just beside it the matrix shows which only
+    # to its rounding.
+    sure = angles < np.pi - 1e-7
+    batched = log_rotation(R)
+    single = np.array([log_rotation(matrix) for matrix in R])
+    for found in (batched, single, log_rotation(R.reshape(-1, 1, 3, 3))[:, 0]):
+        np.testing.assert_allclose(found[sure], expected[sure], atol=1e-13, rtol=1e-13)
+        np.testing.assert_allclose(np.linalg.norm(found, axis=1), angles, atol=2e-8)
+        np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), R, atol=1e-14)
+    # A small rotation keeps its digits, not only its size.
+    small = 1e-9 * np.array([1.0, -2.0, 0.5])
+    np.testing.assert_allclose(log_rotation(exp_rotation(small)), small, rtol=1e-7)
+    assert log_rotation(np.eye(3)).tolist() == [0.0, 0.0, 0.0]
+
+
 def test_logarithm_at_half_turns_about_any_axis() -> None:
     axes = np.vstack([np.eye(3), np.random.default_rng(0).normal(size=(20, 3))])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)

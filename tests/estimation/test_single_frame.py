@@ -8,7 +8,7 @@ import pytest
 
 from pcnav.arrays import FloatArray
 from pcnav.camera import PinholeCamera
-from pcnav.config import NoiseTable, PerceptionMode, PerceptionTable
+from pcnav.config import Measurements, NoiseTable, PerceptionMode, PerceptionTable
 from pcnav.estimation.single_frame import fuse_faces, single_frame_pose
 from pcnav.perception.association import MeasuredFace, measure_by_expectation
 from pcnav.perception.expectation import Expecter
@@ -17,7 +17,7 @@ from pcnav.perception.reading import FrameReader
 from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.spatial import exp_rotation, make_transform, rotation_angle
+from pcnav.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
 from pcnav.target import Target, load_target
 
 SIGMA_M = 0.02
@@ -45,17 +45,24 @@ def errors(T: FloatArray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("mode", "sigma_m", "most_mm", "most_deg"),
+    ("mode", "measurements", "sigma_m", "most_mm", "most_deg"),
     [
-        (PerceptionMode.AREA_WEIGHTED, SIGMA_M, 3.0, 0.1),
-        (PerceptionMode.AREA_WEIGHTED, 0.1, 15.0, 0.5),
-        (PerceptionMode.PAPER, SIGMA_M, 150.0, 2.0),
+        (PerceptionMode.AREA_WEIGHTED, Measurements.REFINED, SIGMA_M, 3.0, 0.1),
+        (PerceptionMode.AREA_WEIGHTED, Measurements.REFINED, 0.1, 15.0, 0.5),
+        (PerceptionMode.AREA_WEIGHTED, Measurements.RECTANGLES, SIGMA_M, 3.0, 0.1),
+        (PerceptionMode.AREA_WEIGHTED, Measurements.RECTANGLES, 0.1, 15.0, 0.5),
+        (PerceptionMode.PAPER, Measurements.RECTANGLES, SIGMA_M, 150.0, 2.0),
     ],
 )
 def test_pose_of_the_whole_satellite(
-    target: Target, mode: PerceptionMode, sigma_m: float, most_mm: float, most_deg: float
+    target: Target,
+    mode: PerceptionMode,
+    measurements: Measurements,
+    sigma_m: float,
+    most_mm: float,
+    most_deg: float,
 ) -> None:
-    settings = PerceptionTable(mode=mode)
+    settings = PerceptionTable(mode=mode, measurements=measurements)
     reader = FrameReader(target, settings, sigma_m, 1)
     pose = single_frame_pose(seen(target, settings, sigma_m).frame, reader)
     assert pose is not None
@@ -63,7 +70,15 @@ def test_pose_of_the_whole_satellite(
     assert shift_mm < most_mm
     assert turn_deg < most_deg
     assert pose.explained > 0.5
+    assert pose.explained == pose.agreement.share
+    assert pose.agreement.agree + pose.agreement.conflict > 100
     assert len(pose.used) >= 1
+    # The errors are those of one draw: 6 degrees of freedom, and only gross overconfidence shows.
+    if mode is not PerceptionMode.PAPER:
+        shift = POSE[:3, 3] - pose.T_cam_model[:3, 3]
+        turn = log_rotation(pose.T_cam_model[:3, :3].T @ POSE[:3, :3])
+        error = np.concatenate([shift, turn])
+        assert error @ np.linalg.solve(pose.covariance, error) < 40.0
 
 
 def test_a_face_that_contradicts_the_others_is_left_out(target: Target) -> None:
@@ -84,7 +99,8 @@ def _spoilt(faces: list[MeasuredFace], index: int) -> list[MeasuredFace]:
     return [replace(f, T_cam_rect=moved) if k == index else f for k, f in enumerate(faces)]
 
 
-def test_an_empty_frame_has_no_pose(target: Target) -> None:
-    settings = PerceptionTable()
+@pytest.mark.parametrize("measurements", [Measurements.REFINED, Measurements.RECTANGLES])
+def test_an_empty_frame_has_no_pose(target: Target, measurements: Measurements) -> None:
+    settings = PerceptionTable(measurements=measurements)
     frame = Frame(0, 0.0, np.zeros((256, 256), dtype=np.float32), CAMERA, np.eye(4))
     assert single_frame_pose(frame, FrameReader(target, settings, SIGMA_M, 1)) is None

@@ -106,6 +106,30 @@ def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
     assert len(decision.motion.sightings) == 10
 
 
+@pytest.mark.parametrize(("fewer_conflicts", "decides"), [(11, False), (13, True)])
+def test_a_lead_of_nine_nats_decides(fewer_conflicts: int, decides: bool) -> None:
+    """A quarter of a nat for each pixel against a motion: in 3 frames 12 pixels each make 9."""
+    start = MotionStart(target_with())
+    worse = 0.9 - fewer_conflicts / 1000
+    for k in range(2):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, worse)) is None
+    decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, worse))
+    assert (decision is not None) == decides
+    assert decision is None or not decision.ambiguous
+
+
+def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
+    shares = (0.9, 0.8, 0.95)
+    sightings = tuple(
+        Sighting(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), share))
+        for k, share in enumerate(shares)
+    )
+    motion = Motion(sightings)
+    assert motion.explained == pytest.approx(np.mean(shares))
+    weights = [motion.log_weight(frames) for frames in (1, 2, 3)]
+    assert weights == pytest.approx([-0.25 * n for n in (50, 250, 350)])
+
+
 def test_a_doubt_that_resolves_is_decided_then() -> None:
     start = MotionStart(target_with())
     for k in range(4):

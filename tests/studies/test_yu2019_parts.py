@@ -3,13 +3,22 @@
 import numpy as np
 import pytest
 
-from pcnav.config import BodyTable, OrbitTable, Pipeline, ScenarioTable
+from pcnav.config import (
+    BodyTable,
+    Measurements,
+    OrbitTable,
+    PerceptionMode,
+    PerceptionTable,
+    Pipeline,
+    ScenarioTable,
+)
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.perception.rectangles import distribution, observe_cloud
 from pcnav.simulation.scenario import true_motion
 from pcnav.spatial import exp_rotation, log_rotation, make_transform, transform_points
 from pcnav.studies.progress import Progress
 from pcnav.studies.yu2019 import paper
+from pcnav.studies.yu2019.boxsat import settings_of
 from pcnav.studies.yu2019.clouds import (
     Spread,
     centroid_sd,
@@ -128,6 +137,21 @@ def test_pure_spin_leaves_three_ratios_unknown() -> None:
     share = run.sd[-1, 15:] / paper.PRIOR_SD[15:]
     assert (share[:3] > 0.15).all(), "Iyy, Izz, Ixy"
     assert (share[3:] < 0.05).all(), "Ixz, Iyz"
+
+
+@pytest.mark.parametrize("measurements", [None, Measurements.REFINED])
+def test_whole_satellites_are_measured_by_rectangles_in_both_modes(
+    measurements: Measurements | None,
+) -> None:
+    own = PerceptionTable(measurements=measurements, minimum_plane_points=55)
+    pipeline = scenario(1).model_copy(update={"perception": own})
+    for mode in PerceptionMode:
+        settings = settings_of(pipeline, mode)
+        assert settings.mode is mode
+        assert settings.measured_by is Measurements.RECTANGLES
+        assert settings.minimum_plane_points == 55
+        # What a pipeline file may say, too.
+        assert PerceptionTable.model_validate(settings.model_dump()) == settings
 
 
 def test_disturbances_have_the_strength_the_filter_assumes() -> None:

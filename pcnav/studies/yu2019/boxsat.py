@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pcnav.arrays import FloatArray
-from pcnav.config import NoiseTable, PerceptionMode, PerceptionTable, Pipeline
+from pcnav.config import Measurements, NoiseTable, PerceptionMode, PerceptionTable, Pipeline
 from pcnav.errors import InputError
 from pcnav.estimation.single_frame import single_frame_pose
 from pcnav.evaluation.metrics import squared_normalised_errors
@@ -94,6 +94,12 @@ def satellite(pipeline: Pipeline) -> Target:
     return load_target(mesh)
 
 
+def settings_of(pipeline: Pipeline, mode: PerceptionMode) -> PerceptionTable:
+    """Rectangles in either mode, whatever frames are measured by elsewhere: they are compared."""
+    change = {"mode": mode, "measurements": Measurements.RECTANGLES}
+    return pipeline.perception.model_copy(update=change)
+
+
 def pose_errors(
     count: int, target: Target, pipeline: Pipeline, progress: Progress
 ) -> list[PoseErrors]:
@@ -115,7 +121,7 @@ def _pose_errors(
 ) -> PoseErrors:
     camera = pinhole_camera(pipeline.camera)
     renderer = DepthRenderer(target.mesh, camera)
-    settings = pipeline.perception.model_copy(update={"mode": mode})
+    settings = settings_of(pipeline, mode)
     reader = FrameReader(target, settings, noise_m, pipeline.seed)
     noise = NoiseTable(range_sigma_m=noise_m, quantisation_m=pipeline.noise.quantisation_m)
     none = wrong = 0
@@ -216,7 +222,7 @@ def _sequence_errors(
     camera = pinhole_camera(pipeline.camera)
     renderer = DepthRenderer(target.mesh, camera)
     noise = pipeline.noise.model_copy(update={"range_sigma_m": noise_m})
-    settings: PerceptionTable = pipeline.perception.model_copy(update={"mode": mode})
+    settings = settings_of(pipeline, mode)
     info = SequenceInfo("yu2019", pipeline.orbit.mean_motion_rad_s, noise_m, target.mesh_path)
     tracker = Tracker(target, info, settings, pipeline.filter, pipeline.seed)
     n = len(motion.times_s)

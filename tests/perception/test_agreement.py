@@ -1,0 +1,108 @@
+"""Frame against view on images small enough to count by hand."""
+
+import numpy as np
+import pytest
+
+from pcnav.arrays import DepthImage
+from pcnav.camera import PinholeCamera
+from pcnav.perception.agreement import Agreement, agreement
+from pcnav.rendering import RenderedDepth
+
+SIZE = 16
+TOLERANCE = 0.1
+PART = (slice(3, 13), slice(3, 13))
+"""Of the view: a surface of 10 x 10 pixels at 5 m."""
+
+
+def image() -> DepthImage:
+    return np.zeros((SIZE, SIZE), dtype=np.float32)
+
+
+def view(window: tuple[slice, slice] = (slice(0, SIZE), slice(0, SIZE))) -> RenderedDepth:
+    """The surface before space."""
+    depth_m, triangle = image(), np.full((SIZE, SIZE), -1, dtype=np.intp)
+    depth_m[PART], triangle[PART] = 5.0, 0
+    camera = PinholeCamera(SIZE, SIZE, 20.0, 20.0, 7.5, 7.5)
+    return RenderedDepth(camera, depth_m, triangle, window, np.array([[0.0, 0.0, 0.2]]))
+
+
+def counts(frame: DepthImage, rendered: RenderedDepth | None = None) -> tuple[int, int]:
+    found = agreement(frame, view() if rendered is None else rendered, TOLERANCE)
+    return found.agree, found.conflict
+
+
+def test_the_view_itself_agrees_everywhere() -> None:
+    frame = image()
+    frame[PART] = 5.0
+    assert counts(frame) == (100, 0)
+    assert agreement(frame, view(), TOLERANCE).share == 1.0
+
+
+def test_depths_count_by_the_tolerance() -> None:
+    frame = image()
+    frame[PART] = 5.0
+    frame[3, 3:8] = [4.89, 4.91, 5.09, 5.11, 9.0]
+    assert counts(frame) == (97, 3)
+
+
+def test_returns_where_space_is_predicted_speak_against() -> None:
+    frame = image()
+    frame[PART] = 5.0
+    frame[0, :4] = 5.0
+    frame[15, 15] = 80.0
+    assert counts(frame) == (100, 5)
+    # Outside the window nothing is predicted; they count all the same.
+    assert counts(frame, view(PART)) == (100, 5)
+
+
+def test_gaps_between_returns_are_dropouts_and_say_nothing() -> None:
+    frame = image()
+    frame[PART] = 5.0
+    frame[5, 5] = frame[8, 7] = frame[8, 10] = 0.0
+    assert counts(frame) == (97, 0)
+    # Every second return lost: in each 5 x 5 patch a third of them is left, at least.
+    frame = image()
+    frame[PART] = 5.0
+    frame[4:12:2, 4:12:2] = frame[5:12:2, 5:12:2] = 0.0
+    assert counts(frame) == (68, 0)
+
+
+def test_empty_patches_where_a_surface_is_predicted_speak_against() -> None:
+    frame = image()
+    frame[PART] = 5.0
+    frame[3:13, 8:13] = 0.0
+    # Of the five columns without returns the first has two columns of five beside it, 40 %; the
+    # others fewer, and the corner rows fewer again: (3, 8) sees 3 x 2 of 25, (4, 8) sees 4 x 2.
+    empty = sum(
+        np.count_nonzero(frame[max(i - 2, 0) : i + 3, j - 2 : j + 3]) < 0.35 * 25
+        for i in range(3, 13)
+        for j in range(8, 13)
+    )
+    assert empty == 4 * 10 + 4
+    assert counts(frame) == (50, empty)
+    # Nothing at all where all is predicted, and a single return elsewhere.
+    frame = image()
+    frame[0, 0] = 5.0
+    assert counts(frame) == (0, 101)
+
+
+def test_a_frame_beside_the_view_contradicts_it_twice() -> None:
+    frame = image()
+    frame[3:13, 11:16] = 5.0
+    # Two columns fit, three are seen where space is, and of the eight missing columns the one
+    # beside the returns has 40 % about it, but for its ends.
+    assert counts(frame) == (20, 30 + 80 - 6)
+    assert agreement(frame, view(), TOLERANCE).share == pytest.approx(20 / 124)
+
+
+def test_share_is_nan_where_frame_and_view_are_silent() -> None:
+    rendered = view((slice(0, 0), slice(0, 0)))
+    rendered.triangle[:], rendered.depth_m[:] = -1, 0.0
+    assert counts(image(), rendered) == (0, 0)
+    assert np.isnan(agreement(image(), rendered, TOLERANCE).share)
+    assert np.isnan(Agreement(0, 0).share)
+    assert Agreement(0, 3).share == 0.0
+    # Where the view is empty, all returns speak against it.
+    frame = image()
+    frame[PART] = 5.0
+    assert counts(frame, rendered) == (0, 100)
