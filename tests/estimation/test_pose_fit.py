@@ -131,6 +131,22 @@ def test_the_guess_is_a_prior(target: Target, comparer: Comparer) -> None:
     assert difference @ np.linalg.solve(wide.covariance, difference) < 1.0
 
 
+def test_a_guess_as_good_as_the_frame_is_met_half_way(target: Target, comparer: Comparer) -> None:
+    truth = random_pose(np.random.default_rng(5))
+    frame, spread = frame_at(target, truth), 0.01**2 * np.eye(6)
+    alone = fit_pose(frame, truth, 1e6 * np.eye(6), comparer, spread=spread)
+    assert alone is not None
+    # Six standard deviations off in a direction that is known well, in several passes.
+    strength, axes = np.linalg.eigh(alone.covariance)
+    off = 6.0 * np.sqrt(strength[2]) * axes[:, 2]
+    guess = moved_pose(alone.T_cam_model, off)
+    both = fit_pose(frame, guess, alone.covariance, comparer, spread=spread)
+    assert both is not None
+    np.testing.assert_allclose(both.covariance, 0.5 * alone.covariance, atol=0.1 * strength[-1])
+    left = pose_error(alone.T_cam_model, both.T_cam_model) - 0.5 * off
+    assert left @ np.linalg.solve(alone.covariance, left) < 1.5
+
+
 # Which faces agree.
 
 
