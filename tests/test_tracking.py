@@ -373,7 +373,7 @@ def test_a_wrong_attitude_is_not_called_locked(
     jumped: list[tuple[FrameEstimate, float]],
 ) -> None:
     wrong = [estimate.status for estimate, error in jumped if error > np.deg2rad(5.0)]
-    assert len(wrong) > 5
+    assert len(wrong) >= 2
     assert Status.LOCKED not in wrong
 
 
@@ -436,20 +436,27 @@ def test_a_wrong_lock_that_explains_little_is_never_called_locked(recording: Rec
     assert rows[SWITCH][0].explained < 0.2
 
 
-@pytest.fixture(scope="module")
-def almost_symmetric(tmp_path_factory: pytest.TempPathFactory) -> Target:
+def box_with_a_tower(folder: Path, height_m: float) -> Target:
     """A box that only a small tower on one side tells from itself turned by half a turn."""
     box = trimesh.creation.box((2.4, 1.8, 1.4))
-    tower = trimesh.creation.box((0.8, 0.6, 0.5))
-    tower.apply_translation((0.5, 0.3, 0.95))
-    path = tmp_path_factory.mktemp("mesh") / "tower.obj"
+    tower = trimesh.creation.box((0.8, 0.6, height_m))
+    tower.apply_translation((0.5, 0.3, 0.7 + 0.5 * height_m))
+    path = folder / "tower.obj"
     trimesh.util.concatenate([box, tower]).export(path)
     return load_target(path)
 
 
+@pytest.mark.parametrize(
+    ("height_m", "axis", "explained"),
+    [(0.5, (1.0, 0.0, 0.0), (0.5, 0.9)), (0.3, (0.0, 0.0, 1.0), (0.8, 0.97))],
+)
 def test_a_wrong_lock_that_explains_most_of_the_frame_is_found_out(
-    almost_symmetric: Target,
+    tmp_path: Path,
+    height_m: float,
+    axis: tuple[float, float, float],
+    explained: tuple[float, float],
 ) -> None:
+    almost_symmetric = box_with_a_tower(tmp_path, height_m)
     assert len(almost_symmetric.symmetry_rotations) == 1
     own = {
         "com_model_m": tuple(almost_symmetric.com_model.tolist()),
@@ -457,11 +464,12 @@ def test_a_wrong_lock_that_explains_most_of_the_frame_is_found_out(
     }
     body = PIPELINE.body.model_copy(update=own)
     pipeline = shortened(PIPELINE.model_copy(update={"body": body}), 30)
-    rows = switched(almost_symmetric, pipeline, (1.0, 0.0, 0.0))
-    # Most of the frame fits the wrong attitude, so it takes doubt and two fresh looks, five frames
-    # apart, to give it up.
-    assert 0.5 < rows[SWITCH][0].explained < 0.9
-    check_the_lock_is_mended(rows, most_wrong=10)
+    rows = switched(almost_symmetric, pipeline, axis)
+    assert explained[0] < rows[SWITCH][0].explained < explained[1]
+    # The first fresh look opens the question, the second one answers it.
+    check_the_lock_is_mended(rows, most_wrong=0)
+    words = [estimate.status for estimate, _ in rows]
+    assert words.index(Status.LOST) <= SWITCH + 3
 
 
 def test_a_speck_before_the_target_comes_into_view_is_no_fault_of_units(

@@ -94,12 +94,18 @@ def refined_hypotheses(
         for hypothesis in hypotheses
         if hypothesis.agreement.share > hypotheses[0].agreement.share - _LARGEST_LAG
     ]
+    return tuple(sorted(refitted(likely, perceived, reader), key=lambda pose: -pose.explained))
+
+
+def refitted(
+    poses: Sequence[FloatArray], perceived: PerceivedFrame, reader: FrameReader
+) -> list[SingleFramePose]:
+    """Poses (4, 4) fitted to a frame in the way the reader measures; those that found a fit."""
     if reader.measured_by is Measurements.RECTANGLES:
-        found = [refine_pose(T_cam_model, perceived, reader) for T_cam_model in likely]
+        found = [refine_pose(T_cam_model, perceived, reader) for T_cam_model in poses]
     else:
-        found = compared_poses(likely, perceived.frame, reader)
-    refined = [pose for pose in found if pose is not None]
-    return tuple(sorted(refined, key=lambda pose: -pose.explained))
+        found = compared_poses(poses, perceived.frame, reader)
+    return [pose for pose in found if pose is not None]
 
 
 def compared_poses(

@@ -30,10 +30,10 @@ MOST_SIGHTINGS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _LEAST_EXPLAINED = 0.5
 """A motion that explains less of the frames than this on average is not believed."""
-_NATS_PER_CONFLICT = 0.25
+NATS_PER_CONFLICT = 0.25
 """Log-likelihood that a pixel against a motion costs it. A stray return costs about 4, the log of
 outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
-_CLEAR_LEAD = 9.0
+CLEAR_LEAD = 9.0
 """Lead in log-likelihood of the best motion over any other that decides: 8,000 to one."""
 _MOST_MOTIONS = 24
 _POSITION_SD_M = 1.0
@@ -82,7 +82,7 @@ class Motion:
     def log_weight(self, frames: int) -> float:
         """Log-likelihood of the last frames, up to a constant: pixels against it weigh it down."""
         conflicts = [s.pose.agreement.conflict for s in self.sightings[-frames:]]
-        return -_NATS_PER_CONFLICT * float(np.sum(conflicts))
+        return -NATS_PER_CONFLICT * float(np.sum(conflicts))
 
     def predicted_attitude(self, time_s: float) -> FloatArray:
         """(3, 3) R_world_body if the last rate, seen in the body, goes on."""
@@ -104,7 +104,7 @@ class Decision:
     """The motion believed, and whether another one explains the frames as well."""
 
     motion: Motion
-    ambiguous: bool
+    undecided: bool
 
 
 class MotionStart:
@@ -120,7 +120,7 @@ class MotionStart:
         """Take in the hypotheses of a frame; a decision as soon as one can be made.
 
         After ten frames the best motion is taken even if another one is as good, and called
-        ambiguous; so it is whenever the target's symmetry maps one onto the other.
+        undecided. A motion that the target's symmetry maps onto the best one is no other.
         """
         sightings = [Sighting(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses]
         if not sightings:
@@ -160,7 +160,7 @@ class MotionStart:
         undecided = [m for m in rivals if not self._symmetric(best, m)]
         if undecided and len(best.sightings) < MOST_SIGHTINGS:
             return None
-        return Decision(best, ambiguous=bool(undecided) or len(self._target.symmetry_rotations) > 1)
+        return Decision(best, undecided=bool(undecided))
 
     def _symmetric(self, a: Motion, b: Motion) -> bool:
         """Whether the target's own symmetry turns one motion into the other."""
@@ -174,7 +174,7 @@ def _rivals(best: Motion, other: Motion) -> bool:
     if other.sightings[-1] is best.sightings[-1]:
         return False
     frames = min(len(best.sightings), len(other.sightings))
-    return best.log_weight(frames) - other.log_weight(frames) < _CLEAR_LEAD
+    return best.log_weight(frames) - other.log_weight(frames) < CLEAR_LEAD
 
 
 def first_state(

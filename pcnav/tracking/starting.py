@@ -99,7 +99,8 @@ class Begun:
 
     kalman: Kalman
     arc: YoungArc
-    ambiguous: bool
+    undecided: bool
+    """Whether another motion, no equivalent one, explains the frames as well."""
     view: FrameView
 
 
@@ -167,7 +168,7 @@ class Starter:
             gate_probability=self._filtering.gate_probability,
             most_iterations=self._filtering.iterations,
         )
-        return Begun(kalman, arc, decision.ambiguous, views[-1])
+        return Begun(kalman, arc, decision.undecided, views[-1])
 
     def _compared(
         self, motion: Motion, frames: list[Frame], sights: list[Sight]

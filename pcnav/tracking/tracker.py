@@ -1,27 +1,27 @@
 """The tracker: acquires a target, follows it frame by frame, says what its estimate is worth."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
 from pcnav.config import FilterTable, Measurements, PerceptionTable
 from pcnav.estimation.batch import ArcFit, TimedMeasurements
 from pcnav.estimation.error_state import ErrorStateFilter, UpdateResult, innovation_gate
 from pcnav.estimation.mass_centre import MassCentreModel
 from pcnav.estimation.pose_measurement import Sight, pose_covariance, pose_error
-from pcnav.estimation.single_frame import SingleFramePose, refined_hypotheses
+from pcnav.estimation.single_frame import SingleFramePose
 from pcnav.perception.reading import FrameReader
 from pcnav.prior import PriorMass
 from pcnav.results import FrameEstimate
 from pcnav.sequences.sequence import Frame, SequenceInfo
-from pcnav.spatial import rotation_angle
 from pcnav.state import ratio_covariance
 from pcnav.symmetry import group_name
 from pcnav.target import Target
 from pcnav.tracking.mass import MassBelief, learnt_belief, prior_belief
 from pcnav.tracking.measuring import Kalman, Updated, pose_of, updater_of
+from pcnav.tracking.second_opinion import SecondOpinion, Verdict
 from pcnav.tracking.starting import Begun, Starter, YoungArc
 from pcnav.tracking.status import Evidence, Status
 from pcnav.tracking.views import FrameView, silent_view
@@ -34,13 +34,6 @@ _LEAST_RETURNS = 40
 """Fewer returns than this are specks."""
 _LEAST_EXPLAINED = 0.5
 """A pose found afresh that explains less of the frame is not believed."""
-_FRESH_LOOK_FRAMES = 5
-"""A doubtful track is looked at afresh in every so many frames."""
-_CLEARLY_BETTER = 0.1
-"""Another pose that explains so much more of the frame speaks against the track."""
-_VOTES = 2
-"""Fresh looks in a row against a track that end it."""
-_SAME_ANGLE_RAD = 0.1
 
 
 @dataclass
@@ -49,13 +42,21 @@ class _Track:
 
     kalman: Kalman
     arc: YoungArc | None
-    ambiguous: bool
     time_s: float
+    second_opinion: SecondOpinion
     evidence: Evidence
+    symmetric: bool
+    """Whether the target's own symmetry leaves equivalent attitudes."""
+    open_question: bool
+    """Whether another motion, no equivalent one, explains the frames as well."""
     blind_frames: int = 0
-    is_coasting: bool = False
-    frames_since_look: int = 0
-    votes_against: int = 0
+    was_wrong: bool = False
+
+    @property
+    def status(self) -> Status:
+        """What it is worth after a frame that was used."""
+        ambiguous = self.symmetric or self.open_question
+        return Status.AMBIGUOUS if ambiguous else Status.LOCKED
 
 
 class Tracker:
@@ -134,11 +135,17 @@ class Tracker:
         outcome = self._starter.add(frame, sight)
         if not isinstance(outcome, Begun):
             return self._estimate(outcome, None, Status.ACQUIRING, sight), outcome
-        self._track = _Track(
-            outcome.kalman, outcome.arc, outcome.ambiguous, frame.time_s, Evidence()
+        track = _Track(
+            outcome.kalman,
+            outcome.arc,
+            frame.time_s,
+            SecondOpinion(self._target, self._reader),
+            Evidence(),
+            symmetric=len(self._target.symmetry_rotations) > 1,
+            open_question=outcome.undecided,
         )
-        status = Status.AMBIGUOUS if outcome.ambiguous else Status.LOCKED
-        return self._estimate(outcome.view, None, status, sight), outcome.view
+        self._track = track
+        return self._estimate(outcome.view, None, track.status, sight), outcome.view
 
     # Following.
 
@@ -147,19 +154,14 @@ class Tracker:
         kalman.predict(self._model, track.time_s, frame.time_s - track.time_s)
         track.time_s = frame.time_s
         if np.count_nonzero(frame.depth_m) < _LEAST_RETURNS:
-            track.is_coasting = True
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, sight), view
         updated = self._updater.update(frame, kalman, sight)
-        if not updated.is_good:
-            updated = self._found_again(frame, sight, kalman) or updated
+        status = Status.COASTING
         if updated.is_good:
             status = self._go_on(frame, sight, track, updated)
         else:
-            track.is_coasting = True
-            track.blind_frames += 1
-            gave_up = track.blind_frames > _MOST_BLIND_FRAMES
-            status = Status.LOST if gave_up else Status.COASTING
+            updated, status = self._search(frame, sight, track, updated)
         estimate = self._estimate(updated.view, updated.result, status, sight)
         if status is Status.LOST:
             self._lose(track)
@@ -167,13 +169,37 @@ class Tracker:
 
     def _go_on(self, frame: Frame, sight: Sight, track: _Track, updated: Updated) -> Status:
         """Take in what a good update says of the track, and say what it is worth now."""
+        self._take_in(track, updated)
+        opinion = track.second_opinion
+        if opinion.is_due(track.evidence, is_open=track.open_question):
+            perceived, found = opinion.look(frame)
+            verdict = opinion.judge(perceived, found, pose_of(track.kalman, sight))
+            track.open_question = verdict is not Verdict.UPHELD
+            if verdict is Verdict.OVERTURNED:
+                track.was_wrong = True
+                return Status.LOST
+        return track.status
+
+    def _search(
+        self, frame: Frame, sight: Sight, track: _Track, updated: Updated
+    ) -> tuple[Updated, Status]:
+        """Look for the target where the prediction explains nothing, though there are returns."""
+        opinion = track.second_opinion
+        perceived, found = opinion.look(frame)
+        again = self._found_again(frame, sight, track.kalman, found)
+        if again is not None:
+            self._take_in(track, again)
+            return again, track.status
+        track.blind_frames += 1
+        verdict = opinion.judge(perceived, found, pose_of(track.kalman, sight))
+        gave_up = verdict is Verdict.OVERTURNED or track.blind_frames > _MOST_BLIND_FRAMES
+        return updated, Status.LOST if gave_up else Status.COASTING
+
+    def _take_in(self, track: _Track, updated: Updated) -> None:
         assert updated.result is not None, "the update was good"
-        track.is_coasting, track.blind_frames = False, 0
+        track.blind_frames = 0
         track.evidence.add(updated.view.explained, updated.result)
         self._extend_arc(track, updated.view, updated.result)
-        if self._is_wrong(frame, sight, track, updated.view):
-            return Status.LOST
-        return Status.AMBIGUOUS if track.ambiguous else Status.LOCKED
 
     def _extend_arc(self, track: _Track, view: FrameView, result: UpdateResult) -> None:
         """Keep the young track's measurements, and go on from each fit of them all."""
@@ -194,15 +220,17 @@ class Tracker:
             most_iterations=self._filtering.iterations,
         )
 
-    def _found_again(self, frame: Frame, sight: Sight, kalman: Kalman) -> Updated | None:
-        """Where a fresh look finds the target, if the prediction allows that: an update from there.
+    def _found_again(
+        self, frame: Frame, sight: Sight, kalman: Kalman, found: Sequence[SingleFramePose]
+    ) -> Updated | None:
+        """An update from where a fresh look finds the target, if the prediction allows that.
 
         After a gap the prediction may be off by more than a comparison with its view can bridge.
         """
         predicted = pose_of(kalman, sight)
         spread = pose_covariance(kalman.state, kalman.covariance, sight)
         allowed = []
-        for pose in refined_hypotheses(self._reader.look(frame), self._reader):
+        for pose in found:
             error = pose_error(predicted, pose.T_cam_model)
             squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
             gate = innovation_gate(self._filtering.gate_probability, len(error))
@@ -215,41 +243,15 @@ class Tracker:
         updated = self._updater.update(frame, kalman, sight, start)
         return updated if updated.is_good else None
 
-    # Doubt.
-
-    def _is_wrong(self, frame: Frame, sight: Sight, track: _Track, view: FrameView) -> bool:
-        """Whether fresh looks at a doubtful track find the target elsewhere, again and again."""
-        track.frames_since_look += 1
-        if not track.evidence.is_doubtful:
-            track.votes_against = 0
-            return False
-        if track.frames_since_look < _FRESH_LOOK_FRAMES:
-            return False
-        track.frames_since_look = 0
-        poses = refined_hypotheses(self._reader.look(frame), self._reader)
-        tracked = pose_of(track.kalman, sight)
-        against = bool(poses) and self._contradicts(poses[0], tracked, view.explained)
-        track.votes_against = track.votes_against + 1 if against else 0
-        return track.votes_against >= _VOTES
-
-    def _contradicts(self, pose: SingleFramePose, tracked: FloatArray, explained: float) -> bool:
-        """Whether a pose found afresh is another one and explains the frame clearly better."""
-        relative = tracked[:3, :3].T @ pose.T_cam_model[:3, :3]
-        turns = rotation_angle(self._target.symmetry_rotations[:, :3, :3] @ relative.T)
-        return bool(np.min(turns) > _SAME_ANGLE_RAD) and (
-            pose.explained > explained + _CLEARLY_BETTER
-        )
-
     def _lose(self, track: _Track) -> None:
         """Start again; what was learnt of the mass stays if the track was right until it was lost.
 
         A symmetric target may be found in another of its equivalent attitudes, where what was
         learnt would be turned; and a wrong track has learnt nothing.
         """
-        was_right = track.votes_against < _VOTES and not track.evidence.is_doubtful
-        keeps = was_right and len(self._target.symmetry_rotations) == 1 and track.arc is None
+        was_right = not (track.was_wrong or track.open_question or track.evidence.is_doubtful)
         belief = self._belief
-        if keeps:
+        if was_right and not track.symmetric and track.arc is None:
             belief = learnt_belief(track.kalman.state, track.kalman.covariance)
         self._track = None
         self._starter = self._new_starter(belief)

@@ -90,7 +90,7 @@ def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of
     decisions = [feed(start, k, (np.eye(4), a), (HALF_TURN, b)) for k, (a, b) in enumerate(shares)]
     assert decisions[:2] == [None, None]
     decision = decisions[2]
-    assert decision is not None and not decision.ambiguous
+    assert decision is not None and not decision.undecided
     assert follows(decision.motion, np.eye(4))
     assert decision.motion.explained == pytest.approx((0.9 + 0.8 + 0.95) / 3)
     assert [s.time_s for s in decision.motion.sightings] == [0.0, 0.5, 1.0]
@@ -101,7 +101,7 @@ def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
     for k in range(9):
         assert feed(start, k, (np.eye(4), 0.900), (HALF_TURN, 0.899)) is None
     decision = feed(start, 9, (np.eye(4), 0.900), (HALF_TURN, 0.899))
-    assert decision is not None and decision.ambiguous
+    assert decision is not None and decision.undecided
     assert follows(decision.motion, np.eye(4))
     assert len(decision.motion.sightings) == 10
 
@@ -115,7 +115,7 @@ def test_a_lead_of_nine_nats_decides(fewer_conflicts: int, decides: bool) -> Non
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, worse)) is None
     decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, worse))
     assert (decision is not None) == decides
-    assert decision is None or not decision.ambiguous
+    assert decision is None or not decision.undecided
 
 
 def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
@@ -135,7 +135,7 @@ def test_a_doubt_that_resolves_is_decided_then() -> None:
     for k in range(4):
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
     decision = feed(start, 4, (np.eye(4), 0.95), (HALF_TURN, 0.5))
-    assert decision is not None and not decision.ambiguous
+    assert decision is not None and not decision.undecided
     assert follows(decision.motion, np.eye(4))
 
 
@@ -144,7 +144,7 @@ def test_alternatives_that_the_symmetry_makes_equal_need_no_waiting() -> None:
     for k in range(2):
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
     decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, 0.9))
-    assert decision is not None and decision.ambiguous
+    assert decision is not None and not decision.undecided
     assert follows(decision.motion, np.eye(4)) or follows(decision.motion, HALF_TURN)
 
 
