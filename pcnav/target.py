@@ -20,6 +20,7 @@ from pcnav.errors import InputError
 from pcnav.facets import planar_faces
 from pcnav.mesh import mesh_diameter, read_mesh, uniform_mass_properties
 from pcnav.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
+from pcnav.spatial import rotation_angle
 from pcnav.symmetry import group_name, symmetry_motions
 
 __all__ = ["Rectangle", "Target", "describe", "load_target", "write_target_toml"]
@@ -57,6 +58,20 @@ class Target:
     def diameter_m(self) -> float:
         """Diameter of the sphere about the mesh's bounding box."""
         return mesh_diameter(self.mesh)
+
+    def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
+        """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""
+        return np.asarray(T_frame_model @ self.symmetry_rotations)
+
+    def shows_alike(
+        self, a: FloatArray, b: FloatArray, angle_rad: float, shift_fraction: float
+    ) -> bool:
+        """Whether two poses (4, 4) show the target alike: its symmetry taken into account, they
+        are closer than an angle and a share of the diameter."""
+        equivalent = self.equivalent_poses(a)
+        shifts = np.linalg.norm(equivalent[:, :3, 3] - b[:3, 3], axis=1)
+        turns = rotation_angle(b[:3, :3].T @ equivalent[:, :3, :3])
+        return bool(np.any((shifts < shift_fraction * self.diameter_m) & (turns < angle_rad)))
 
 
 def load_target(mesh_path: Path) -> Target:

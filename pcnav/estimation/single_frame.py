@@ -7,7 +7,7 @@ the better pose. There a bare pose is a navigation state whose mass centre is th
 whose camera is the world.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +39,8 @@ _ATTITUDE_SD_RAD = 1.0
 _HYPOTHESIS_SD_FRACTION = 0.02
 _HYPOTHESIS_SD_RAD = 0.05
 """How far a hypothesis from one rectangle may be off, the position over the diameter."""
+_BEATEN_SD = 3.0
+"""A coarse fit is given up when it has so many deviations more pixels against it than another."""
 _SAME_PX = 3.0
 """Poses that show no point of the target further apart are one."""
 _HELD_SD = 1e-9
@@ -85,16 +87,25 @@ def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | No
 
 
 def refined_hypotheses(
-    perceived: PerceivedFrame, reader: FrameReader
+    perceived: PerceivedFrame, reader: FrameReader, near: Sequence[FloatArray] = ()
 ) -> tuple[SingleFramePose, ...]:
-    """The likeliest hypotheses of a frame, each refined on all faces; the best explaining first."""
+    """The likeliest hypotheses of a frame, each refined on all faces; the best explaining first.
+
+    Each is one of the equivalent poses of a symmetric target: that nearest in attitude to one of
+    ``near`` (4, 4 each).
+    """
     hypotheses = reader.hypotheses(perceived)[:_MOST_HYPOTHESES]
     likely = [
-        hypothesis.T_cam_model
+        reader.nearest_equivalent(hypothesis.T_cam_model, near)
         for hypothesis in hypotheses
         if hypothesis.agreement.share > hypotheses[0].agreement.share - _LARGEST_LAG
     ]
-    return tuple(sorted(refitted(likely, perceived, reader), key=lambda pose: -pose.explained))
+    return best_first(refitted(likely, perceived, reader))
+
+
+def best_first(poses: Iterable[SingleFramePose]) -> tuple[SingleFramePose, ...]:
+    """The best explaining first."""
+    return tuple(sorted(poses, key=lambda pose: -pose.explained))
 
 
 def refitted(
@@ -109,15 +120,17 @@ def refitted(
 
 
 def compared_poses(
-    hypotheses: Sequence[FloatArray], frame: Frame, reader: FrameReader
+    hypotheses: Sequence[FloatArray], frame: Frame, reader: FrameReader, doubt: float = 1.0
 ) -> list[SingleFramePose | None]:
     """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
 
-    Hypotheses that a few coarse passes bring to one place are one.
+    Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
+    off, in terms of those that rectangles propose.
     """
     comparer = reader.comparer(frame)
     rough = comparer.coarse(frame.depth_m)
     sd = np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
+    sd = doubt * sd
     coarse: list[PoseFit] = []
     for T_cam_model in hypotheses:
         fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough)
@@ -127,13 +140,24 @@ def compared_poses(
         if min(moved, default=np.inf) > _SAME_PX:
             coarse.append(fit)
     found: list[SingleFramePose | None] = []
-    for start in coarse:
+    for start in _not_beaten(coarse):
         # The frame is used once: the coarse pass says where to start, not what is known.
         fit = fit_pose(
             frame.depth_m, start.T_cam_model, np.diag(sd**2), comparer, spread=start.covariance
         )
         found.append(None if fit is None else _from_fit(fit))
     return found
+
+
+def _not_beaten(fits: Sequence[PoseFit]) -> list[PoseFit]:
+    """The fits that do not have clearly more pixels against them than another one."""
+    conflicts = np.array([fit.comparison.agreement.conflict for fit in fits], dtype=np.float64)
+    if not len(conflicts):
+        return []
+    fewest = float(np.min(conflicts))
+    # Counts vary by their roots.
+    slack = _BEATEN_SD * np.sqrt(conflicts + fewest) + _BEATEN_SD
+    return [fit for fit, near in zip(fits, conflicts - fewest <= slack, strict=True) if near]
 
 
 def _from_fit(fit: PoseFit) -> SingleFramePose:

@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.estimation.single_frame import SingleFramePose
-from pcnav.spatial import exp_rotation, log_rotation, rotation_angle
+from pcnav.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
 from pcnav.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -93,6 +93,15 @@ class Motion:
             last.R_world_body @ exp_rotation(self._last_rate() * (time_s - last.time_s))
         )
 
+    def predicted_position(self, time_s: float) -> FloatArray:
+        """(3,) p_world_model if the last velocity goes on."""
+        last = self.sightings[-1]
+        if len(self.sightings) == 1:
+            return last.p_world_model
+        before = self.sightings[-2]
+        share = (time_s - last.time_s) / (last.time_s - before.time_s)
+        return np.asarray(last.p_world_model + share * (last.p_world_model - before.p_world_model))
+
     def _last_rate(self) -> FloatArray:
         before, last = self.sightings[-2:]
         turn = log_rotation(before.R_world_body.T @ last.R_world_body)
@@ -133,6 +142,18 @@ class MotionStart:
         best_first = sorted([*grown, *begun], key=lambda motion: -motion.explained)
         self._motions = tuple(best_first[:_MOST_MOTIONS])
         return self._decide()
+
+    def predicted(self, time_s: float, T_cam_world: FloatArray) -> tuple[FloatArray, ...]:
+        """Poses T_cam_model (4, 4) where the motions so far would have the target now."""
+        return tuple(
+            T_cam_world @ make_transform(m.predicted_attitude(time_s), m.predicted_position(time_s))
+            for m in self._motions
+        )
+
+    @property
+    def best(self) -> Motion | None:
+        """The motion that explains most so far."""
+        return self._motions[0] if self._motions else None
 
     def _extended(self, motion: Motion, sightings: list[Sighting]) -> Motion | None:
         """The motion with the sighting that fits it best, or None when none does."""

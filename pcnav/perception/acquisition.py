@@ -8,8 +8,6 @@ where a surface is predicted, and returns at another depth count against it.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from pcnav.arrays import FloatArray
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.ambiguity import apply_case, possible_cases
@@ -17,7 +15,7 @@ from pcnav.perception.association import LARGEST_YAW_SD_RAD
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.rectangles import YAW
 from pcnav.perception.refinement import Comparer
-from pcnav.spatial import invert_transform, rotation_angle
+from pcnav.spatial import invert_transform
 from pcnav.target import Target
 
 _MOST_RECTANGLES = 4
@@ -49,7 +47,7 @@ def pose_hypotheses(
     """All distinct hypotheses of a frame, the one that explains most first."""
     tolerance = depth_tolerance(target, range_sigma_m)
     hypotheses = []
-    for T_cam_model, rectangle in _distinct(_proposals(perceived), target.diameter_m):
+    for T_cam_model, rectangle in _distinct(_proposals(perceived), target):
         found = comparer.glance(perceived.frame.depth_m, T_cam_model, tolerance)
         hypotheses.append(PoseHypothesis(T_cam_model, found, rectangle))
     return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.agreement.share))
@@ -78,15 +76,14 @@ def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:
 
 
 def _distinct(
-    proposals: list[tuple[FloatArray, str]], diameter_m: float
+    proposals: list[tuple[FloatArray, str]], target: Target
 ) -> list[tuple[FloatArray, str]]:
-    """Drop proposals that an earlier one (of a larger rectangle) already makes."""
+    """Drop proposals that an earlier one (of a larger rectangle) already makes, or one that the
+    target's symmetry makes equal to it."""
     kept: list[tuple[FloatArray, str]] = []
     for T, name in proposals:
-        for other, _ in kept:
-            near = np.linalg.norm(T[:3, 3] - other[:3, 3]) < _SAME_SHIFT_FRACTION * diameter_m
-            if near and rotation_angle(T[:3, :3].T @ other[:3, :3]) < _SAME_ANGLE_RAD:
-                break
-        else:
+        if not any(
+            target.shows_alike(other, T, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION) for other, _ in kept
+        ):
             kept.append((T, name))
     return kept

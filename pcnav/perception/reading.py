@@ -1,5 +1,6 @@
 """Reading a frame with a pose in mind: the whole of perception behind one door."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -96,6 +97,16 @@ class FrameReader:
         frame = perceived.frame
         coarse = self.comparer(frame).coarse(frame.depth_m)
         return pose_hypotheses(perceived, self._target, coarse, self._sigma_m)
+
+    def nearest_equivalent(self, T_cam_model: FloatArray, near: Sequence[FloatArray]) -> FloatArray:
+        """(4, 4) of the poses that show the target alike, the one nearest in attitude to any of
+        ``near`` (4, 4 each); the given one when there are none."""
+        equivalent = self._target.equivalent_poses(T_cam_model)
+        if not near or len(equivalent) == 1:
+            return T_cam_model
+        others = np.stack(near)[:, None, :3, :3]
+        turns = rotation_angle(np.swapaxes(others, -1, -2) @ equivalent[:, :3, :3])
+        return np.asarray(equivalent[np.argmin(turns.min(axis=0))])
 
     def check_units(self, perceived: PerceivedFrame) -> bool:
         """Whether enough was seen to compare sizes; `InputError` when it cannot be the target.

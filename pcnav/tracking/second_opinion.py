@@ -8,15 +8,12 @@ to the same frame and compared by their conflicts, as motions are at the start.
 from collections.abc import Sequence
 from enum import Enum, auto
 
-import numpy as np
-
 from pcnav.arrays import FloatArray
 from pcnav.estimation.single_frame import SingleFramePose, refined_hypotheses, refitted
 from pcnav.estimation.start import CLEAR_LEAD, NATS_PER_CONFLICT
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader
 from pcnav.sequences.sequence import Frame
-from pcnav.spatial import rotation_angle
 from pcnav.target import Target
 from pcnav.tracking.status import Evidence
 
@@ -103,9 +100,4 @@ class SecondOpinion:
         )
 
     def _same(self, a: FloatArray, b: FloatArray) -> bool:
-        """Whether two poses (4, 4) show the target alike, its symmetry considered."""
-        equivalent = a @ self._target.symmetry_rotations
-        turns = rotation_angle(b[:3, :3].T @ equivalent[:, :3, :3])
-        shifts = np.linalg.norm(equivalent[:, :3, 3] - b[:3, 3], axis=1)
-        near = shifts < _SAME_SHIFT_FRACTION * self._target.diameter_m
-        return bool(np.any(near & (turns < _SAME_ANGLE_RAD)))
+        return self._target.shows_alike(a, b, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)

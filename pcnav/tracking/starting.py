@@ -18,7 +18,13 @@ from pcnav.estimation.batch import ArcError, ArcFit, TimedMeasurements, fit_arc
 from pcnav.estimation.error_state import ErrorStateFilter
 from pcnav.estimation.mass_centre import MassCentreModel
 from pcnav.estimation.pose_measurement import PoseMeasurement, Sight, joined
-from pcnav.estimation.single_frame import agreeing_faces, refined_hypotheses
+from pcnav.estimation.single_frame import (
+    SingleFramePose,
+    agreeing_faces,
+    best_first,
+    compared_poses,
+    refined_hypotheses,
+)
 from pcnav.estimation.start import (
     MOST_SIGHTINGS,
     Decision,
@@ -37,6 +43,7 @@ from pcnav.tracking.mass import MassBelief
 from pcnav.tracking.measuring import Kalman
 from pcnav.tracking.views import (
     FrameView,
+    silent_view,
     unused_record,
     view_of_comparison,
     view_of_rectangles,
@@ -44,6 +51,13 @@ from pcnav.tracking.views import (
 
 _log = logging.getLogger("pcnav")
 
+_WELL_EXPLAINED = 0.9
+_LARGEST_DROP = 0.02
+"""Motions whose best explains this much of a frame, and hardly less than of the frames before,
+need no search for others."""
+_DOUBT_WITHOUT_RATE = 3.0
+"""A hypothesis carried over from one sighting may be off by so many times more than one that
+rectangles propose: the target turns."""
 _FIRST_ARC = 6
 _ARC_GROWTH = 1.12
 """The whole arc since the start is fitted anew at this length, and whenever it has grown so."""
@@ -128,14 +142,10 @@ class Starter:
 
         Raises `InputError` when target and frame differ in units.
         """
-        perceived = self._reader.look(frame)
-        if not self._units_checked:
-            self._units_checked = self._reader.check_units(perceived)
-        hypotheses = refined_hypotheses(perceived, self._reader)
+        hypotheses, waiting = self._hypotheses(frame)
         if hypotheses:
             self._frames.append(frame)
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
-        waiting = _looked_at(perceived, "no motion decided on yet")
         if decision is None:
             return waiting
         begun = self._begin(decision)
@@ -144,6 +154,26 @@ class Starter:
             self._start = MotionStart(self._target)
             return waiting
         return begun
+
+    def _hypotheses(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView]:
+        """Where the target may be in a frame, and the frame as it was seen.
+
+        Motions that go on and explain the frame as well as those before save the search for planes.
+        """
+        predicted = self._start.predicted(frame.time_s, frame.T_cam_world)
+        best = self._start.best
+        if self._refined and best is not None:
+            doubt = _DOUBT_WITHOUT_RATE if len(best.sightings) == 1 else 1.0
+            found = compared_poses(predicted, frame, self._reader, doubt)
+            followed = best_first(pose for pose in found if pose is not None)
+            enough = max(_WELL_EXPLAINED, best.explained - _LARGEST_DROP)
+            if followed and followed[0].explained >= enough:
+                return followed, silent_view(frame)
+        perceived = self._reader.look(frame)
+        if not self._units_checked:
+            self._units_checked = self._reader.check_units(perceived)
+        hypotheses = refined_hypotheses(perceived, self._reader, predicted)
+        return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
     def _begin(self, decision: Decision) -> Begun | None:
         """Fit the first state to the frames of the motion decided on, and start the filter."""

@@ -8,7 +8,7 @@ import pytest
 from pcnav.arrays import FloatArray
 from pcnav.camera import PinholeCamera
 from pcnav.config import PerceptionTable
-from pcnav.perception.acquisition import PoseHypothesis, pose_hypotheses
+from pcnav.perception.acquisition import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.perceive import perceive
 from pcnav.perception.refinement import Comparer
 from pcnav.rendering import RenderedDepth
@@ -64,7 +64,7 @@ def test_best_hypothesis_is_the_true_pose(
     assert best >= proposed - 1
 
 
-def test_symmetric_attitudes_explain_the_frame_equally(
+def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
     twinwing: Target, camera: PinholeCamera, shoot: Shoot
 ) -> None:
     comparer = Comparer(twinwing, camera, SIGMA, stride=4)
@@ -77,19 +77,21 @@ def test_symmetric_attitudes_explain_the_frame_equally(
     frame, _ = shoot(twinwing.mesh, T, SIGMA)
     hypotheses = hypotheses_of(twinwing, comparer, frame)
     assert len(twinwing.symmetry_rotations) == 2
-    shares = []
-    for motion in twinwing.symmetry_rotations:
-        matches = [h for h in hypotheses if angle_to(T @ motion, h) < 0.1]
-        # The same attitude may be proposed elsewhere too, by a wing taken for the other one.
-        shares.append(max(h.agreement.share for h in matches))
-    assert min(shares) > 0.8
-    assert shares[0] == pytest.approx(shares[1], abs=0.05)
-    others = [
-        h.agreement.share
-        for h in hypotheses
-        if min(angle_to(T @ motion, h) for motion in twinwing.symmetry_rotations) > 0.1
+    tolerance = depth_tolerance(twinwing, SIGMA)
+    equal = [
+        comparer.glance(frame.depth_m, pose, tolerance).share
+        for pose in twinwing.equivalent_poses(T)
     ]
-    assert all(share < min(shares) for share in others)
+    assert equal[0] == pytest.approx(equal[1], abs=0.02)
+    right = [
+        h
+        for h in hypotheses
+        if twinwing.shows_alike(T, h.T_cam_model, angle_rad=0.1, shift_fraction=0.1)
+    ]
+    (best,) = right
+    assert best.agreement.share > 0.8
+    # The same attitude may be proposed elsewhere too, by a wing taken for the other one.
+    assert all(h.agreement.share < best.agreement.share for h in hypotheses if h is not best)
 
 
 def test_no_returns_no_hypotheses(boxsat: Target, camera: PinholeCamera) -> None:
