@@ -11,6 +11,9 @@ import numpy as np
 
 from pcnav.arrays import DepthImage, FloatArray
 
+_KEPT = 12
+"""Images kept of what depends on the camera alone, of one camera and of its strided ones."""
+
 
 @dataclass(frozen=True)
 class PinholeCamera:
@@ -29,13 +32,26 @@ class PinholeCamera:
         focal = 0.5 * width / np.tan(0.5 * horizontal_fov_rad)
         return PinholeCamera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
+    def strided(self, stride: int) -> "PinholeCamera":
+        """The camera whose pixels are every so many of this one's, from the first one on."""
+        if stride == 1:
+            return self
+        return PinholeCamera(
+            -(-self.width // stride),
+            -(-self.height // stride),
+            self.fx / stride,
+            self.fy / stride,
+            self.cx / stride,
+            self.cy / stride,
+        )
+
     @property
     def matrix(self) -> FloatArray:
         """(3, 3) camera matrix K."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_KEPT)
 def pixel_rays(camera: PinholeCamera) -> FloatArray:
     """(height, width, 3) ray of each pixel, scaled to z = 1, camera frame. Read-only, cached."""
     u = (np.arange(camera.width) - camera.cx) / camera.fx
@@ -47,7 +63,7 @@ def pixel_rays(camera: PinholeCamera) -> FloatArray:
     return rays
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_KEPT)
 def range_per_depth(camera: PinholeCamera) -> FloatArray:
     """(height, width) range along the ray divided by z-depth, >= 1. Read-only, cached."""
     ratio = np.asarray(np.linalg.norm(pixel_rays(camera), axis=-1))
@@ -55,7 +71,7 @@ def range_per_depth(camera: PinholeCamera) -> FloatArray:
     return ratio
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_KEPT)
 def solid_angle(camera: PinholeCamera) -> FloatArray:
     """(height, width) solid angle of each pixel, sr: dx dy / (1 + x^2 + y^2)^(3/2). Cached."""
     angle = 1.0 / (camera.fx * camera.fy * range_per_depth(camera) ** 3)

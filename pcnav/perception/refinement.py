@@ -84,7 +84,7 @@ class Comparer:
         """``stride`` compares on every so many pixels of the frames of ``camera`` only."""
         self.camera = camera
         self._target, self._sigma_m, self._stride = target, range_sigma_m, stride
-        self._renderer = DepthRenderer(target.mesh, _every(camera, stride))
+        self._renderer = DepthRenderer(target.mesh, camera.strided(stride))
         self._edges = mesh_edges(target.mesh)
         self._vertices = np.array(target.mesh.vertices, dtype=np.float64)
         self._face_of_triangle = rectangle_of_triangle(target)
@@ -202,18 +202,6 @@ class Comparer:
             faces.append(FaceEvidence(rectangle, information, vector, n, misfit))
             used.append(face)
         return tuple(faces), used
-
-
-def _every(camera: PinholeCamera, stride: int) -> PinholeCamera:
-    """The camera whose pixels are every so many of another's."""
-    return PinholeCamera(
-        -(-camera.width // stride),
-        -(-camera.height // stride),
-        camera.fx / stride,
-        camera.fy / stride,
-        camera.cx / stride,
-        camera.cy / stride,
-    )
 
 
 @dataclass(frozen=True)

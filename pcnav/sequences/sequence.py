@@ -2,8 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from pcnav.arrays import DepthImage, FloatArray
 from pcnav.camera import PinholeCamera
@@ -21,6 +23,13 @@ class Frame:
     camera: PinholeCamera
     T_cam_world: FloatArray
     """(4, 4) camera pose; `world` is inertial and equals `hill` at time 0."""
+
+    def strided(self, stride: int) -> "Frame":
+        """Every so many pixels of it only, as a smaller camera in the same place would see them."""
+        if stride == 1:
+            return self
+        depth_m = np.ascontiguousarray(self.depth_m[::stride, ::stride])
+        return replace(self, depth_m=depth_m, camera=self.camera.strided(stride))
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ class SecondOpinion:
 
     def look(self, frame: Frame) -> tuple[PerceivedFrame, tuple[SingleFramePose, ...]]:
         """The frame as seen without the track, and where the target may be in it."""
-        perceived = self._reader.look(frame)
+        perceived = self._reader.look(self._reader.thinned(frame))
         return perceived, refined_hypotheses(perceived, self._reader)
 
     def judge(

@@ -142,6 +142,8 @@ class Starter:
 
         Raises `InputError` when target and frame differ in units.
         """
+        if self._refined:
+            frame = self._reader.thinned(frame)
         hypotheses, waiting = self._hypotheses(frame)
         if hypotheses:
             self._frames.append(frame)
