@@ -5,11 +5,15 @@ named ``_xyzw``; a rotation vector is axis times angle in radians. A perturbed a
 ``R_hat @ exp_rotation(theta)`` (right, body-axes error).
 """
 
+import math
+from typing import TypeAlias
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pcnav.arrays import FloatArray
 
+_Scale: TypeAlias = FloatArray | float
 _SMALL_ANGLE_RAD = 1e-4
 """Below this the coefficients of the SO(3) series are taken from their Taylor expansion."""
 
@@ -17,6 +21,9 @@ _SMALL_ANGLE_RAD = 1e-4
 def skew(vector: FloatArray) -> FloatArray:
     """Cross-product matrix: ``skew(a) @ b == cross(a, b)``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(vector, dtype=np.float64)
+    if v.ndim == 1:
+        x, y, z = v.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
@@ -27,7 +34,7 @@ def exp_rotation(rotation_vector: FloatArray) -> FloatArray:
     """Rotation matrix of a rotation vector (rad); (..., 3) -> (..., 3, 3). Rodrigues' formula."""
     a, b, _ = _series(rotation_vector)
     k = skew(rotation_vector)
-    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    return np.asarray(np.eye(3) + a * k + b * (k @ k))
 
 
 def log_rotation(R: FloatArray) -> FloatArray:
@@ -54,13 +61,18 @@ def left_jacobian(rotation_vector: FloatArray) -> FloatArray:
     """
     _, b, c = _series(rotation_vector)
     k = skew(rotation_vector)
-    return np.eye(3) + b[..., None, None] * k + c[..., None, None] * (k @ k)
+    return np.asarray(np.eye(3) + b * k + c * (k @ k))
 
 
-def _series(rotation_vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """sin(t)/t, (1-cos t)/t^2 and (t-sin t)/t^3 of the vector's length t."""
+def _series(rotation_vector: FloatArray) -> tuple[_Scale, _Scale, _Scale]:
+    """sin(t)/t, (1-cos t)/t^2 and (t-sin t)/t^3 of the vector's length t, as factors of matrices.
+
+    Numbers for one vector (3,), (..., 1, 1) for many.
+    """
     v = np.asarray(rotation_vector, dtype=np.float64)
-    t2 = np.asarray(np.sum(v * v, axis=-1))
+    if v.ndim == 1:
+        return _series_of_one(math.hypot(*v.tolist()))
+    t2 = np.sum(v * v, axis=-1)[..., None, None]
     t = np.sqrt(t2)
     small = t < _SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, t)
@@ -72,6 +84,14 @@ def _series(rotation_vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatA
     # t - sin t cancels to t^3 / 6, which costs 1e-8 of relative accuracy at the threshold.
     c = np.where(small, 1.0 / 6.0 - t2 / 120.0, (safe - sine) / safe**3)
     return a, b, c
+
+
+def _series_of_one(t: float) -> tuple[float, float, float]:
+    """`_series` of one length: filters ask one vector at a time, and arrays of one are slow."""
+    if t < _SMALL_ANGLE_RAD:
+        return 1.0 - t * t / 6.0, 0.5 - t * t / 24.0, 1.0 / 6.0 - t * t / 120.0
+    sine = math.sin(t)
+    return sine / t, 2.0 * math.sin(0.5 * t) ** 2 / t**2, (t - sine) / t**3
 
 
 def rotation_from_xyzw(quaternion_xyzw: FloatArray) -> FloatArray:

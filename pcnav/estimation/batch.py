@@ -19,7 +19,7 @@ from pcnav.state import NavigationState
 State = NavigationState
 
 _FEW_STEPS = 5
-_SMALL_STEP = 0.03
+_SMALL_STEP = 0.1
 """A step of so many standard deviations, in the mean over the state, is the last."""
 _MOST_STEPS = 40
 """Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
@@ -126,51 +126,47 @@ class _Trajectory:
         self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
         size = len(prior_covariance)
         self._bound_rows = slice(size, size + 3)
-        self._roots = [[cholesky(m.covariance, lower=True) for m in t.measurements] for t in arc]
+        self._roots = [[_root(m.covariance) for m in t.measurements] for t in arc]
         # Residual and Jacobian come from one pass along the arc; scipy asks for them in turn.
-        self._last: tuple[bytes, list[State], FloatArray, FloatArray] | None = None
+        self._last: tuple[bytes, _Pass] | None = None
 
     def residual(self, error: FloatArray) -> FloatArray:
         """Whitened residuals of prior and measurements."""
-        return self._evaluated(error)[1]
+        return self._evaluated(error).residual
 
     def jacobian(self, error: FloatArray) -> FloatArray:
         """Their derivative by the error."""
-        return self._evaluated(error)[2]
+        return self._evaluated(error).jacobian
 
     def fit(self, error: FloatArray, *, converged: bool) -> ArcFit:
         """The fit that an error stands for."""
-        _, residual, jacobian = self._evaluated(error)
+        at = self._evaluated(error)
         size = len(error)
         # That the inertia is a body's guides the fit; as a measurement it would claim too much.
-        measured = np.delete(jacobian, self._bound_rows, axis=0)
-        initial = cho_solve(cho_factor(measured.T @ measured), np.eye(size))
-        error = self._guess.admissible(error, initial)
-        states = self._evaluated(error)[0]
-        # So far a covariance of the error at the guess: carry it to the first state, then on.
-        reset = self._guess.retraction_jacobian(error)
-        initial = reset @ initial @ reset.T
-        carried, time_s = np.eye(size), self._arc[0].time_s
-        for state, timed in zip(states[:-1], self._arc[1:], strict=True):
-            _, transition, _ = self._model.propagate(state, time_s, timed.time_s - time_s)
-            carried, time_s = transition @ carried, timed.time_s
-        covariance = carried @ initial @ carried.T
+        measured = np.delete(at.jacobian, self._bound_rows, axis=0)
+        by_error = cho_solve(cho_factor(measured.T @ measured), np.eye(size))
+        admissible = self._guess.admissible(error, by_error)
+        moved = at if np.array_equal(admissible, error) else self._evaluated(admissible)
+        # A covariance of the error at the guess: carry it to the first state and to the last.
+        first = self._guess.retraction_jacobian(admissible)
+        initial = first @ by_error @ first.T
+        covariance = moved.sensitivity @ by_error @ moved.sensitivity.T
         return ArcFit(
-            states=tuple(states),
+            states=tuple(moved.states),
             covariance=0.5 * (covariance + covariance.T),
             initial_covariance=initial,
-            chi_square=float(residual @ residual),
+            chi_square=float(at.residual @ at.residual),
             dof=len(measured) - size,
             converged=converged,
         )
 
-    def _evaluated(self, error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
+    def _evaluated(self, error: FloatArray) -> "_Pass":
         key = error.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = (key, *self._evaluate(error))
-        return self._last[1:]
+            self._last = (key, self._evaluate(error))
+        return self._last[1]
 
-    def _evaluate(self, error: FloatArray) -> tuple[list[State], FloatArray, FloatArray]:
+    def _evaluate(self, error: FloatArray) -> "_Pass":
         state = self._guess.retract(error)
         sensitivity = self._guess.retraction_jacobian(error)
         states, time_s = [], self._arc[0].time_s
@@ -184,9 +180,30 @@ class _Trajectory:
                 time_s = timed.time_s
             states.append(state)
             for measurement, root in zip(timed.measurements, roots, strict=True):
+                residual = measurement.residual(state)
                 by_error = -measurement.jacobian(state) @ sensitivity
-                both = np.column_stack([measurement.residual(state), by_error])
-                whitened = solve_triangular(root, both, lower=True)
-                residuals.append(whitened[:, 0])
-                jacobians.append(whitened[:, 1:])
-        return states, np.concatenate(residuals), np.vstack(jacobians)
+                if root is not None:
+                    both = np.column_stack([residual, by_error])
+                    whitened = solve_triangular(root, both, lower=True)
+                    residual, by_error = whitened[:, 0], whitened[:, 1:]
+                residuals.append(residual)
+                jacobians.append(by_error)
+        return _Pass(states, sensitivity, np.concatenate(residuals), np.vstack(jacobians))
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """An arc gone through from one first state."""
+
+    states: list[State]
+    sensitivity: FloatArray
+    """(n, n) derivative of the last state's error by the error at the guess."""
+    residual: FloatArray
+    jacobian: FloatArray
+
+
+def _root(covariance: FloatArray) -> FloatArray | None:
+    """Lower Cholesky factor, None for the identity: whitened already."""
+    if np.array_equal(covariance, np.eye(len(covariance))):
+        return None
+    return np.asarray(cholesky(covariance, lower=True))

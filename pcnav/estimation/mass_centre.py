@@ -44,8 +44,8 @@ class MassCentreModel(MotionModel[NavigationState]):
         orbit = hill_transition(self.mean_motion_rad_s, step_s)
         transition[:6, :6] = orbit
         relative = orbit @ np.concatenate([state.r_hill, state.v_hill])
-        turn, rotation = _propagate_rotation(state, step_s)
-        transition[9:, 9:] = rotation
+        turn = _propagate_rotation(state, step_s)
+        transition[9:, 9:] = turn.transition
         moved = NavigationState(
             r_hill=relative[:3],
             v_hill=relative[3:],
@@ -72,76 +72,96 @@ class MassCentreModel(MotionModel[NavigationState]):
 @dataclass(frozen=True)
 class _Turn:
     R: FloatArray
+    """(3, 3) from the body axes after it to those before."""
     omega: FloatArray
+    """(3,) rate after it."""
+    transition: FloatArray
+    """(11, 11) of the errors of attitude, rate and inertia."""
 
 
-def _propagate_rotation(state: NavigationState, step_s: float) -> tuple[_Turn, FloatArray]:
-    """Turn of the body over the step; (11, 11) transition of theta, omega and inertia errors."""
-    inertia, inverse, by_parameters = _inertia_forms(state.inertia_ratios.tobytes())
-    substeps = max(
-        1, int(np.ceil(np.linalg.norm(state.omega_body) * abs(step_s) / _LARGEST_TURN_RAD))
-    )
-    h = step_s / substeps
-    R, omega = np.eye(3), state.omega_body
-    transition = np.eye(11)
-    for _ in range(substeps):
-        turn, step_transition = _rotation_step(inertia, inverse, omega, h)
-        R, omega = R @ turn.R, turn.omega
-        transition = step_transition @ transition
-    # So far by the ratios. They do not change over the step, so neither does this factor.
-    transition[:6, 6:] = transition[:6, 6:] @ by_parameters
-    return _Turn(R, omega), transition
+def _propagate_rotation(state: NavigationState, step_s: float) -> _Turn:
+    """Turn of the body over the step."""
+    by_rate, by_inertia = _euler_forms(state.inertia_ratios.tobytes())
+    omega = state.omega_body
+    angle = float(np.sqrt(omega @ omega)) * abs(step_s)
+    substeps = max(1, int(np.ceil(angle / _LARGEST_TURN_RAD)))
+    turn = _rotation_step(by_rate, by_inertia, omega, step_s / substeps)
+    for _ in range(substeps - 1):
+        after = _rotation_step(by_rate, by_inertia, turn.omega, step_s / substeps)
+        turn = _Turn(turn.R @ after.R, after.omega, after.transition @ turn.transition)
+    return turn
 
 
 @lru_cache(maxsize=8)
-def _inertia_forms(ratios: bytes) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Inertia over Ixx, its inverse, and the Jacobian (5, 5) of the ratios by their parameters.
+def _euler_forms(ratios: bytes) -> tuple[FloatArray, FloatArray]:
+    """Euler's equation of a body as forms of its rate w.
+
+    The acceleration is quadratic in w, so its derivative by w is linear, and half of that times w
+    is the acceleration itself. Returned are (9, 3), which makes that derivative (3, 3) of w, and
+    (15, 9), which makes the derivative (3, 5) by the inertia's parameters of the products of w.
 
     Of ratios (5,) as bytes: along an arc they stay what they are, so their forms are kept.
     """
     values = np.frombuffer(ratios)
     inertia = inertia_from_ratios(values)
-    jacobian = ratios_jacobian(parameters_from_ratios(values))
-    return inertia, np.asarray(np.linalg.inv(inertia)), jacobian
+    inverse = np.asarray(np.linalg.inv(inertia))
+    to_ratios = ratios_jacobian(parameters_from_ratios(values))
+    axes = np.eye(3)
+    by_rate = np.stack([euler_derivatives(inertia, inverse, e)[1] for e in axes], axis=-1)
+    by_inertia = np.zeros((3, 5, 3, 3))
+    for i in range(3):
+        for j in range(3):
+            # A quadratic form's mixed products come from sums of the axes (polarisation).
+            mixed = _by_ratios(inertia, inverse, axes[i] + axes[j])
+            alone = _by_ratios(inertia, inverse, axes[i]) + _by_ratios(inertia, inverse, axes[j])
+            by_inertia[..., i, j] = 0.5 * (mixed - alone) @ to_ratios
+    return by_rate.reshape(9, 3), by_inertia.reshape(15, 9)
+
+
+def _by_ratios(inertia: FloatArray, inverse: FloatArray, omega: FloatArray) -> FloatArray:
+    return euler_derivatives(inertia, inverse, omega)[2]
+
+
+_START = np.hstack([np.zeros((3, 1)), np.eye(3), np.zeros((3, 5))])
 
 
 def _rotation_step(
-    inertia: FloatArray, inverse: FloatArray, omega: FloatArray, h: float
-) -> tuple[_Turn, FloatArray]:
+    by_rate: FloatArray, by_inertia: FloatArray, omega: FloatArray, h: float
+) -> _Turn:
     """One step of Runge-Kutta (rate, variational equations) and of Magnus (attitude), both order 4.
 
-    The rate's derivatives D = d omega / d (omega, ratios), (3, 8), obey ``D' = A D + [0 B]`` with
-    the Jacobians A and B of Euler's equation. The attitude turns by ``exp(phi)`` with
+    The first column of Y is the rate, the others its derivatives D by the rate (3) and the inertia
+    (5) at the start: ``D' = A D + [0 B]`` with the Jacobians A and B of Euler's equation, so one
+    combination of slopes moves them all. The attitude turns by ``exp(phi)`` with
     ``phi = h/6 (w0 + 4 w1/2 + w1) + h^2/12 w0 x w1`` (Magnus, in body axes); an attitude error
     is carried by ``exp(-phi)`` and an error of phi enters through the right Jacobian.
     """
-    derivatives = np.hstack([np.eye(3), np.zeros((3, 5))])
 
-    def slope(w: FloatArray, D: FloatArray) -> tuple[FloatArray, FloatArray]:
-        acceleration, A, B = euler_derivatives(inertia, inverse, w)
-        rate = A @ D
-        rate[:, 3:] += B
-        return acceleration, rate
+    def slope(Y: FloatArray) -> FloatArray:
+        w = Y[:, 0]
+        change = (by_rate @ w).reshape(3, 3) @ Y
+        change[:, 0] *= 0.5
+        change[:, 4:] += (by_inertia @ (w[:, None] * w).ravel()).reshape(3, 5)
+        return change
 
-    a1, d1 = slope(omega, derivatives)
-    a2, d2 = slope(omega + 0.5 * h * a1, derivatives + 0.5 * h * d1)
-    a3, d3 = slope(omega + 0.5 * h * a2, derivatives + 0.5 * h * d2)
-    a4, d4 = slope(omega + h * a3, derivatives + h * d3)
-    after = omega + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    D_after = derivatives + h / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4)
+    start = _START.copy()
+    start[:, 0] = omega
+    s1 = slope(start)
+    s2 = slope(start + (0.5 * h) * s1)
+    s3 = slope(start + (0.5 * h) * s2)
+    s4 = slope(start + h * s3)
+    after = start + (h / 6.0) * (s1 + 2.0 * (s2 + s3) + s4)
     # Cubic Hermite interpolation gives the mid-point to order 4.
-    middle = 0.5 * (omega + after) + h / 8.0 * (a1 - a4)
-    D_middle = 0.5 * (derivatives + D_after) + h / 8.0 * (d1 - d4)
-    phi = h / 6.0 * (omega + 4.0 * middle + after) + h**2 / 12.0 * (skew(omega) @ after)
-    D_phi = h / 6.0 * (derivatives + 4.0 * D_middle + D_after) + h**2 / 12.0 * (
-        skew(omega) @ D_after - skew(after) @ derivatives
-    )
-    R = exp_rotation(phi)
+    middle = 0.5 * (start + after) + (h / 8.0) * (s1 - s4)
+    cross = skew(omega) @ after
+    cross[:, 1:] -= skew(after[:, 0]) @ start[:, 1:]
+    phi = (h / 6.0) * (start + 4.0 * middle + after) + (h**2 / 12.0) * cross
+    R = exp_rotation(phi[:, 0])
     transition = np.eye(11)
     transition[:3, :3] = R.T
-    transition[:3, 3:] = left_jacobian(-phi) @ D_phi
-    transition[3:6, 3:] = D_after
-    return _Turn(R, after), transition
+    transition[:3, 3:] = left_jacobian(-phi[:, 0]) @ phi[:, 1:]
+    transition[3:6, 3:] = after[:, 1:]
+    return _Turn(R, after[:, 0], transition)
 
 
 @dataclass(frozen=True)
