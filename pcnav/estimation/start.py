@@ -30,6 +30,8 @@ MOST_SIGHTINGS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _LEAST_EXPLAINED = 0.5
 """A motion that explains less of the frames than this on average is not believed."""
+_LARGEST_LAG = 0.1
+"""A sighting that explains so much less of its frame than another one of its motion is dropped."""
 NATS_PER_CONFLICT = 0.25
 """Log-likelihood that a pixel against a motion costs it. A stray return costs about 4, the log of
 outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
@@ -170,7 +172,7 @@ class MotionStart:
         if not fitting:
             return None
         best = min(fitting, key=lambda pair: pair[0])[1]
-        return Motion((*motion.sightings, best)[-MOST_SIGHTINGS:])
+        return Motion(_sound((*motion.sightings, best)[-MOST_SIGHTINGS:]))
 
     def _decide(self) -> Decision | None:
         ripe = [motion for motion in self._motions if len(motion.sightings) >= _FEWEST_FRAMES]
@@ -188,6 +190,15 @@ class MotionStart:
         relative = a.sightings[-1].T_cam_model[:3, :3].T @ b.sightings[-1].T_cam_model[:3, :3]
         angles = rotation_angle(self._target.symmetry_rotations[:, :3, :3] @ relative.T)
         return bool(np.min(angles) < 0.5 * _LARGEST_STEP_RAD)
+
+
+def _sound(sightings: tuple[Sighting, ...]) -> tuple[Sighting, ...]:
+    """Those that do not explain their frames much worse than the others do.
+
+    A fit that went astray may still be near enough to be linked.
+    """
+    most = max(sighting.pose.explained for sighting in sightings)
+    return tuple(s for s in sightings if s.pose.explained >= most - _LARGEST_LAG)
 
 
 def _rivals(best: Motion, other: Motion) -> bool:

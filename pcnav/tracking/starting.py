@@ -168,7 +168,8 @@ class Starter:
             doubt = _DOUBT_WITHOUT_RATE if len(best.sightings) == 1 else 1.0
             found = compared_poses(predicted, frame, self._reader, doubt)
             followed = best_first(pose for pose in found if pose is not None)
-            enough = max(_WELL_EXPLAINED, best.explained - _LARGEST_DROP)
+            usual = max(sighting.pose.explained for sighting in best.sightings)
+            enough = max(_WELL_EXPLAINED, usual - _LARGEST_DROP)
             if followed and followed[0].explained >= enough:
                 return followed, silent_view(frame)
         perceived = self._reader.look(frame)
