@@ -86,14 +86,23 @@ def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of
 ):
     start = MotionStart(target_with())
     # A half turn away, and better in the second frame alone.
-    shares = [(0.9, 0.6), (0.8, 0.85), (0.95, 0.6)]
+    shares = [(0.9, 0.6), (0.86, 0.88), (0.95, 0.6)]
     decisions = [feed(start, k, (np.eye(4), a), (HALF_TURN, b)) for k, (a, b) in enumerate(shares)]
     assert decisions[:2] == [None, None]
     decision = decisions[2]
     assert decision is not None and not decision.undecided
     assert follows(decision.motion, np.eye(4))
-    assert decision.motion.explained == pytest.approx((0.9 + 0.8 + 0.95) / 3)
+    assert decision.motion.explained == pytest.approx((0.9 + 0.86 + 0.95) / 3)
     assert [s.time_s for s in decision.motion.sightings] == [0.0, 0.5, 1.0]
+
+
+def test_a_sighting_that_explains_its_frame_badly_is_dropped_from_its_motion() -> None:
+    start = MotionStart(target_with())
+    for k, share in enumerate((0.7, 0.95, 0.96)):
+        assert feed(start, k, (np.eye(4), share)) is None
+    decision = feed(start, 3, (np.eye(4), 0.97))
+    assert decision is not None
+    assert [s.time_s for s in decision.motion.sightings] == [0.5, 1.0, 1.5]
 
 
 def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
