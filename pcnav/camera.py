@@ -11,6 +11,8 @@ import numpy as np
 
 from pcnav.arrays import DepthImage, FloatArray
 
+_PARALLEL_SINE = 1e-6
+"""A direction closer to nadir or zenith than this (rad) leaves image down undefined."""
 _KEPT = 12
 """Images kept of what depends on the camera alone, of one camera and of its strided ones."""
 
@@ -88,3 +90,17 @@ def project(camera: PinholeCamera, p_cam: FloatArray) -> FloatArray:
     """(..., 2) pixel coordinates (u, v) of points (..., 3) in the camera frame with z > 0."""
     scaled = p_cam[..., :2] / p_cam[..., 2:]
     return np.asarray(scaled * [camera.fx, camera.fy] + [camera.cx, camera.cy])
+
+
+def R_cam_hill(direction_hill: FloatArray) -> FloatArray:
+    """(..., 3, 3) attitude of a camera looking along directions (..., 3), not 0, OpenCV axes.
+
+    Image down is nadir (+z) as far as the direction allows; a camera that looks along nadir or
+    zenith has along-track (+x) up in the image.
+    """
+    forward = direction_hill / np.linalg.norm(direction_hill, axis=-1, keepdims=True)
+    right = np.cross(np.array([0.0, 0.0, 1.0]), forward)
+    length = np.linalg.norm(right, axis=-1, keepdims=True)
+    right = np.where(length < _PARALLEL_SINE, np.cross([-1.0, 0.0, 0.0], forward), right)
+    right = right / np.linalg.norm(right, axis=-1, keepdims=True)
+    return np.stack([right, np.cross(forward, right), forward], axis=-2)

@@ -129,7 +129,9 @@ def simulate(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the sequence.")],
     overwrite: _Overwrite = False,
 ) -> None:
-    """Write the depth sequence and the truth of a pipeline's scenario.
+    """Write the depth sequence, or the feature tracks, and the truth of a pipeline's scenario.
+
+    Which of the two follows from the estimator that the pipeline names.
 
     Example: `pcnav simulate boxsat -o runs/boxsat`
     """
@@ -138,7 +140,9 @@ def simulate(
 
 @app.command()
 def run(
-    sequence: Annotated[Path, typer.Argument(help="Folder of a depth sequence.")],
+    sequence: Annotated[
+        Path, typer.Argument(help="Folder of a depth sequence or of feature tracks.")
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Result folder.")],
     target: Annotated[
         str | None,
@@ -150,13 +154,15 @@ def run(
     pipeline: Annotated[
         str | None,
         typer.Option(
-            help="File with the settings of perception and filter, or the name of a shipped one; "
+            help="File with the settings of the estimator, or the name of a shipped one; "
             "a result's pipeline.toml repeats its run."
         ),
     ] = None,
     overwrite: _Overwrite = False,
 ) -> None:
-    """Estimate pose, motion, mass centre and inertia ratios from a depth sequence.
+    """Estimate pose, motion and mass properties from a depth sequence or from feature tracks.
+
+    Tracks need a pipeline with an estimator for them, as hu2024 and segal2011 have.
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
@@ -214,7 +220,10 @@ def target(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="yu2019 or tracking")],
+    name: Annotated[
+        str,
+        typer.Argument(help="applsci2022, deng2024, hu2024, segal2011, tracking or yu2019"),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of tables and figures.")],
     runs: Annotated[
         int | None, typer.Option(help="Monte Carlo runs, instead of the study's own number.")
@@ -231,17 +240,69 @@ def study(
 
     with _progress(f"study {name}") as advance:
         summary = run_study(name, out, runs=runs, overwrite=overwrite, on_progress=advance)
-    console = Console()
+    # Numbers cut short would be worse than lines that wrap.
+    console = Console(width=max(Console().width, 120))
     for table in summary.tables:
         console.print(table)
     typer.echo(f"tables and figures: {summary.page}")
 
 
+@app.command()
+def observability(
+    subject: Annotated[
+        str, typer.Argument(help="Result folder, pipeline file, or the name of a shipped pipeline.")
+    ],
+    mass_centre_sd_m: Annotated[
+        float | None, typer.Option(min=1e-9, help="Wanted standard deviation of the mass centre.")
+    ] = None,
+    attitude_sd_deg: Annotated[
+        float | None, typer.Option(min=1e-9, help="Wanted of the attitude, about each axis.")
+    ] = None,
+    inertia_ratio_sd: Annotated[
+        float | None, typer.Option(min=1e-9, help="Wanted of each inertia ratio.")
+    ] = None,
+) -> None:
+    """Print which states a motion makes observable, the weakest directions, and how soon.
+
+    Example: `pcnav observability boxsat`
+    """
+    import math
+
+    from rich.console import Console
+
+    from pcnav.observability.sources import observability_of_pipeline, observability_of_run
+
+    wanted = {
+        "mass centre": mass_centre_sd_m,
+        "attitude": None if attitude_sd_deg is None else math.radians(attitude_sd_deg),
+        "inertia ratios": inertia_ratio_sd,
+    }
+    goals = {name: value for name, value in wanted.items() if value is not None}
+    if Path(subject).is_dir():
+        report = observability_of_run(Path(subject), goals)
+    else:
+        path, content = _pipeline(subject)
+        mesh = content.target_mesh
+        found = None if mesh is None else _mesh_of_pipeline(path, mesh)
+        report = observability_of_pipeline(content, path, found, wanted=goals)
+    # Numbers cut short would be worse than lines that wrap.
+    console = Console(width=max(Console().width, 120))
+    for table in report.tables():
+        console.print(table.to_rich())
+
+
 def _simulate(pipeline: str, out: Path, overwrite: bool) -> None:
+    from pcnav.config_features import EstimatorKind
+
+    path, content = _pipeline(pipeline)
+    if content.estimator.kind is not EstimatorKind.DEPTH:
+        from pcnav.simulation.feature_recording import simulate_tracks
+
+        typer.echo(simulate_tracks(content, out, overwrite, path).text)
+        return
     from pcnav.simulation.recording import simulate as write_sequence
     from pcnav.target import load_target
 
-    path, content = _pipeline(pipeline)
     if content.target_mesh is None:
         raise InputError(path, "target_mesh", "expected the mesh of the satellite to simulate")
     satellite = load_target(_mesh_of_pipeline(path, content.target_mesh))
@@ -258,15 +319,32 @@ def _run(
     from rich.console import Console
 
     from pcnav.config import Pipeline
+    from pcnav.config_features import EstimatorKind
     from pcnav.evaluation.summary import summary_table
-    from pcnav.pipeline import run as run_sequence
+    from pcnav.sequences.track_files import TRACKS_FILE, is_track_recording
 
-    content = Pipeline()
+    path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:
         path, content = _pipeline(pipeline)
-        if content.target_mesh is not None and target_mesh is None:
-            mesh = _mesh_of_pipeline(path, content.target_mesh)
-            content = content.model_copy(update={"target_mesh": str(mesh)})
+    if is_track_recording(sequence):
+        if pipeline is None:
+            expected = "expected one with an estimator for feature tracks, as hu2024 or segal2011"
+            raise InputError(sequence, "--pipeline", expected)
+        if target_mesh is not None:
+            raise InputError(sequence, "--target", "expected none: feature tracks need no mesh")
+        _run_tracks(sequence, path, content, out, overwrite)
+        return
+    if content.estimator.kind is not EstimatorKind.DEPTH:
+        kind, expected = (
+            content.estimator.kind,
+            f"expected a folder with {TRACKS_FILE}, or that file",
+        )
+        raise InputError(sequence, "folder", f'{expected}, for the estimator "{kind}" of {path}')
+    from pcnav.pipeline import run as run_sequence
+
+    if content.target_mesh is not None and target_mesh is None:
+        mesh = _mesh_of_pipeline(path, content.target_mesh)
+        content = content.model_copy(update={"target_mesh": str(mesh)})
     with _progress("run") as advance:
         summary = run_sequence(
             sequence,
@@ -279,6 +357,27 @@ def _run(
     Console().print(summary_table(summary.metrics, summary.knowledge))
     typer.echo(f"report: {summary.report}")
     typer.echo(f"web view: pcnav view {summary.folder}")
+
+
+def _run_tracks(
+    recording: Path, path: Path, pipeline: "Pipeline", out: Path, overwrite: bool
+) -> None:
+    from rich.console import Console
+
+    from pcnav.evaluation.summary import summary_table
+    from pcnav.feature_pipeline import run_features
+
+    with _progress("run") as advance:
+        summary = run_features(
+            recording,
+            out,
+            pipeline,
+            overwrite=overwrite,
+            on_estimate=lambda _, done, total: advance(done, total),
+            source=path,
+        )
+    Console().print(summary_table(summary.metrics))
+    typer.echo(f"report: {summary.report}")
 
 
 def _pipeline(name: str) -> "tuple[Path, Pipeline]":

@@ -10,20 +10,26 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
+from pcnav.config_attitude import AttitudeInertiaTable
+from pcnav.config_features import (
+    EstimatorTable,
+    FeaturesTable,
+    InertiaBankTable,
+    PrincipalAxesTable,
+    StereoTable,
+)
+from pcnav.config_images import (
+    FeatureTrackerTable,
+    ImageCameraTable,
+    ImageMotionTable,
+    ShadingTable,
+)
+from pcnav.config_table import Fraction, NonNegative, Positive, Table, Vector3, Vector5
 from pcnav.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
-Vector3 = tuple[float, float, float]
-Vector5 = tuple[float, float, float, float, float]
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class OrbitModel(StrEnum):
@@ -31,6 +37,9 @@ class OrbitModel(StrEnum):
 
     HILL = "hill"
     TWO_BODY = "two_body"
+    """Two point masses, the chaser on a circle."""
+    KEPLER = "kepler"
+    """Two point masses, the chaser on an ellipse; feature tracks only."""
 
 
 class PerceptionMode(StrEnum):
@@ -51,23 +60,36 @@ class Measurements(StrEnum):
     """As refined; and every frame is searched for rectangles, as a check on the track."""
 
 
-class ScenarioTable(_Table):
+class ScenarioTable(Table):
     """[scenario]: what is simulated and for how long."""
 
     frames: Annotated[int, Field(gt=0)] = 200
     frame_rate_hz: Positive = 2.0
 
 
-class OrbitTable(_Table):
-    """[orbit]: the chaser's circular orbit and the relative orbit of the target at time 0."""
+class OrbitTable(Table):
+    """[orbit]: the chaser's orbit and the relative orbit of the target at time 0."""
 
     model: OrbitModel = OrbitModel.HILL
     mean_motion_rad_s: NonNegative = 0.0
+    eccentricity: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Of the chaser's ellipse, with model = "kepler"; the other models are circles."""
+    true_anomaly_deg: float = 0.0
+    """Of the chaser at time 0."""
     r_hill_m: Vector3 = (25.0, 0.0, 0.0)
     v_hill_m_s: Vector3 = (0.0, 0.0, 0.0)
 
+    @model_validator(mode="after")
+    def _ellipses_are_kepler(self) -> Self:
+        if self.eccentricity > 0.0 and self.model is not OrbitModel.KEPLER:
+            raise ValueError(
+                f'eccentricity = {self.eccentricity:g} needs model = "kepler", '
+                f'"{self.model}" is a circle'
+            )
+        return self
 
-class BodyTable(_Table):
+
+class BodyTable(Table):
     """[body]: the true rotation and mass properties of the target."""
 
     attitude_rotvec_deg: Vector3 = (0.0, 0.0, 0.0)
@@ -78,7 +100,7 @@ class BodyTable(_Table):
     """Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
 
 
-class CameraTable(_Table):
+class CameraTable(Table):
     """[camera]: a pinhole depth camera at the chaser's mass centre, fixed in the Hill frame."""
 
     width_px: Annotated[int, Field(gt=0)] = 256
@@ -88,7 +110,7 @@ class CameraTable(_Table):
     """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
 
 
-class NoiseTable(_Table):
+class NoiseTable(Table):
     """[noise]: the faults of the simulated depth sensor."""
 
     range_sigma_m: NonNegative = 0.02
@@ -103,7 +125,7 @@ class NoiseTable(_Table):
     """Share of the pixels on a depth edge that return a range between the two surfaces."""
 
 
-class PerceptionTable(_Table):
+class PerceptionTable(Table):
     """[perception]: from a depth frame to recognised rectangles."""
 
     mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED
@@ -136,7 +158,7 @@ class PerceptionTable(_Table):
         return Measurements.RECTANGLES if paper else Measurements.REFINED
 
 
-class FilterTable(_Table):
+class FilterTable(Table):
     """[filter]: priors and process noise of the 20-state filter."""
 
     acceleration_psd_m2_s3: NonNegative = 1e-14
@@ -153,7 +175,7 @@ class FilterTable(_Table):
     """Most Gauss-Newton steps of an iterated update; 1 is the plain EKF."""
 
 
-class Pipeline(_Table):
+class Pipeline(Table):
     """A whole pipeline file."""
 
     seed: Annotated[int, Field(ge=0)] = 0
@@ -168,6 +190,16 @@ class Pipeline(_Table):
     noise: NoiseTable = NoiseTable()
     perception: PerceptionTable = PerceptionTable()
     filter: FilterTable = FilterTable()
+    estimator: EstimatorTable = EstimatorTable()
+    stereo: StereoTable = StereoTable()
+    features: FeaturesTable = FeaturesTable()
+    principal_axes: PrincipalAxesTable = PrincipalAxesTable()
+    inertia_bank: InertiaBankTable = InertiaBankTable()
+    image_motion: ImageMotionTable = ImageMotionTable()
+    image_camera: ImageCameraTable = ImageCameraTable()
+    feature_tracker: FeatureTrackerTable = FeatureTrackerTable()
+    shading: ShadingTable = ShadingTable()
+    attitude_inertia: AttitudeInertiaTable = AttitudeInertiaTable()
 
 
 def read_pipeline(path: Path) -> Pipeline:

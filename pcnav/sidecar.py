@@ -9,7 +9,8 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from pcnav.config import Positive, Vector3, Vector5, read_toml_model
+from pcnav.config import read_toml_model
+from pcnav.config_table import Positive, Vector3, Vector5
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.errors import InputError
 

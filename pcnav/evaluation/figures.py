@@ -76,7 +76,7 @@ def component_figure(
     typical = np.abs(values[settled])
     typical = typical[np.isfinite(typical)]
     scale, unit = display_unit(unit, float(np.median(typical)) if typical.size else 1.0)
-    figure, rows = _stacked_axes(len(names), time_s)
+    figure, rows = stacked_axes(len(names), time_s)
     for k, (axes, name) in enumerate(zip(rows, names, strict=True)):
         value, bound = scale * values[:, k], 3.0 * scale * sd[:, k]
         centre = np.zeros_like(value) if is_error else value
@@ -102,7 +102,7 @@ def component_figure(
 
 def pose_error_figure(time_s: FloatArray, errors: TrackErrors) -> Figure:
     """Error norms of the pose in the camera over time, logarithmic."""
-    figure, rows = _stacked_axes(2, time_s, row_in=1.6)
+    figure, rows = stacked_axes(2, time_s, row_in=1.6)
     distance = np.linalg.norm(errors.p_cam_m, axis=1)
     known = distance[np.isfinite(distance)]
     scale, unit = display_unit("m", float(np.median(known)) if known.size else 1.0)
@@ -128,7 +128,7 @@ def consistency_figure(track: Track, errors: TrackErrors | None) -> Figure:
     if errors is not None and track.covariance is not None and errors.has_state.any():
         nees = squared_normalised_errors(errors.state, track.covariance)
         series.append(("NEES", nees, np.full(len(nees), errors.state.shape[1])))
-    figure, rows = _stacked_axes(len(series), track.time_s, row_in=1.6)
+    figure, rows = stacked_axes(len(series), track.time_s, row_in=1.6)
     for axes, (label, squared, degrees) in zip(rows, series, strict=True):
         used = np.isfinite(squared) & (degrees > 0)
         _draw_squared(axes, track.time_s[used], squared[used], degrees[used])
@@ -222,7 +222,7 @@ def new_figure(height_in: float) -> Figure:
     return figure
 
 
-def _stacked_axes(
+def stacked_axes(
     rows: int, time_s: FloatArray, row_in: float = _ROW_IN
 ) -> tuple[Figure, list[Axes]]:
     """Axes above each other that share their time axis, the whole run wide."""

@@ -108,22 +108,23 @@ def report_html(content: ReportContent) -> str:
     metrics = content.metrics
     seconds = number(metrics.duration_s)
     lead = f"{content.target} · {metrics.frames} frames over {seconds} s"
-    body = [page.heading(content.title, lead), page.cards(_headline(metrics)), _summary(content)]
+    body = [page.heading(content.title, lead), page.cards(headline(metrics)), _summary(content)]
     if len(content.track):
         body.append(status_section(content.track, content.symmetry))
     if metrics.errors is not None:
-        body.append(_truth_section(metrics))
+        body.append(truth_section(metrics))
     if content.knowledge is not None:
         body.append(page.section("Known from data, or prior only", *_known(content.knowledge)))
     if content.track.has_estimate.any():
         body.append(page.section("States over time", page.grid(_state_figures(content))))
     if len(content.track):
         body.append(page.section("Measurements", *_measurements(content)))
-    body.append(page.section("How the run was made", *_provenance(content)))
+    made = provenance(content.command, content.configuration, content.versions)
+    body.append(page.section("How the run was made", *made))
     return page.page(content.title, body)
 
 
-def _headline(metrics: Metrics) -> list[tuple[str, str]]:
+def headline(metrics: Metrics) -> list[tuple[str, str]]:
     """The few numbers most readers come for."""
     share = metrics.frames_with_estimate / max(metrics.frames, 1)
     facts = [("frames with an estimate", f"{share:.1%}")]
@@ -156,7 +157,7 @@ def _summary(content: ReportContent) -> str:
     return page.section("Summary", page.grid(pieces) if len(pieces) > 1 else facts)
 
 
-def _truth_section(metrics: Metrics) -> str:
+def truth_section(metrics: Metrics) -> str:
     """Error and consistency tables."""
     rows = [error_row(quantity) for quantity in metrics.quantities]
     errors = page.table(
@@ -221,7 +222,7 @@ def _state_figures(content: ReportContent) -> list[str]:
     pieces = []
     if errors is not None and errors.has_pose.any():
         pieces.append(
-            _vector(
+            vector_figure(
                 "Pose error",
                 "Norms of the error of the model origin and of the attitude in the camera.",
                 pose_error_figure(track.time_s, errors),
@@ -240,14 +241,14 @@ def _state_figures(content: ReportContent) -> list[str]:
         )
         if block == THETA_BODY and not compared:
             caption = "Stated 3 sigma of a turn about each axis, about the estimate."
-        pieces.append(_vector(title, caption, figure))
+        pieces.append(vector_figure(title, caption, figure))
     if content.metrics.nis.frames:
         caption = (
             "Squared normalised innovations"
             + (" and errors, each" if _draws_nees(content) else ",")
             + " over its frame's 95 % chi-square bound: one in twenty belongs above 1."
         )
-        pieces.append(_vector("Consistency", caption, consistency_figure(track, errors)))
+        pieces.append(vector_figure("Consistency", caption, consistency_figure(track, errors)))
     return pieces
 
 
@@ -318,14 +319,14 @@ def _knowledge_row(title: str, state: StateKnowledge, scale: float, unit: str) -
 
 def _measurements(content: ReportContent) -> list[str]:
     """What was used over time, and what became of each rectangle."""
-    timeline = _vector(
+    timeline = vector_figure(
         "Rectangles used",
         "Rectangles the filter used per frame: mean and range.",
         count_figure(content.track),
     )
     if not content.outcomes:
         return [page.grid([timeline]), page.paragraph("No rectangle was seen.")]
-    outcomes = _vector(
+    outcomes = vector_figure(
         "What became of the rectangles",
         f"{content.outcomes.total()} rectangles seen in the run.",
         outcome_figure(content.outcomes),
@@ -345,15 +346,17 @@ def _rectangle_table(outcomes: Counter[tuple[str, str]]) -> str:
     return page.table(("rectangle", "seen", "used", "share used"), rows)
 
 
-def _provenance(content: ReportContent) -> list[str]:
+def provenance(
+    command: str, configuration: Mapping[str, object], versions: Mapping[str, str]
+) -> list[str]:
     """The command, the configuration and the versions."""
-    settings = {**content.configuration, "versions": content.versions}
     return [
-        page.preformatted(content.command),
+        page.preformatted(command),
         page.paragraph("The configuration as run, and what it was run with:"),
-        page.settings(settings),
+        page.settings({**configuration, "versions": versions}),
     ]
 
 
-def _vector(title: str, caption: str, figure: Figure) -> str:
+def vector_figure(title: str, caption: str, figure: Figure) -> str:
+    """A drawing carried inside the page."""
     return page.image(title, caption, "image/svg+xml", svg_bytes(figure))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera
+from pcnav.camera import PinholeCamera, R_cam_hill
 from pcnav.config import BodyTable, CameraTable, OrbitModel, OrbitTable, Pipeline
 from pcnav.dynamics.orbit import R_hill_world, hill_transition, propagate_two_body
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
@@ -19,9 +19,6 @@ from pcnav.spatial import (
     xyzw_from_rotation,
 )
 from pcnav.state import NavigationState
-
-_PARALLEL_SINE = 1e-6
-"""A boresight closer to nadir or zenith than this (rad) leaves image down undefined."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +51,9 @@ def true_motion(pipeline: Pipeline, source: Path | str = "pipeline") -> TrueMoti
         raise InputError(
             source, "body.inertia_ratios", f"{expected}, none larger than the other two together"
         )
+    if pipeline.orbit.model is OrbitModel.KEPLER:
+        expected = 'expected "hill" or "two_body": depth sequences are made on circular orbits'
+        raise InputError(source, "orbit.model", expected)
     n = pipeline.orbit.mean_motion_rad_s
     times_s = np.arange(pipeline.scenario.frames) / pipeline.scenario.frame_rate_hz
     orbit = _relative_orbit(pipeline.orbit, times_s)
@@ -82,16 +82,9 @@ def camera_rotation(table: CameraTable, source: Path | str = "pipeline") -> Floa
     zenith has along-track (+x) up in the image. Raises `InputError` for a zero boresight.
     """
     boresight = np.array(table.boresight_hill)
-    length = float(np.linalg.norm(boresight))
-    if length == 0.0:
+    if not boresight.any():
         raise InputError(source, "camera.boresight_hill", "expected a direction, got 0, 0, 0")
-    forward = boresight / length
-    nadir = np.array([0.0, 0.0, 1.0])
-    if np.linalg.norm(np.cross(nadir, forward)) < _PARALLEL_SINE:
-        nadir = np.array([-1.0, 0.0, 0.0])
-    right = np.cross(nadir, forward)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward])
+    return R_cam_hill(boresight)
 
 
 def _relative_orbit(table: OrbitTable, times_s: FloatArray) -> FloatArray:

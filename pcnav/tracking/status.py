@@ -1,7 +1,6 @@
-"""What an estimate is worth, and on what evidence."""
+"""The evidence for and against a track."""
 
 from collections import deque
-from enum import StrEnum
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,16 +17,6 @@ _MEMORY_FRAMES = 20
 """Over about so many frames a track's usual share is taken."""
 _NIS_PROBABILITY = 1e-6
 """So improbable must the innovations of the window be for the track to be doubtful."""
-
-
-class Status(StrEnum):
-    """What an estimate is worth."""
-
-    ACQUIRING = "acquiring"
-    LOCKED = "locked"
-    AMBIGUOUS = "ambiguous"
-    COASTING = "coasting"
-    LOST = "lost"
 
 
 class Evidence:

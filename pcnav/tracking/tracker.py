@@ -17,13 +17,14 @@ from pcnav.prior import PriorMass
 from pcnav.results import FrameEstimate
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.state import ratio_covariance
+from pcnav.status import Status
 from pcnav.symmetry import group_name
 from pcnav.target import Target
 from pcnav.tracking.mass import MassBelief, learnt_belief, prior_belief
 from pcnav.tracking.measuring import Kalman, Updated, pose_of, updater_of
 from pcnav.tracking.second_opinion import SecondOpinion, Verdict
 from pcnav.tracking.starting import Begun, Starter, YoungArc
-from pcnav.tracking.status import Evidence, Status
+from pcnav.tracking.status import Evidence
 from pcnav.tracking.views import FrameView, silent_view
 
 _log = logging.getLogger("pcnav")

@@ -7,7 +7,8 @@ from scipy.stats import chi2
 
 from pcnav.estimation.error_state import UpdateResult
 from pcnav.results import NIS_WINDOW_FRAMES
-from pcnav.tracking.status import Evidence, Status
+from pcnav.status import Status
+from pcnav.tracking.status import Evidence
 
 
 def update(nis: float, dof: int = 6) -> UpdateResult:

@@ -1,0 +1,127 @@
+"""The true motion of a target without a model: its relative orbit and its rotation.
+
+Without disturbances both are integrated to a relative tolerance of 1e-12. White disturbance
+accelerations, where asked for, are drawn step by step between the frames.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.config import OrbitModel
+from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative, step_relative
+from pcnav.dynamics.orbit import hill_transition
+from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.spatial import exp_rotation
+
+_LARGEST_TURN_RAD = 0.02
+"""Rotation in one Runge-Kutta step: its error, of order turn^5 / 120, stays below 1e-10 rad."""
+
+
+@dataclass(frozen=True)
+class FeatureTruth:
+    """The true motion at every frame, the mass properties and the points."""
+
+    times_s: FloatArray
+    """(n,) increasing."""
+    r_hill: FloatArray
+    """(n, 3) mass centre from the chaser's, Hill axes, m."""
+    v_hill: FloatArray
+    """(n, 3) its rate of change in Hill axes, m/s."""
+    R_world_body: FloatArray
+    """(n, 3, 3)"""
+    omega_body: FloatArray
+    """(n, 3) inertial angular velocity, body axes, rad/s."""
+    inertia: FloatArray
+    """(3, 3) inertia matrix of any scale, body axes."""
+    points: FloatArray
+    """(N, 3) from the mass centre, body axes, m."""
+
+
+@dataclass(frozen=True)
+class InitialMotion:
+    """What the motion starts from at the first time."""
+
+    r_hill: FloatArray
+    v_hill: FloatArray
+    R_world_body: FloatArray
+    omega_body: FloatArray
+
+
+def relative_orbit(
+    model: OrbitModel,
+    orbit: KeplerOrbit,
+    start: InitialMotion,
+    times_s: FloatArray,
+    acceleration_psd_m2_s3: float,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """(n, 6) true r (m) and v (m/s) in Hill axes at increasing times, from the start at [0]."""
+    linear = model is OrbitModel.HILL
+    if acceleration_psd_m2_s3 == 0.0 and not linear:
+        return propagate_relative(orbit, start.r_hill, start.v_hill, times_s)
+    states = [np.concatenate([start.r_hill, start.v_hill])]
+    for before, after in pairwise(times_s.tolist()):
+        state, step = states[-1], after - before
+        if linear:
+            moved = hill_transition(orbit.mean_motion_rad_s, step) @ state
+        else:
+            r, v, _ = step_relative(orbit, state[:3], state[3:], before, step)
+            moved = np.concatenate([r, v])
+        states.append(moved + np.concatenate(_kick(acceleration_psd_m2_s3, step, rng)))
+    return np.stack(states)
+
+
+def rotation(
+    start: InitialMotion,
+    inertia: FloatArray,
+    times_s: FloatArray,
+    angular_acceleration_psd_rad2_s3: float,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 3, 3) true R_world_body and (n, 3) body rates, rad/s, at increasing times."""
+    if angular_acceleration_psd_rad2_s3 == 0.0:
+        return rotate_torque_free(start.R_world_body, start.omega_body, inertia, times_s)
+    inverse = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
+    attitudes, rates = [start.R_world_body], [start.omega_body]
+    for before, after in pairwise(times_s.tolist()):
+        step = after - before
+        R, omega = _turned(attitudes[-1], rates[-1], inertia, inverse, step)
+        angle, change = _kick(angular_acceleration_psd_rad2_s3, step, rng)
+        attitudes.append(R @ exp_rotation(angle))
+        rates.append(omega + change)
+    return np.stack(attitudes), np.stack(rates)
+
+
+def _kick(psd: float, step_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """What white noise of a power spectral density adds to a place and to its rate in a step."""
+    first, second = rng.standard_normal((2, 3))
+    rate = np.sqrt(psd * step_s) * first
+    # The place is the integral of the noise's integral: half of the rate's change, and what is
+    # independent of it.
+    return 0.5 * step_s * rate + np.sqrt(psd * step_s**3 / 12.0) * second, rate
+
+
+def _turned(
+    R: FloatArray, omega: FloatArray, inertia: FloatArray, inverse: FloatArray, step_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Attitude and rate after a step without torque: Runge-Kutta and Magnus, both of order 4."""
+    turn = float(np.linalg.norm(omega)) * step_s
+    substeps = max(1, int(np.ceil(turn / _LARGEST_TURN_RAD)))
+    h = step_s / substeps
+
+    def slope(w: FloatArray) -> FloatArray:
+        return np.asarray(-inverse @ np.cross(w, inertia @ w))
+
+    for _ in range(substeps):
+        a1 = slope(omega)
+        a2 = slope(omega + 0.5 * h * a1)
+        a3 = slope(omega + 0.5 * h * a2)
+        a4 = slope(omega + h * a3)
+        after = omega + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+        middle = 0.5 * (omega + after) + h / 8.0 * (a1 - a4)
+        phi = h / 6.0 * (omega + 4.0 * middle + after) + h**2 / 12.0 * np.cross(omega, after)
+        R, omega = R @ exp_rotation(phi), after
+    return R, omega
