@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pcnav.arrays import FloatArray
-from pcnav.config import BodyTable, Pipeline, Vector3, Vector5, read_pipeline
+from pcnav.config import BodyTable, Pipeline, read_pipeline
+from pcnav.config_table import Vector3, Vector5
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.errors import InputError
 from pcnav.shipped import shipped_mesh, shipped_pipeline

@@ -1,0 +1,154 @@
+"""The parts of the Hu 2024 study: truth, identification, judging, tables."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcnav.estimation.feature_states import MOTION_SIZE
+from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.studies.hu2024 import paper
+from pcnav.studies.hu2024.chapters import (
+    blackout_table,
+    consistency_of,
+    filter_chapter,
+    identification_chapter,
+    inside_share,
+    last_table,
+    rmse_of,
+)
+from pcnav.studies.hu2024.following import BLOCKS, cases, disturbed_truth, judge
+from pcnav.studies.hu2024.identification import (
+    REPORT_S,
+    IdentificationBatch,
+    IdentificationErrors,
+    Method,
+    run_identification,
+)
+from pcnav.studies.hu2024.study import _batches, _planned, study_hu2024
+
+
+def short(duration_s: float):
+    scenario = paper.scenario()
+    features = scenario.features.model_copy(update={"blackouts_s": ((13.0, 15.0),)})
+    times = scenario.times_s[scenario.times_s < duration_s][::2]
+    return replace(scenario, times_s=times, features=features)
+
+
+def test_settings_are_those_of_print():
+    pipeline = paper.pipeline()
+    assert pipeline.orbit.r_hill_m == (10.0, 10.0, 10.0)
+    assert pipeline.orbit.v_hill_m_s == (-0.3889, -0.4932, -0.8264)
+    assert pipeline.body.inertia_ratios == (0.625, 0.5, 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(np.deg2rad(pipeline.body.omega_body_deg_s), 0.1)
+    assert pipeline.features.count == 6
+    assert all(end - start == 20.0 for start, end in paper.blackouts_s())
+    assert paper.settings(1.0).angular_acceleration_psd_rad2_s3 == 2.5e-5
+    assert len(_batches(500)) == 16
+    assert [run.case for run in _planned(500)].count("matched") == 100
+
+
+def test_a_truth_without_disturbance_is_free():
+    scenario = short(10.0)
+    truth = disturbed_truth(scenario, np.zeros((1, 3)), None, np.random.default_rng(0))
+    start = scenario.start
+    R, omega = rotate_torque_free(
+        start.R_world_body, start.omega_body, scenario.inertia, scenario.times_s
+    )
+    np.testing.assert_allclose(truth.R_world_body, R, atol=1e-8)
+    np.testing.assert_allclose(truth.omega_body, omega, atol=1e-9)
+
+
+def test_a_disturbed_truth_walks_as_far_as_it_should():
+    scenario, table = short(2.0), paper.settings(1.0)
+    rng = np.random.default_rng(1)
+    ends = np.stack(
+        [disturbed_truth(scenario, np.zeros((1, 3)), table, rng).omega_body[-1] for _ in range(300)]
+    )
+    time = scenario.times_s[-1]
+    # The same torque about all axes: moments of 8, 5 and 4.
+    expected = np.sqrt(2.5e-5 * time) * np.array([1.0, 8.0 / 5.0, 8.0 / 4.0])
+    np.testing.assert_allclose(ends.std(axis=0), expected, rtol=0.15)
+
+
+def test_identification_of_a_few_runs():
+    errors = run_identification(IdentificationBatch(1e-6, (1, 2, 3)))
+    assert errors.squared[Method.ARC].shape == (3, len(REPORT_S))
+    degrees = np.degrees(np.sqrt(errors.squared[Method.ARC]))
+    assert degrees[:, -1].max() < 0.05
+    assert degrees[:, -1].max() < degrees[:, 0].min()
+    printed = np.degrees(np.sqrt(errors.squared[Method.PRINTED]))
+    assert np.median(printed[:, -1]) > np.median(degrees[:, -1])
+
+
+def test_rmse_and_its_chapter():
+    def errors(level, scale):
+        squared = scale**2 * np.linspace(1.0, 0.1, len(REPORT_S)) ** 2
+        return IdentificationErrors(level, {method: np.tile(squared, (4, 1)) for method in Method})
+
+    rmse = rmse_of([errors(1e-6, 0.01), errors(2e-5, 0.2), errors(1e-6, 0.01)])
+    np.testing.assert_allclose(rmse.by_level[1e-6][Method.ARC][0], np.degrees(0.01))
+    assert rmse.falls(Method.ARC)
+    assert rmse.rises_with_noise(Method.ARC)
+    chapter = identification_chapter(rmse, 8)
+    assert [table.key for table in chapter.tables] == ["fig05", "fig05_printed"]
+    assert len(chapter.tables[0].rows) == 2
+    assert b"<svg" in chapter.figures[0].svg
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {
+        name: [judge(replace(cases()[name], every=5), short(18.0), seed) for seed in (1, 2)]
+        for name in ("unique axes", "free axes", "matched")
+    }
+
+
+def test_errors_of_both_filters(runs):
+    unique, free = runs["unique axes"], runs["free axes"]
+    for run in unique:
+        assert np.isnan(run.error[0]).all()
+        assert np.isfinite(run.error[-1]).all()
+        assert run.error.shape[1] == MOTION_SIZE
+        assert not run.seen[(run.time_s >= 13.0) & (run.time_s < 15.0)].any()
+    where, _ = BLOCKS["attitude, deg"]
+    assert inside_share(unique, where) == 1.0
+    assert inside_share(free, where) < 0.9
+    # The motion is the same in any axes.
+    np.testing.assert_allclose(unique[0].error[-1, 8:], free[0].error[-1, 8:], atol=0.02)
+
+
+def test_consistency_of_matched_runs(runs):
+    consistent = consistency_of(runs["matched"])
+    known = [each.mean for each in consistent.whole if each.values]
+    assert 0.5 < np.mean(known) < 1.6
+    assert consistent.whole[0].verdict == "-"
+    whole, motion = consistent.at(18.0)
+    assert whole.values == motion.values == 2
+
+
+def test_tables_of_the_filter(runs, monkeypatch):
+    monkeypatch.setattr(paper, "LAST_S", 2.0)
+    monkeypatch.setattr(paper, "blackouts_s", lambda: ((13.0, 15.0),))
+    chapter = filter_chapter(runs["unique axes"], runs["free axes"])
+    assert [figure.key for figure in chapter.figures] == [f"fig{k:02d}" for k in range(6, 12)]
+    table = last_table("matched", "title", runs["matched"])
+    assert table.header == ("error norm", "RMS", "largest")
+    assert {row[0] for row in table.rows} >= {*BLOCKS, "points, m", "inertia ratio p_y"}
+    assert len(blackout_table(runs["unique axes"]).rows) == 1
+
+
+def test_wrong_matches_are_counted():
+    case = replace(cases()["wrong matches"], every=20)
+    run = judge(case, short(13.0), 3)
+    assert run.wrong > 0
+    assert run.right > 5 * run.wrong
+    assert run.accepted_wrong <= 0.02 * run.wrong
+    assert run.rejected_right <= 0.01 * run.right
+
+
+@pytest.mark.study
+def test_the_whole_study_in_small():
+    study = study_hu2024(2, lambda done, total: None)
+    assert study.chapters[0].title == "What is shown"
+    assert len(study.summary_keys) == 2

@@ -1,0 +1,205 @@
+"""The parts of the Segal 2011 study: its scenario against the print, its filters, its judge."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.stats import chi2
+
+from pcnav.dynamics.orbit import EARTH_MU_M3_S2
+from pcnav.dynamics.relative_attitude import relative_rate
+from pcnav.dynamics.rigid_body import euler_acceleration, is_physical_inertia
+from pcnav.spatial import exp_rotation, log_rotation, skew
+from pcnav.studies import run_study
+from pcnav.studies.progress import Progress
+from pcnav.studies.segal2011 import paper
+from pcnav.studies.segal2011.campaign import (
+    Case,
+    drawn_and_truth,
+    motion_cases,
+    run_cases,
+    truth_only,
+)
+from pcnav.studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share
+from pcnav.studies.segal2011.monte_carlo import QUANTITIES, Batch, run_batch
+from pcnav.studies.segal2011.observability import _derivatives, arc_information
+from pcnav.studies.segal2011.picking import picks_of
+
+QUIET = Progress(1, lambda done, total: None)
+
+
+def test_relative_orbit_is_the_printed_one_with_its_sign_mended():
+    """(18) in the paper's own axes, radially out, along-track, orbit normal."""
+    motion = paper.true_motion(duration_s=600.0, interval_s=100.0)
+
+    def derivative(t, y):
+        point = paper.ORBIT.at(t)
+        nu, nu_rate, r = point.rate_rad_s, point.acceleration_rad_s2, point.radius_m
+        p, v, mu = y[:3], y[3:], EARTH_MU_M3_S2
+        cubed = ((r + p[0]) ** 2 + p[1] ** 2 + p[2] ** 2) ** 1.5
+        return [
+            *v,
+            2 * nu * v[1] + nu_rate * p[1] + nu**2 * p[0] - mu * (r + p[0]) / cubed + mu / r**2,
+            -2 * nu * v[0] - nu_rate * p[0] + nu**2 * p[1] - mu * p[1] / cubed,
+            -mu * p[2] / cubed,
+        ]
+
+    start = [10.0, 100.0, 10.0, 0.01, -0.0225, -0.01]
+    solved = solve_ivp(
+        derivative, (0.0, 600.0), start, t_eval=motion.times_s, rtol=1e-12, atol=1e-9
+    )
+    np.testing.assert_allclose(motion.r_hill, solved.y[:3].T @ paper.R_HILL_PAPER.T, atol=1e-4)
+    np.testing.assert_allclose(motion.v_hill, solved.y[3:].T @ paper.R_HILL_PAPER.T, atol=1e-6)
+
+
+def test_start_is_as_printed():
+    motion = paper.true_motion(duration_s=10.0)
+    assert np.degrees(paper.ORBIT.at(0.0).rate_rad_s) == pytest.approx(0.0656, abs=1e-9)
+    np.testing.assert_allclose(np.linalg.det(paper.R_HILL_PAPER), 1.0)
+    # (16e) in the paper's axes, where the attitude at the start is the identity.
+    ours = relative_rate(motion.R_hill_body[0], motion.omega_body[0], paper.ORBIT.omega_hill(0.0))
+    printed = np.radians([0.1, 0.1, 0.1 - 0.0656])
+    np.testing.assert_allclose(paper.R_HILL_PAPER.T @ ours, printed, atol=1e-9)
+
+
+def test_image_coordinates_are_those_of_the_print():
+    """(3) and (4): columns along the radius, rows along the normal, over the along-track."""
+    p = np.array([11.0, 98.0, 9.0])
+    u, v, u_second, v_second = paper.RIG.project(paper.R_RIG_HILL @ paper.R_HILL_PAPER @ p)
+    # Image right is nadir.
+    np.testing.assert_allclose([-u, v], [p[0] / p[1], p[2] / p[1]])
+    np.testing.assert_allclose([-u_second, v_second], [(p[0] + 1.0) / p[1], p[2] / p[1]])
+
+
+def test_draws():
+    rng = np.random.default_rng(0)
+    physical = draw_hypotheses(Draw.PHYSICAL, 50, rng)
+    assert all(is_physical_inertia(each) for each in physical)
+    printed = draw_hypotheses(Draw.PRINTED, 4000, rng)
+    # The mean of a Wishart matrix is its scale times its degrees of freedom.
+    square = paper.TARGET_INERTIA @ paper.TARGET_INERTIA.T
+    mean = printed.mean(axis=0) - paper.TARGET_INERTIA
+    np.testing.assert_allclose(mean, square, rtol=0.1, atol=0.02 * square.max())
+    assert 0.0005 < physical_share(Draw.PRINTED, 20000, rng) < 0.005
+    assert 0.15 < physical_share(Draw.PHYSICAL, 20000, rng) < 0.25
+    for body in moments_only(5, rng):
+        assert is_physical_inertia(body)
+        np.testing.assert_allclose(
+            body @ paper.TARGET_INERTIA, paper.TARGET_INERTIA @ body, atol=1e-9
+        )
+
+
+def test_a_batch_is_its_runs():
+    """Errors do not depend on what else is in the array."""
+    motion = paper.true_motion(duration_s=40.0)
+    rng = np.random.default_rng(1)
+    inertia = np.stack([drawn_and_truth(rng)[-2:] for _ in range(3)])
+    batch = Batch("together", motion, paper.BANK, (5, 6, 7), inertia, 2)
+    together = run_batch(batch)
+    alone = run_batch(replace(batch, seeds=(6,), inertia=inertia[1:2]))
+    np.testing.assert_allclose(together.errors[:, 1:2], alone.errors, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        together.log_innovation[-1, 1], alone.log_innovation[-1, 0], rtol=1e-6
+    )
+    np.testing.assert_allclose(together.blended[1:2], alone.blended, rtol=1e-5, atol=1e-9)
+
+
+def test_the_filter_that_knows_the_inertia_is_consistent_and_improves():
+    motion = paper.true_motion(duration_s=200.0)
+    result = run_cases([Case("plain", 20, truth_only, motion)], 1, QUIET)[0]
+    nees = result.found.nees[:, :, 0].mean(axis=1)
+    # The priors are wider than the truth is spread, hence the lower side is not judged.
+    assert np.all(nees < chi2.ppf(0.999, 12 * 20) / 20)
+    errors = np.median(result.found.errors[:, :, 0], axis=1)
+    last = dict(zip(QUANTITIES, errors[-1], strict=True))
+    assert last["position, m"] < 0.6 * errors[0, 0]
+    assert last["velocity, m/s"] < 0.05 * errors[0, 1]
+    assert last["angular rate, deg/s"] < 0.05 * errors[0, 3]
+
+
+def test_without_coupled_errors_the_stated_covariance_is_wrong():
+    motion = paper.true_motion(duration_s=60.0)
+    plain = paper.BANK.model_copy(update={"kinematic_coupling": False})
+    cases = [Case(str(t), 4, truth_only, motion, t) for t in (paper.BANK, plain)]
+    coupled, uncoupled = run_cases(cases, 1, QUIET)
+    assert coupled.found.nees[-1].mean() < 30.0
+    assert uncoupled.found.nees[-1].mean() > 300.0
+
+
+def test_truth_is_picked_and_the_bank_beats_a_random_inertia():
+    motion = paper.true_motion()
+    case = Case("bank", 8, drawn_and_truth, motion, blend=5)
+    result = run_cases([case], 1, QUIET)[0]
+    picks = picks_of("as printed", result, np.arange(1, 6), 5)
+    assert picks.rank == 11
+    assert picks.observable.sum() >= 6
+    assert np.all(picks.right[picks.observable])
+    bank = result.errors_of(result.picked(np.arange(5)))[-1, :, 2]
+    random = result.found.errors[-1, :, 0, 2]
+    assert np.median(bank) < np.median(random)
+    assert np.percentile(bank, 90) < np.percentile(random, 90)
+
+
+def test_rank_of_a_pure_spin_is_eight():
+    motion = paper.true_motion()
+    spin = motion_cases(2, motion)[3].motion
+    information = arc_information(
+        paper.TARGET_INERTIA, spin.omega_body[0], spin.times_s, paper.ATTITUDE_SD_RAD, 1e-9
+    )
+    sd = information.standard_deviations()
+    assert np.sum(sd < 10.0) == 2
+    assert not information.observable
+
+
+def test_derivatives_of_the_arc_against_another_integrator():
+    rng = np.random.default_rng(3)
+    omega, times = np.array([0.02, 0.015, -0.01]), np.linspace(0.0, 60.0, 31)
+    jacobian = _derivatives(paper.TARGET_INERTIA, omega, times)
+
+    def turn(inertia, rate):
+        def derivative(t, y):
+            w = y[9:]
+            R = y[:9].reshape(3, 3)
+            return np.concatenate([(R @ skew(w)).ravel(), euler_acceleration(inertia, w)])
+
+        start = np.concatenate([np.eye(3).ravel(), rate])
+        solved = solve_ivp(derivative, (0.0, 60.0), start, rtol=1e-11, atol=1e-12)
+        return solved.y[:9, -1].reshape(3, 3)
+
+    step = 1e-4
+    rate, axes, change = (rng.normal(size=3) for _ in range(3))
+    mean = np.trace(paper.TARGET_INERTIA) / 3.0
+    tensor = np.diag([-change[0] - change[1], change[0], change[1]])
+    tensor[0, 1] = tensor[1, 0] = change[2]
+    found = []
+    for sign in (step, -step):
+        axis = exp_rotation(sign * axes)
+        body = axis @ (paper.TARGET_INERTIA / mean + sign * tensor) @ axis.T
+        found.append(turn(body, omega + sign * rate / 60.0))
+    expected = log_rotation(found[0] @ found[1].T) / (2.0 * step)
+    unknown = np.concatenate([np.zeros(3), rate, axes, change[:2], change[2:], [0.0, 0.0]])
+    np.testing.assert_allclose(jacobian[-1] @ unknown, expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.study
+def test_a_quick_study_writes_everything(tmp_path: Path) -> None:
+    out = tmp_path / "segal2011"
+    done: list[tuple[int, int]] = []
+    summary = run_study("segal2011", out, runs=2, on_progress=lambda k, n: done.append((k, n)))
+    assert summary.page.read_text(encoding="utf-8").count("<figure>") == 9
+    names = {path.stem for path in (out / "tables").glob("*.csv")}
+    assert names == {
+        "verdict",
+        "settings",
+        "plain",
+        "bank_physical",
+        "bank_printed",
+        "picking",
+        "coupling",
+    }
+    with (out / "tables" / "verdict.csv").open(newline="", encoding="utf-8") as file:
+        assert len(list(csv.DictReader(file))) >= 6
+    assert done[-1][0] == done[-1][1]
