@@ -537,12 +537,16 @@ RANKS = {
     "evaluation": 5,
     "viewer": 5,
     "pipeline": 6,
+    "feature_pipeline": 6,
+    "observability": 7,
     "studies": 7,
     "cli": 8,
     "tracking": 4,
     "estimation": 3,
     "perception": 2,
     "simulation": 2,
+    "feature_results": 2,
+    "feature_estimate": 1,
     "sequences": 1,
 }
 

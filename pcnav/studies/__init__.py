@@ -23,7 +23,35 @@ def _yu2019(runs: int | None, on_progress: OnProgress) -> Study:
     return study_yu2019(runs, on_progress)
 
 
+def _segal2011(runs: int | None, on_progress: OnProgress) -> Study:
+    from pcnav.studies.segal2011.study import study_segal2011
+
+    return study_segal2011(runs, on_progress)
+
+
+def _applsci2022(runs: int | None, on_progress: OnProgress) -> Study:
+    from pcnav.studies.applsci2022.study import study_applsci2022
+
+    return study_applsci2022(runs, on_progress)
+
+
+def _deng2024(runs: int | None, on_progress: OnProgress) -> Study:
+    from pcnav.studies.deng2024.study import study_deng2024
+
+    return study_deng2024(runs, on_progress)
+
+
+def _hu2024(runs: int | None, on_progress: OnProgress) -> Study:
+    from pcnav.studies.hu2024.study import study_hu2024
+
+    return study_hu2024(runs, on_progress)
+
+
 STUDIES: dict[str, Callable[[int | None, OnProgress], Study]] = {
+    "applsci2022": _applsci2022,
+    "deng2024": _deng2024,
+    "hu2024": _hu2024,
+    "segal2011": _segal2011,
     "tracking": _tracking,
     "yu2019": _yu2019,
 }

@@ -1,0 +1,24 @@
+"""The libraries of the extra `images`, imported when they are needed."""
+
+import importlib
+from types import ModuleType
+
+from pcnav.errors import InputError
+
+
+def opencv(needed_for: str) -> ModuleType:
+    """The module cv2. Raises `InputError` where it is not installed."""
+    return _module("cv2", "OpenCV", needed_for)
+
+
+def poselib(needed_for: str) -> ModuleType:
+    """The module PoseLib. Raises `InputError` where it is not installed."""
+    return _module("poselib", "PoseLib", needed_for)
+
+
+def _module(name: str, title: str, needed_for: str) -> ModuleType:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        expected = f"expected the extra `images` to be installed, which brings {title}"
+        raise InputError(name, "module", f"{expected}, for {needed_for}") from error

@@ -1,0 +1,236 @@
+"""Attitude of a target from its features, frame by frame: relative rotations chained (13), (18).
+
+At the first frame the body axes are parallel to the camera's (section 2.3). Every later frame is
+matched with an earlier one that has an attitude: the last such, which is the paper's chain, or a
+key frame that is kept while its features stay in view. The chaser's own attitude is taken out, so
+the attitudes are inertial.
+
+A frame that is not measured has no attitude, and says why. The covariances are those of first
+order and exact in it: two relative rotations that share a frame share its noise.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcnav.arrays import FloatArray, IntArray
+from pcnav.camera import PinholeCamera
+from pcnav.config_images import ImageMotionTable, MatchSolver, Reference
+from pcnav.estimation.image_motion.essential import normalised
+from pcnav.estimation.image_motion.relative import (
+    Expected,
+    Outcome,
+    RelativeMotion,
+    matched,
+    measure,
+)
+from pcnav.sequences.monocular import MonocularFrame, MonocularTracks
+from pcnav.spatial import exp_rotation, log_rotation, rotation_angle
+
+_UNEXPECTED_SD = 5.0
+"""A rotation this far from what the rate promises is not believed."""
+_KEYS_TRIED = 2
+
+
+@dataclass(frozen=True)
+class ChainFrame:
+    """One frame's attitude, or why there is none."""
+
+    time_s: float
+    outcome: Outcome
+    segment: int
+    """Counts the times the chain had to begin anew; each segment has body axes of its own."""
+    reference: int | None
+    """Number of the frame it was compared with."""
+    matches: int
+    agreeing: int
+    R_cam_world: FloatArray
+    """(3, 3) as given."""
+    R_world_body: FloatArray | None = None
+    """(3, 3)"""
+    covariance: FloatArray | None = None
+    """(3, 3) of theta in ``R_world_body = R_hat exp(theta)``, rad^2."""
+    relative: RelativeMotion | None = None
+    """To the reference."""
+
+    @property
+    def R_cam_body(self) -> FloatArray | None:
+        """(3, 3) R_i of the paper."""
+        return None if self.R_world_body is None else self.R_cam_world @ self.R_world_body
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A frame with an attitude."""
+
+    number: int
+    time_s: float
+    features: IntArray
+    points: FloatArray
+    """(n, 2) normalised."""
+    R_cam_world: FloatArray
+    R_cam_body: FloatArray
+    covariance: FloatArray
+    own_sd: float
+    """Worst standard deviation of its own relative rotation, rad."""
+    noise_features: IntArray
+    """(m,) features whose noise in this frame is in its attitude."""
+    noise_gain: FloatArray
+    """(m, 3, 2) derivative of theta by that noise."""
+
+    @property
+    def R_world_body(self) -> FloatArray:
+        return self.R_cam_world.T @ self.R_cam_body
+
+
+class ImageMotionChain:
+    """Takes in monocular frames in order of time."""
+
+    def __init__(
+        self, camera: PinholeCamera, pixel_sigma_px: float, settings: ImageMotionTable
+    ) -> None:
+        self._camera, self._settings = camera, settings
+        sigma_px = settings.pixel_sigma_px or pixel_sigma_px
+        self._sigma = float(sigma_px / np.sqrt(camera.fx * camera.fy))
+        self._number = -1
+        self._segment = -1
+        self._keys: list[_Placed] = []
+        self._last: _Placed | None = None
+        self._omega_body: FloatArray | None = None
+
+    def step(self, frame: MonocularFrame) -> ChainFrame:
+        """Attitude at a frame. Raises `InputError` for the robust solver without its library."""
+        self._number += 1
+        points = normalised(self._camera, frame.pixels)
+        found = [self._compared(frame, points, each) for each in self._references(frame)]
+        good = [each for each in found if each[0].R_world_body is not None]
+        if good:
+            chosen, placed = min(good, key=lambda each: float(np.trace(_covariance(each[0]))))
+            self._place(placed)
+            return chosen
+        shared = max((each[0].matches for each in found), default=0)
+        if shared < self._settings.fewest_matches <= len(frame.features):
+            return self._begin(frame, points)
+        if found:
+            return max((each[0] for each in found), key=lambda each: each.matches)
+        return _empty(frame, max(self._segment, 0))
+
+    def _references(self, frame: MonocularFrame) -> list[_Placed]:
+        """What a frame is compared with, the best first."""
+        if self._last is None:
+            return []
+        if self._settings.reference is Reference.ADJACENT:
+            return [self._last]
+        key = self._keys[-1]
+        in_view = len(np.intersect1d(key.features, frame.features))
+        enough = max(self._settings.fewest_matches, self._settings.key_share * len(key.features))
+        if in_view < enough and self._last.number != key.number:
+            self._keys = [*self._keys, self._last][-_KEYS_TRIED:]
+        return self._keys[::-1]
+
+    def _begin(self, frame: MonocularFrame, points: FloatArray) -> ChainFrame:
+        """A new segment, whose body axes are the camera's."""
+        self._segment += 1
+        self._omega_body = None
+        nothing: IntArray = np.zeros(0, dtype=np.intp)
+        self._last = _Placed(
+            *(self._number, frame.time_s, frame.features, points, frame.R_cam_world),
+            *(np.eye(3), np.zeros((3, 3)), 0.0, nothing, np.zeros((0, 3, 2))),
+        )
+        self._keys = [self._last]
+        return ChainFrame(
+            *(frame.time_s, Outcome.FIRST, self._segment, None, 0, 0, frame.R_cam_world),
+            *(frame.R_cam_world.T, np.zeros((3, 3))),
+        )
+
+    def _place(self, placed: _Placed) -> None:
+        last = self._last
+        if last is not None and placed.time_s > last.time_s:
+            turn = log_rotation(last.R_world_body.T @ placed.R_world_body)
+            self._omega_body = turn / (placed.time_s - last.time_s)
+        self._last = placed
+
+    def _expected(self, frame: MonocularFrame, reference: _Placed) -> Expected | None:
+        """What the rate up to now promises of the rotation from the reference."""
+        if self._omega_body is None or self._last is None:
+            return None
+        turn = self._omega_body * (frame.time_s - self._last.time_s)
+        R_cam_body = frame.R_cam_world @ self._last.R_world_body @ exp_rotation(turn)
+        change = self._settings.rate_change * float(np.linalg.norm(turn))
+        # The last two attitudes make the rate: their errors are carried on.
+        sd = float(np.hypot(change, 2.0 * self._last.own_sd))
+        return Expected(R_cam_body @ reference.R_cam_body.T, max(sd, self._sigma))
+
+    def _compared(
+        self, frame: MonocularFrame, points: FloatArray, reference: _Placed
+    ) -> tuple[ChainFrame, _Placed]:
+        """A frame against a reference; the second is of use where there is an attitude."""
+        features, at_first, at_second = matched(reference.features, frame.features)
+        expected = self._expected(frame, reference)
+        relative = measure(
+            reference.points[at_first], points[at_second], self._sigma, self._settings, expected
+        )
+        if self._settings.solver is not MatchSolver.EIGHT_POINT:
+            relative = _believed(relative, expected)
+        result = ChainFrame(
+            *(frame.time_s, relative.outcome, self._segment, reference.number),
+            *(relative.matches, int(relative.agreeing.sum()), frame.R_cam_world),
+            relative=relative,
+        )
+        if relative.motion is None or relative.gain is None:
+            return result, reference
+        R_cam_body = relative.motion.R_second_first @ reference.R_cam_body
+        # eps is along the axes of the reference's camera, theta along those of the body.
+        A = reference.R_cam_body.T
+        used = features[relative.agreeing]
+        cross = self._shared_noise(reference, used, A @ relative.gain.by_first)
+        covariance = reference.covariance + A @ relative.gain.covariance @ A.T + cross + cross.T
+        worst = float(np.sqrt(np.linalg.eigvalsh(relative.gain.covariance)[-1]))
+        placed = _Placed(
+            *(self._number, frame.time_s, frame.features, points, frame.R_cam_world),
+            *(R_cam_body, covariance, worst),
+            *(used, A @ relative.gain.by_second),
+        )
+        return replace(result, R_world_body=placed.R_world_body, covariance=covariance), placed
+
+    def _shared_noise(self, reference: _Placed, features: IntArray, gain: FloatArray) -> FloatArray:
+        """(3, 3) covariance of the reference's theta with the turn since, through its noise."""
+        _, k, m = matched(reference.noise_features, features)
+        shared = np.einsum("nik,njk->ij", reference.noise_gain[k], gain[m])
+        return np.asarray(self._sigma**2 * shared)
+
+
+def run_chain(tracks: MonocularTracks, settings: ImageMotionTable) -> tuple[ChainFrame, ...]:
+    """All frames of a recording."""
+    return chain_frames(tracks.camera, tracks.pixel_sigma_px, tracks.frames, settings)
+
+
+def chain_frames(
+    camera: PinholeCamera,
+    pixel_sigma_px: float,
+    frames: Iterable[MonocularFrame],
+    settings: ImageMotionTable,
+) -> tuple[ChainFrame, ...]:
+    """Attitudes of frames in order of time."""
+    chain = ImageMotionChain(camera, pixel_sigma_px, settings)
+    return tuple(chain.step(frame) for frame in frames)
+
+
+def _believed(relative: RelativeMotion, expected: Expected | None) -> RelativeMotion:
+    """A measured rotation far from what was expected is one of wrong matches."""
+    if expected is None or relative.motion is None or relative.covariance is None:
+        return relative
+    off = float(rotation_angle(expected.R_second_first.T @ relative.motion.R_second_first))
+    own = float(np.linalg.eigvalsh(relative.covariance)[-1])
+    if off <= _UNEXPECTED_SD * np.sqrt(expected.sd_rad**2 + own):
+        return relative
+    return replace(relative, outcome=Outcome.UNEXPECTED, motion=None, gain=None)
+
+
+def _empty(frame: MonocularFrame, segment: int) -> ChainFrame:
+    return ChainFrame(frame.time_s, Outcome.FEW_MATCHES, segment, None, 0, 0, frame.R_cam_world)
+
+
+def _covariance(frame: ChainFrame) -> FloatArray:
+    return np.full((3, 3), np.inf) if frame.covariance is None else frame.covariance

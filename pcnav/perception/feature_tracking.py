@@ -1,0 +1,218 @@
+"""Corners followed through images: Lucas-Kanade forward and backward, and a geometric check."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from pcnav._extras import opencv
+from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.camera import PinholeCamera
+from pcnav.config_images import FeatureTrackerTable
+from pcnav.sequences.images import GreyImage, ImageSequence
+from pcnav.sequences.monocular import MonocularFrame, MonocularTracks
+
+_EDGE_PX = 4.0
+"""Corners closer to the edge of the image than this are let go: their patch is cut."""
+_FEWEST_CHECKED = 8
+_BRIGHT_PERCENT = 99.0
+_GRAIN_PX = 5
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """The corners of the last image."""
+
+    image: GreyImage
+    features: IntArray
+    """(n,)"""
+    pixels: FloatArray
+    """(n, 2)"""
+    birth: IntArray
+    """(n,) which of the anchors a corner was first seen in."""
+    born_at: FloatArray
+    """(n, 2) its pixels there."""
+
+
+@dataclass
+class FeatureTracker:
+    """Follows corners from image to image and finds new ones where some were lost.
+
+    A corner is found near where the last image leads, by the patch of the image it was first seen
+    in: so its error does not grow from image to image. When that patch no longer fits, the corner
+    is let go. One that is lost and found again gets a new number.
+    """
+
+    camera: PinholeCamera
+    settings: FeatureTrackerTable
+    _last: _Followed | None = field(default=None, init=False)
+    _next: int = field(default=0, init=False)
+    _anchors: dict[int, GreyImage] = field(default_factory=dict, init=False)
+    _images: int = field(default=0, init=False)
+
+    def step(self, image: GreyImage) -> tuple[IntArray, FloatArray]:
+        """Numbers (n,) and pixels (n, 2) of the corners of an image (height, width).
+
+        Raises `InputError` without OpenCV.
+        """
+        kept = self._follow(self._last, image) if self._last is not None else _nobody(image)
+        new = self._corners(image, kept.pixels, self.settings.most_features - len(kept.features))
+        numbers: IntArray = np.arange(self._next, self._next + len(new), dtype=np.intp)
+        born: IntArray = np.full(len(new), self._images, dtype=np.intp)
+        self._last = _Followed(
+            image,
+            np.concatenate([kept.features, numbers]),
+            np.concatenate([kept.pixels, new]),
+            np.concatenate([kept.birth, born]),
+            np.concatenate([kept.born_at, new]),
+        )
+        needed = set(np.unique(self._last.birth).tolist())
+        self._anchors = {k: old for k, old in self._anchors.items() if k in needed}
+        self._anchors[self._images] = image
+        self._next, self._images = self._next + len(new), self._images + 1
+        return self._last.features, self._last.pixels
+
+    def _follow(self, last: _Followed, image: GreyImage) -> _Followed:
+        """The corners of the last image that are found in this one."""
+        if not len(last.features):
+            return _nobody(image)
+        there, found, _ = self._flow(last.image, image, last.pixels)
+        back, found_back, _ = self._flow(image, last.image, there)
+        returned = np.linalg.norm(back - last.pixels, axis=1) <= self.settings.backward_px
+        good = found & found_back & returned & self._inside(there)
+        for birth in np.unique(last.birth[good]):
+            at = np.flatnonzero(good & (last.birth == birth))
+            placed, found, error = self._flow(
+                self._anchors[int(birth)], image, last.born_at[at], there[at]
+            )
+            near = np.linalg.norm(placed - there[at], axis=1) <= self.settings.anchor_px
+            there[at] = placed
+            good[at] = found & near & (error <= self.settings.most_error)
+        at = np.flatnonzero(good & self._inside(there))
+        at = at[self._sharing_a_motion(last.pixels[at], there[at])]
+        return _Followed(image, last.features[at], there[at], last.birth[at], last.born_at[at])
+
+    def _flow(
+        self,
+        first: GreyImage,
+        second: GreyImage,
+        pixels: FloatArray,
+        guess: FloatArray | None = None,
+    ) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """Where pixels (n, 2) went, whether that is known, and how much the patches differ.
+
+        A guess (n, 2) is only refined.
+        """
+        side = self.settings.window_px
+        cv2 = opencv("following features")
+        there, found, error = cv2.calcOpticalFlowPyrLK(
+            first,
+            second,
+            _points(pixels),
+            None if guess is None else _points(guess),
+            winSize=(side, side),
+            maxLevel=self.settings.pyramid_levels if guess is None else 0,
+            flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
+            criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3),
+        )
+        return (
+            np.asarray(there, dtype=np.float64).reshape(-1, 2),
+            np.asarray(found).ravel() != 0,
+            np.asarray(error, dtype=np.float64).ravel(),
+        )
+
+    def _sharing_a_motion(self, before: FloatArray, now: FloatArray) -> BoolArray:
+        """(n,) the matches that lie on the epipolar lines of one motion, or have not moved."""
+        everything = np.ones(len(before), dtype=np.bool_)
+        limit = self.settings.geometric_check_px
+        moved = np.linalg.norm(now - before, axis=1)
+        if len(before) < _FEWEST_CHECKED or np.median(moved) < limit:
+            # Of a target that hardly moves the epipolar lines are open; any match would pass.
+            return everything
+        cv2 = opencv("checking features")
+        _, mask = cv2.findEssentialMat(
+            np.ascontiguousarray(before),
+            np.ascontiguousarray(now),
+            cameraMatrix=self.camera.matrix,
+            method=cv2.USAC_ACCURATE,
+            prob=0.9999,
+            threshold=limit,
+        )
+        agreeing = everything if mask is None else np.asarray(mask).ravel() != 0
+        return agreeing if agreeing.sum() >= _FEWEST_CHECKED else everything
+
+    def _corners(self, image: GreyImage, taken: FloatArray, wanted: int) -> FloatArray:
+        """(n, 2) at most so many corners, away from the pixels (m, 2) taken."""
+        if wanted <= 0:
+            return np.zeros((0, 2))
+        cv2 = opencv("finding features")
+        spacing = self.settings.spacing_px
+        free = self._inland(image)
+        for u, v in np.rint(taken).astype(int):
+            cv2.circle(free, (int(u), int(v)), int(np.ceil(spacing)), 0, -1)
+        found = cv2.goodFeaturesToTrack(image, wanted, self.settings.quality, spacing, mask=free)
+        if found is None:
+            return np.zeros((0, 2))
+        side = (5, 5)
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-3)
+        refined = cv2.cornerSubPix(image, found, side, (-1, -1), criteria)
+        pixels = np.asarray(refined, dtype=np.float64).reshape(-1, 2)
+        return pixels[self._inside(pixels)]
+
+    def _inland(self, image: GreyImage) -> GreyImage:
+        """255 where corners may be: away from the outline against dark space.
+
+        What looks like a corner there moves with the outline, not with the target.
+        """
+        cv2 = opencv("finding features")
+        bright = float(np.percentile(image[image > 0], _BRIGHT_PERCENT)) if image.any() else 0.0
+        target = np.asarray(image > self.settings.dark_fraction * bright, dtype=np.uint8)
+        side = 2 * int(np.ceil(self.settings.outline_px)) + 1
+        # Closing first: dark grains within the target are no outline.
+        grain = np.ones((_GRAIN_PX, _GRAIN_PX), dtype=np.uint8)
+        closed = cv2.morphologyEx(target, cv2.MORPH_CLOSE, grain)
+        inland = cv2.erode(closed, np.ones((side, side), dtype=np.uint8))
+        return np.asarray(255 * inland, dtype=np.uint8)
+
+    def _inside(self, pixels: FloatArray) -> BoolArray:
+        high = np.array([self.camera.width, self.camera.height]) - 1.0 - _EDGE_PX
+        return np.asarray(np.all((pixels >= _EDGE_PX) & (pixels <= high), axis=1))
+
+
+def _points(pixels: FloatArray) -> npt.NDArray[np.float32]:
+    """(n, 1, 2) as OpenCV takes and overwrites them."""
+    return np.array(pixels, dtype=np.float32, order="C").reshape(-1, 1, 2)
+
+
+def _nobody(image: GreyImage) -> _Followed:
+    nothing: IntArray = np.zeros(0, dtype=np.intp)
+    return _Followed(image, nothing, np.zeros((0, 2)), nothing, np.zeros((0, 2)))
+
+
+def track_features(
+    images: Iterable[tuple[float, FloatArray, GreyImage]],
+    camera: PinholeCamera,
+    settings: FeatureTrackerTable,
+) -> Iterator[MonocularFrame]:
+    """Tracks of images given as time (s), R_cam_world (3, 3) and grey levels.
+
+    Raises `InputError` without OpenCV.
+    """
+    tracker = FeatureTracker(camera, settings)
+    for time_s, R_cam_world, image in images:
+        features, pixels = tracker.step(image)
+        yield MonocularFrame(time_s, R_cam_world, features, pixels)
+
+
+def tracks_of_images(
+    images: ImageSequence, settings: FeatureTrackerTable
+) -> Iterator[MonocularTracks]:
+    """Features followed through a sequence: the recording so far, longer by a frame each time.
+
+    The last value is the whole. Raises `InputError`.
+    """
+    frames: list[MonocularFrame] = []
+    for frame in track_features(images.read(), images.camera, settings):
+        frames.append(frame)
+        yield MonocularTracks(images.name, images.camera, settings.pixel_sigma_px, tuple(frames))

@@ -1,0 +1,151 @@
+"""From images to inertia: the chain's attitudes feed the filter on attitudes (Deng 2024)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.config_attitude import AttitudeInertiaTable
+from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator
+from pcnav.estimation.image_motion.chain import run_chain
+from pcnav.estimation.rotation_model import (
+    INERTIA,
+    printed_covariance,
+    printed_from_parameters,
+)
+from pcnav.evaluation.summary import number
+from pcnav.simulation.images import TrackFaults
+from pcnav.studies.applsci2022 import campaign, paper
+from pcnav.studies.applsci2022.scene import nutation, tracks_of
+from pcnav.studies.batch import run_all, run_seed
+from pcnav.studies.folder import Chapter
+from pcnav.studies.progress import Progress
+from pcnav.studies.tables import StudyTable
+
+INTERVAL_S = 5.0
+"""Between frames: the turn is then large enough to be measured from one to the next."""
+DURATION_S = 1200.0
+"""A little over three turns of the target."""
+_SHARES = (0.1, 0.25, 0.5, 1.0)
+_NOISES_PX = (0.02, 0.1)
+_POINTS = 200
+"""All around the hull: about half of them are in view."""
+_TABLE = AttitudeInertiaTable(
+    rate_sd_deg_s=1.0, inertia_ratio_sd=0.3, angular_acceleration_psd_rad2_s3=1e-14
+)
+_LEAST_SD_RAD = 1e-4
+
+
+@dataclass(frozen=True)
+class JoinedTask:
+    """One run."""
+
+    sigma_px: float
+    duration_s: float
+    seed: int
+
+    def __str__(self) -> str:
+        return f"inertia from images, {self.sigma_px:g} px (seed {self.seed})"
+
+
+@dataclass(frozen=True)
+class JoinedErrors:
+    """One run: what is believed of the ratios when the arc was so long."""
+
+    times_s: FloatArray
+    """(k,) of the frames with an attitude."""
+    error: FloatArray
+    """(k, 5) of Jxx, Jyy, Jxy, Jxz, Jyz over Jzz."""
+    sd: FloatArray
+    """(k, 5) stated."""
+    share: float
+    """Of the frames with an attitude."""
+
+
+def joined_tasks(runs: int, duration_s: float) -> list[JoinedTask]:
+    """All runs of the chapter."""
+    return [
+        JoinedTask(sigma, duration_s, run_seed(f"{campaign.STUDY} joined", index))
+        for sigma in _NOISES_PX
+        for index in range(runs)
+    ]
+
+
+def joined_frames(tasks: list[JoinedTask]) -> int:
+    """Frames in all."""
+    return sum(round(task.duration_s / INTERVAL_S) + 1 for task in tasks)
+
+
+def run_joined(task: JoinedTask) -> JoinedErrors:
+    """Simulate tracks, chain attitudes, filter them."""
+    truth = nutation(task.duration_s, INTERVAL_S, task.seed, _POINTS)
+    tracks = tracks_of(truth, TrackFaults(task.sigma_px), task.seed)
+    settings = campaign.KEY_FRAMES.model_copy(update={"pixel_sigma_px": task.sigma_px})
+    frames = run_chain(tracks, settings)
+    inertia = paper.INERTIA_KG_M2
+    entries = ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))
+    true_ratios = np.array([inertia[i, j] for i, j in entries]) / inertia[2, 2]
+    estimator = AttitudeInertiaEstimator(_TABLE)
+    times, errors, spreads = [], [], []
+    for frame in frames:
+        # Only one segment has one set of body axes.
+        if frame.R_world_body is None or frame.segment != 0:
+            continue
+        noise = _LEAST_SD_RAD**2 * np.eye(3)
+        if frame.covariance is not None:
+            noise = noise + frame.covariance
+        estimate = estimator.step(frame.time_s, frame.R_world_body, noise)
+        ratios = printed_from_parameters(estimate.state.parameters[0])
+        covariance = printed_covariance(estimate.state, estimate.covariance)[0]
+        times.append(frame.time_s)
+        errors.append(ratios - true_ratios)
+        spreads.append(np.sqrt(np.diag(covariance[INERTIA, INERTIA])))
+    return JoinedErrors(
+        np.array(times), np.array(errors), np.array(spreads), len(times) / len(frames)
+    )
+
+
+def joined_chapter(tasks: list[JoinedTask], jobs: int | None, progress: Progress) -> Chapter:
+    """Run all and lay them out: error of the ratios against the length of the arc."""
+    frames = joined_frames(tasks) // max(len(tasks), 1)
+    found = run_all(run_joined, tasks, jobs, lambda: progress.add(frames))
+    rows = []
+    for sigma in _NOISES_PX:
+        runs = [result for task, result in zip(tasks, found, strict=True) if task.sigma_px == sigma]
+        for share in _SHARES:
+            length_s = share * tasks[0].duration_s
+            last = [int(np.searchsorted(run.times_s, length_s + 1e-6)) - 1 for run in runs]
+            error = np.stack([run.error[k] for run, k in zip(runs, last, strict=True)])
+            sd = np.stack([run.sd[k] for run, k in zip(runs, last, strict=True)])
+            rows.append(
+                (
+                    f"{sigma:g} px",
+                    f"{length_s:g}",
+                    f"{np.mean([run.share for run in runs]):.0%}",
+                    number(float(np.sqrt(np.mean(error**2)))),
+                    number(float(np.max(np.abs(error)))),
+                    number(float(np.sqrt(np.mean(sd**2)))),
+                    number(float(np.sqrt(np.mean((error / sd) ** 2)))),
+                )
+            )
+    header = (
+        "noise",
+        "arc, s",
+        "frames with an attitude",
+        "RMS error of the ratios",
+        "largest",
+        "stated sd",
+        "error over sd, RMS",
+    )
+    note = (
+        "Jxx, Jyy, Jxy, Jxz, Jyz over Jzz, from a prior of 0.3 about those of a ball; "
+        f"{len(tasks) // len(_NOISES_PX)} runs of each noise, a frame every {INTERVAL_S:g} s."
+    )
+    text = (
+        "The attitudes of the robust chain with key frames, each with its own covariance, are all "
+        "that the filter on attitudes is given: rates and inertia ratios come from images alone. "
+        "The filter takes the errors of the attitudes as independent. Those of a chain share the "
+        "noise of its key frames, so the last column may exceed 1.",
+    )
+    table = StudyTable("inertia_from_images", "Inertia ratios", header, tuple(rows), note)
+    return Chapter("Inertia ratios from images alone", text, (table,))

@@ -1,0 +1,83 @@
+"""The parts of the study of Appl. Sci. 2022: its satellite, its runs, its tables."""
+
+import numpy as np
+import pytest
+
+from pcnav.simulation.images import TrackFaults
+from pcnav.studies import STUDIES
+from pcnav.studies.applsci2022 import campaign, limits, paper
+from pcnav.studies.applsci2022.campaign import Case, Task, run_task
+from pcnav.studies.applsci2022.scene import nutation, tracks_of
+
+pytest.importorskip("poselib", reason="the extra `images` is not installed")
+
+
+def test_the_box_has_the_printed_mass_properties() -> None:
+    half, R_body_hull = paper.hull_half_sides_m()
+    a, b, c = half**2
+    moments = paper.MASS_KG / 3.0 * np.array([b + c, a + c, a + b])
+    assert R_body_hull @ np.diag(moments) @ R_body_hull.T == pytest.approx(paper.INERTIA_KG_M2)
+    assert np.linalg.det(R_body_hull) == pytest.approx(1.0)
+    # Some metres, as the text has it.
+    assert 1.0 < 2.0 * half.min() < 2.0 * half.max() < 7.0
+
+
+def test_the_motion_keeps_energy_and_momentum() -> None:
+    truth = nutation(60.0, 1.0, seed=0)
+    momentum = truth.R_world_body @ (truth.omega_body @ paper.INERTIA_KG_M2)[..., None]
+    assert np.ptp(momentum, axis=0).max() < 1e-9 * np.linalg.norm(momentum[0])
+    energy = np.einsum("ni,ij,nj->n", truth.omega_body, paper.INERTIA_KG_M2, truth.omega_body)
+    assert np.ptp(energy) < 1e-9 * energy[0]
+    half, R_body_hull = paper.hull_half_sides_m()
+    inside = np.abs(truth.points @ R_body_hull) / half
+    assert inside.max() == pytest.approx(1.0)
+    assert np.all(np.isclose(inside, 1.0).sum(axis=1) == 1)
+    assert min(len(frame.features) for frame in tracks_of(truth, TrackFaults(), 0).frames) > 8
+
+
+def test_the_printed_chain_is_exact_without_noise_and_lost_with_wrong_matches() -> None:
+    exact = run_task(Task(Case("a", campaign.PRINTED, TrackFaults(), duration_s=20.0), 1))
+    assert np.nanmax(np.abs(exact.attitude)) < 1e-7
+    assert exact.outcomes == {"first": 1, "measured": 20}
+    wrong = TrackFaults(0.1, wrong_match_fraction=0.2)
+    lost = run_task(Task(Case("b", campaign.PRINTED, wrong, duration_s=20.0), 1))
+    assert np.nanmax(np.abs(lost.attitude)) > np.deg2rad(20.0)
+    kept = run_task(Task(Case("c", campaign.KEY_FRAMES, wrong, duration_s=20.0), 1))
+    assert np.nanmax(np.abs(kept.attitude)) < np.deg2rad(2.0)
+
+
+def test_accuracy_falls_with_the_square_of_the_range() -> None:
+    rows = limits.accuracy_table().rows
+    worst = np.array([float(row[1]) for row in rows])
+    best = np.array([float(row[2]) for row in rows])
+    assert worst[1:] / worst[:-1] == pytest.approx(np.full(3, 4.0), rel=0.1)
+    assert best[1:] / best[:-1] == pytest.approx(np.full(3, 2.0), rel=0.1)
+
+
+def test_degenerate_views_are_never_measured() -> None:
+    for name, _, told in limits.degenerate_table().rows:
+        assert ("measured" in told) == (name == "tumbling")
+
+
+def test_the_translation_answers_what_is_known() -> None:
+    rows = {row[0]: row for row in limits.translation_table().rows}
+    assert rows["both places"][1] == "found"
+    assert rows["both directions"][1].startswith("direction_only: needs the range")
+    assert rows["both ranges"][1].startswith("open")
+    assert float(rows["both directions, first range"][2]) < 0.05
+
+
+def test_the_study_is_registered() -> None:
+    assert "applsci2022" in STUDIES
+
+
+@pytest.mark.study
+def test_a_quick_study() -> None:
+    done: list[tuple[int, int]] = []
+    study = STUDIES["applsci2022"](2, lambda *at: done.append(at))
+    assert done[-1][0] == done[-1][1]
+    assert {table.key for chapter in study.chapters for table in chapter.tables} == {
+        *("noise", "faults", "intervals", "accuracy", "degenerate", "translation")
+    }
+    keys = {figure.key for chapter in study.chapters for figure in chapter.figures}
+    assert {"fig_5", "fig_6", "fig_7", "fig_8", "fig_9", "growth"} <= keys
