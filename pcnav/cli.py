@@ -129,9 +129,9 @@ def simulate(
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the sequence.")],
     overwrite: _Overwrite = False,
 ) -> None:
-    """Write the depth sequence, or the feature tracks, and the truth of a pipeline's scenario.
+    """Write depth frames, feature tracks or shaded images, and the truth of a pipeline's scenario.
 
-    Which of the two follows from the estimator that the pipeline names.
+    Which of them follows from the estimator that the pipeline names.
 
     Example: `pcnav simulate boxsat -o runs/boxsat`
     """
@@ -141,7 +141,11 @@ def simulate(
 @app.command()
 def run(
     sequence: Annotated[
-        Path, typer.Argument(help="Folder of a depth sequence or of feature tracks.")
+        Path,
+        typer.Argument(
+            help="Folder of a depth sequence, of feature tracks or of images of one camera; "
+            "or a video."
+        ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Result folder.")],
     target: Annotated[
@@ -160,9 +164,10 @@ def run(
     ] = None,
     overwrite: _Overwrite = False,
 ) -> None:
-    """Estimate pose, motion and mass properties from a depth sequence or from feature tracks.
+    """Estimate pose, motion and mass properties from depth frames, feature tracks or images.
 
-    Tracks need a pipeline with an estimator for them, as hu2024 and segal2011 have.
+    Stereo tracks need a pipeline with an estimator for them, as hu2024 and segal2011 have. Images
+    and tracks of one camera, with its camera.toml, give attitude and rate.
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
@@ -221,8 +226,7 @@ def target(
 @app.command()
 def study(
     name: Annotated[
-        str,
-        typer.Argument(help="applsci2022, deng2024, hu2024, segal2011, tracking or yu2019"),
+        str, typer.Argument(help="applsci2022, deng2024, hu2024, segal2011, tracking or yu2019")
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of tables and figures.")],
     runs: Annotated[
@@ -295,6 +299,9 @@ def _simulate(pipeline: str, out: Path, overwrite: bool) -> None:
     from pcnav.config_features import EstimatorKind
 
     path, content = _pipeline(pipeline)
+    if content.estimator.kind is EstimatorKind.IMAGE_MOTION:
+        _simulate_images(path, content, out, overwrite)
+        return
     if content.estimator.kind is not EstimatorKind.DEPTH:
         from pcnav.simulation.feature_recording import simulate_tracks
 
@@ -313,6 +320,16 @@ def _simulate(pipeline: str, out: Path, overwrite: bool) -> None:
     )
 
 
+def _simulate_images(path: Path, pipeline: "Pipeline", out: Path, overwrite: bool) -> None:
+    from pcnav.simulation.image_recording import simulate_images
+
+    name = pipeline.target_mesh
+    mesh = None if name is None else _mesh_of_pipeline(path, name)
+    with _progress("simulate") as advance:
+        summary = simulate_images(pipeline, out, overwrite, path, mesh, advance)
+    typer.echo(summary.text)
+
+
 def _run(
     sequence: Path, target_mesh: str | None, pipeline: str | None, out: Path, overwrite: bool
 ) -> None:
@@ -321,15 +338,27 @@ def _run(
     from pcnav.config import Pipeline
     from pcnav.config_features import EstimatorKind
     from pcnav.evaluation.summary import summary_table
+    from pcnav.image_pipeline import is_seen_by_one_camera
+    from pcnav.sequences.monocular import CAMERA_FILE
     from pcnav.sequences.track_files import TRACKS_FILE, is_track_recording
 
     path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:
         path, content = _pipeline(pipeline)
+    by_images = content.estimator.kind is EstimatorKind.IMAGE_MOTION
+    if by_images or is_seen_by_one_camera(sequence):
+        if pipeline is not None and not by_images:
+            expected = f'expected "{EstimatorKind.IMAGE_MOTION}" for images of one camera'
+            raise InputError(path, "estimator.kind", f'{expected}, got "{content.estimator.kind}"')
+        if target_mesh is not None:
+            raise InputError(sequence, "--target", "expected none: images of one camera need none")
+        _run_images(sequence, content, out, overwrite)
+        return
     if is_track_recording(sequence):
         if pipeline is None:
-            expected = "expected one with an estimator for feature tracks, as hu2024 or segal2011"
-            raise InputError(sequence, "--pipeline", expected)
+            expected = "expected one with an estimator for stereo tracks, as hu2024 or segal2011"
+            beside = f"; tracks of one camera have {CAMERA_FILE} beside them"
+            raise InputError(sequence, "--pipeline", expected + beside)
         if target_mesh is not None:
             raise InputError(sequence, "--target", "expected none: feature tracks need no mesh")
         _run_tracks(sequence, path, content, out, overwrite)
@@ -375,6 +404,24 @@ def _run_tracks(
             overwrite=overwrite,
             on_estimate=lambda _, done, total: advance(done, total),
             source=path,
+        )
+    Console().print(summary_table(summary.metrics))
+    typer.echo(f"report: {summary.report}")
+
+
+def _run_images(recording: Path, pipeline: "Pipeline", out: Path, overwrite: bool) -> None:
+    from rich.console import Console
+
+    from pcnav.evaluation.summary import summary_table
+    from pcnav.image_pipeline import run_images
+
+    with _progress("run") as advance:
+        summary = run_images(
+            recording,
+            out,
+            pipeline,
+            overwrite=overwrite,
+            on_frame=lambda _, done, total: advance(done, total),
         )
     Console().print(summary_table(summary.metrics))
     typer.echo(f"report: {summary.report}")

@@ -77,7 +77,8 @@ def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[t
     facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
     if knowledge is not None:
         facts.append((FROM_DATA, knowledge_text(knowledge)))
-    whole_state = (block for block in metrics.nees if block.name == "all")
+    alone = len(metrics.nees) == 1
+    whole_state = (block for block in metrics.nees if alone or block.name == "all")
     name = "NEES per degree of freedom"
     return facts + [(name, consistency_text(block)) for block in whole_state]
 

@@ -1,0 +1,295 @@
+"""Runs on what one camera sees: simulated, estimated and judged from end to end."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcnav.cli import main
+from pcnav.config import (
+    BodyTable,
+    CameraTable,
+    OrbitTable,
+    Pipeline,
+    ScenarioTable,
+    read_pipeline,
+)
+from pcnav.config_features import EstimatorKind, EstimatorTable, FeaturesTable
+from pcnav.config_images import (
+    ImageCameraTable,
+    ImageMotionTable,
+    MatchSolver,
+    ShadingTable,
+    Smoothing,
+)
+from pcnav.csv_table import read_csv
+from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.errors import InputError
+from pcnav.evaluation.truth import read_truth
+from pcnav.image_pipeline import run_images
+from pcnav.image_results import IMAGE_STATES_COLUMNS
+from pcnav.sequences.monocular import (
+    CAMERA_FILE,
+    MONOCULAR_TRACKS_FILE,
+    read_monocular,
+    write_monocular,
+)
+from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.simulation.image_recording import box_of_inertia, simulate_images
+from pcnav.spatial import rotation_angle, rotation_from_xyzw
+
+# The solver as printed needs no library; of exact tracks it is as good as any.
+EXACT = ImageMotionTable(
+    solver=MatchSolver.EIGHT_POINT,
+    ambiguous_chi_square=0.0,
+    smoothing=Smoothing.POLYNOMIAL,
+    fewest_sd=0.0,
+)
+
+
+def pipeline(frames: int = 14, sigma_px: float = 0.0, images: bool = False) -> Pipeline:
+    return Pipeline(
+        seed=5,
+        scenario=ScenarioTable(frames=frames, frame_rate_hz=1.0),
+        orbit=OrbitTable(mean_motion_rad_s=0.001, r_hill_m=(20.0, 0.5, -0.4)),
+        body=BodyTable(
+            # So that three faces of the box are seen: the points of one do not tell the motion.
+            attitude_rotvec_deg=(25.0, 40.0, -30.0),
+            omega_body_deg_s=(1.5, -1.0, 1.2),
+            inertia_ratios=(0.7, 0.6, 0.05, -0.02, 0.03),
+        ),
+        camera=CameraTable(boresight_hill=(1.0, 0.0, 0.0)),
+        estimator=EstimatorTable(kind=EstimatorKind.IMAGE_MOTION),
+        image_camera=ImageCameraTable(pixel_sigma_px=sigma_px, images=images),
+        image_motion=EXACT,
+        features=FeaturesTable(count=80, half_extent_m=2.0, largest_view_angle_deg=84.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("one_camera") / "recording"
+    simulate_images(pipeline(), folder)
+    return folder
+
+
+def states(folder: Path) -> dict[str, Any]:
+    """Columns of states.csv: tuples of words, arrays of numbers."""
+    words = ("status", "outcome")
+    table = read_csv(folder / "states.csv", IMAGE_STATES_COLUMNS, words)
+    numbers = {n: table.numbers((n,))[:, 0] for n in IMAGE_STATES_COLUMNS if n not in words}
+    return {**numbers, **{name: table.words(name) for name in words}}
+
+
+def test_exact_tracks_give_the_true_motion(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    summary = run_images(recording, out, pipeline())
+    names = {"states.csv", "metrics.json", "report.html", "pipeline.toml"}
+    assert {path.name for path in out.iterdir()} == names
+    errors = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["errors"]
+    assert set(errors) == {"attitude_deg", "omega_body_deg_s"}
+    attitude, rate = summary.metrics.quantities
+    assert attitude.whole.maximum < 1e-6
+    assert attitude.whole.frames == 13
+    # What the polynomial leaves of a rate that changes.
+    assert rate.whole.maximum < 2e-2
+
+    # The same from the files alone: angles between frames do not know the axes.
+    found, truth = states(out), read_truth(recording)
+    assert truth is not None and truth.R_world_body is not None
+    R = rotation_from_xyzw(np.column_stack([found[f"q_{k}"] for k in "xyzw"]))
+    turned = rotation_angle(R[0].T @ R)
+    true = rotation_angle(truth.R_world_body[0].T @ truth.R_world_body)
+    np.testing.assert_allclose(turned, true, atol=1e-6)
+    assert found["status"] == ("acquiring", *["locked"] * 13)
+    assert found["outcome"][:2] == ("first frame of a segment", "measured")
+
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    for text in ("Attitude error", "Rate error", "Outcomes", "first frame of a segment"):
+        assert text in page
+    assert read_pipeline(out / "pipeline.toml").image_motion == EXACT
+
+
+def test_the_same_pipeline_writes_the_same_recording(recording: Path, tmp_path: Path) -> None:
+    simulate_images(pipeline(), tmp_path / "again")
+    for name in (MONOCULAR_TRACKS_FILE, CAMERA_FILE, "truth.csv", "attitude.csv"):
+        assert (tmp_path / "again" / name).read_bytes() == (recording / name).read_bytes()
+
+
+def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
+    recording: Path, tmp_path: Path
+) -> None:
+    tracks = read_monocular(recording)
+    frames = list(tracks.frames)
+    for k in (5, 6):
+        few = slice(0, 7)
+        frames[k] = replace(
+            frames[k], features=frames[k].features[few], pixels=frames[k].pixels[few]
+        )
+    for k in range(9, 14):
+        frames[k] = replace(frames[k], features=frames[k].features + 10**6)
+    write_monocular(tmp_path / "gaps", replace(tracks, frames=tuple(frames)))
+    summary = run_images(tmp_path / "gaps", tmp_path / "run", pipeline())
+    found = states(tmp_path / "run")
+    assert found["status"][5:7] == ("coasting", "coasting")
+    assert found["outcome"][5:7] == ("fewer than 8 matches",) * 2
+    assert np.isnan(found["q_x"][5:7]).all() and np.isfinite(found["q_x"][7])
+    assert found["matches"][5] <= 7
+    assert found["segment"][8:10].tolist() == [0.0, 1.0]
+    assert found["status"][9:11] == ("acquiring", "locked")
+    # Without a truth there are no errors, and the report says how the axes changed.
+    assert not summary.metrics.quantities
+    assert not (tmp_path / "run" / "metrics.json").exists()
+    assert "2 segments" in summary.report.read_text(encoding="utf-8")
+
+
+def test_a_single_face_is_told_and_not_measured(tmp_path: Path) -> None:
+    pytest.importorskip("poselib")
+    ahead = pipeline(frames=6)
+    body = ahead.body.model_copy(update={"attitude_rotvec_deg": (0.0, 0.0, 0.0)})
+    robust = ahead.model_copy(update={"body": body, "image_motion": ImageMotionTable()})
+    simulate_images(robust, tmp_path / "plane")
+    run_images(tmp_path / "plane", tmp_path / "run", robust)
+    found = states(tmp_path / "run")
+    assert found["outcome"][1:] == ("points of one plane explain the matches",) * 5
+    assert found["status"] == ("acquiring",) * 6
+
+
+def test_a_truth_is_compared_segment_by_segment(recording: Path, tmp_path: Path) -> None:
+    tracks = read_monocular(recording)
+    frames = [
+        replace(frame, features=frame.features + (10**6 if k >= 7 else 0))
+        for k, frame in enumerate(tracks.frames)
+    ]
+    write_monocular(tmp_path / "two", replace(tracks, frames=tuple(frames)))
+    (tmp_path / "two" / "truth.csv").write_bytes((recording / "truth.csv").read_bytes())
+    summary = run_images(tmp_path / "two", tmp_path / "run", pipeline())
+    assert summary.metrics.frames_compared == 12
+    assert summary.metrics.quantities[0].whole.maximum < 1e-6
+
+
+def test_blackouts_and_noise_are_simulated(tmp_path: Path) -> None:
+    noisy = pipeline(frames=12, sigma_px=0.5)
+    table = noisy.features.model_copy(update={"blackouts_s": ((3.0, 5.0),)})
+    simulate_images(noisy.model_copy(update={"features": table}), tmp_path / "noisy")
+    simulate_images(pipeline(frames=12), tmp_path / "exact")
+    first, second = read_monocular(tmp_path / "noisy"), read_monocular(tmp_path / "exact")
+    assert [len(frame.features) == 0 for frame in first.frames] == [k in (3, 4) for k in range(12)]
+    assert first.pixel_sigma_px == 0.5
+    np.testing.assert_array_equal(first.frames[0].features, second.frames[0].features)
+    apart = np.concatenate(
+        [
+            a.pixels - b.pixels
+            for a, b in zip(first.frames, second.frames, strict=True)
+            if len(a.features) == len(b.features)
+        ]
+    )
+    assert np.std(apart) == pytest.approx(0.5, rel=0.1)
+
+
+def test_box_of_an_inertia() -> None:
+    inertia = inertia_from_ratios(np.array([0.7, 0.6, 0.05, -0.02, 0.03]))
+    half, R = box_of_inertia(inertia, 1.5)
+    assert half.max() == pytest.approx(1.5)
+    # By integration: second moments of points spread evenly over the box.
+    grid = np.linspace(-1.0, 1.0, 81)
+    points = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3) * half @ R.T
+    second = points.T @ points
+    found = np.trace(second) * np.eye(3) - second
+    np.testing.assert_allclose(found / found[0, 0], inertia / inertia[0, 0], atol=1e-9)
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(recording: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    (bare / MONOCULAR_TRACKS_FILE).write_bytes((recording / MONOCULAR_TRACKS_FILE).read_bytes())
+    with pytest.raises(InputError) as caught:
+        run_images(bare, tmp_path / "run", pipeline())
+    assert CAMERA_FILE in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="images or a video"):
+        run_images(recording / "truth.csv", tmp_path / "run", pipeline())
+    with pytest.raises(InputError, match="does not hold"):
+        run_images(recording, recording, pipeline(), overwrite=True)
+    late = tmp_path / "late"
+    simulate_images(pipeline(frames=3), late)
+    rows = (late / "truth.csv").read_text(encoding="utf-8").splitlines()
+    later = ",".join(["900.0", *rows[1].split(",")[1:]])
+    (late / "truth.csv").write_text(f"{rows[0]}\n{later}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="none match"):
+        run_images(late, tmp_path / "run", pipeline())
+    assert not (tmp_path / "run").exists()
+
+
+def test_images_need_a_mesh(tmp_path: Path) -> None:
+    wanted = pipeline(images=True)
+    with pytest.raises(InputError, match="mesh"):
+        simulate_images(wanted, tmp_path / "images")
+
+
+def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr("sys.argv", ["pcnav", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_the_shipped_scenario_by_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("poselib")
+    recorded, out = tmp_path / "recording", tmp_path / "run"
+    assert command(monkeypatch, "simulate", "applsci2022", "-o", recorded) == 0
+    assert "61 frames" in capsys.readouterr().out
+    camera = read_monocular(recorded).camera
+    assert (camera.width, camera.fx, camera.cx) == (2048, 2909.0, 1024.0)
+    truth = read_truth(recorded)
+    assert truth is not None and truth.R_world_body is not None
+    assert command(monkeypatch, "run", recorded, "-o", out) == 0
+    assert "angular rate" in capsys.readouterr().out
+    metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["errors"]["attitude_deg"]["whole"]["rms"] < 1.0
+    assert metrics["nees"]["theta_body"]["mean_per_degree_of_freedom"] < 2.0
+
+    assert command(monkeypatch, "run", recorded, "--pipeline", "boxsat", "-o", tmp_path / "x") == 2
+    assert "image_motion" in capsys.readouterr().err
+    (recorded / CAMERA_FILE).unlink()
+    arguments = ("run", recorded, "--pipeline", "applsci2022", "-o", tmp_path / "x")
+    assert command(monkeypatch, *arguments) == 2
+    told = capsys.readouterr().err
+    assert CAMERA_FILE in told and told.count("\n") == 1
+    assert not (tmp_path / "x").exists()
+
+
+def test_images_are_followed_and_leave_their_tracks(tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    pytest.importorskip("poselib")
+    path, mesh = shipped_pipeline("images"), shipped_mesh("boxsat")
+    assert path is not None
+    shipped = read_pipeline(path)
+    # A coarser look at the shipped scenario.
+    small = shipped.model_copy(
+        update={
+            "scenario": ScenarioTable(frames=4, frame_rate_hz=1.0),
+            "image_camera": ImageCameraTable(
+                images=True, width_px=320, height_px=320, focal_px=800.0
+            ),
+            "shading": ShadingTable(supersampling=1),
+        }
+    )
+    summary = simulate_images(small, tmp_path / "images", target_mesh=mesh)
+    assert summary.text.endswith("(4 frames)")
+    out = tmp_path / "run"
+    run_images(tmp_path / "images", out, small)
+    tracks = read_monocular(out)
+    assert len(tracks.frames) == 4
+    assert tracks.pixel_sigma_px == small.feature_tracker.pixel_sigma_px
+    found = states(out)
+    assert found["features"].tolist() == [len(frame.features) for frame in tracks.frames]
+    assert (out / "metrics.json").is_file()
+    # The result is a recording: it gives the same attitudes again.
+    run_images(out, tmp_path / "again", small)
+    assert states(tmp_path / "again")["outcome"] == found["outcome"]
