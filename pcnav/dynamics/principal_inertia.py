@@ -91,6 +91,9 @@ def move_axes(
 def _next_to_old(axes: FloatArray) -> list[int]:
     """Which columns of (3, 3) come first, second and third, each next to the axis of its place."""
     nearness = np.abs(axes)
+    nearest = nearness.argmax(axis=1).tolist()
+    if sorted(nearest) == [0, 1, 2]:
+        return [int(column) for column in nearest]
     orders = ([0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0])
     return max(orders, key=lambda order: float(nearness[[0, 1, 2], order].sum()))
 

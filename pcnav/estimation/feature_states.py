@@ -160,13 +160,14 @@ class PrincipalState:
         return change
 
     def _turn_of(self, e: FloatArray) -> FloatArray:
-        """(3,) the rotation about the mass centre that errors (N, 3) of the points amount to.
+        """(3,) the rotation that errors (N, 3) of the points amount to beside a common shift.
 
         After a time without features the points err mostly by one common turn, and the rate with
         them; a turn is no straight line. So the common turn in the errors is applied as a turn to
-        points and rate, after what is left of their errors, that of the shape, was added.
+        points and rate, after what is left of their errors was added: that of the shape, and the
+        shift that an error of the mass centre is.
         """
-        moments = self.points.T @ e
+        moments = self._centred.T @ e
         torque = np.array(
             [
                 moments[1, 2] - moments[2, 1],
@@ -177,15 +178,19 @@ class PrincipalState:
         return np.asarray(self._inverse_spread @ torque)
 
     @cached_property
+    def _centred(self) -> FloatArray:
+        return np.asarray(self.points - self.points.mean(axis=0))
+
+    @cached_property
     def _inverse_spread(self) -> FloatArray:
-        """(3, 3) inverse of ``sum of |f|^2 1 - f f^T``, which is kept regular for a line."""
-        squares = self.points.T @ self.points
+        """(3, 3) inverse of ``sum of |f|^2 1 - f f^T`` about the middle, regular for a line."""
+        squares = self._centred.T @ self._centred
         spread = (float(np.trace(squares)) + 1e-9) * np.eye(3) - squares
         return np.asarray(np.linalg.inv(spread), np.float64)
 
     def _turn_by_points(self) -> FloatArray:
         """(3, 3N) derivative of `_turn_of`."""
-        crosses = np.concatenate(list(skew(self.points)), axis=1)
+        crosses = np.concatenate(list(skew(self._centred)), axis=1)
         return np.asarray(self._inverse_spread @ crosses)
 
     def admissible(self, error: FloatArray, covariance: FloatArray) -> FloatArray:

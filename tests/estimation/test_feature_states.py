@@ -91,6 +91,27 @@ def test_a_turn_of_the_axes_moves_no_point():
     )
 
 
+def test_turns_and_shifts_are_straight_lines():
+    rng = np.random.default_rng(12)
+    state = random_state(rng)
+    turn, shift = np.array([0.4, -0.1, 0.3]), np.array([0.05, -0.1, 0.02])
+    # The body turned as a whole: its attitude errs, its points and rate do not.
+    error = np.zeros(26)
+    error[14:] = np.cross(turn, state.points).ravel()
+    error[3:6] = np.cross(turn, state.omega_body)
+    turned = state.retract(error)
+    E = exp_rotation(turn)
+    np.testing.assert_allclose(turned.points, state.points @ E.T, atol=1e-12)
+    np.testing.assert_allclose(turned.omega_body, E @ state.omega_body, atol=1e-12)
+    # The mass centre shifted: position and points make up for each other.
+    view = view_of(state, rng)
+    error = np.zeros(26)
+    error[14:] = np.tile(shift, 4)
+    error[8:11] = -view.R_hill_world @ state.R_world_body @ shift
+    moved = state.retract(error)
+    np.testing.assert_allclose(view.at(moved)[0], view.at(state)[0], atol=1e-9)
+
+
 def test_plain_differences():
     rng = np.random.default_rng(11)
     state = random_state(rng)

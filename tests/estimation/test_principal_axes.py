@@ -202,3 +202,12 @@ def test_bad_frames_are_told_apart():
         estimator.step(doubled)
     with pytest.raises(ValueError, match="longest_arc_s"):
         PrincipalAxesTable(arc_s=20.0, longest_arc_s=10.0)
+
+
+def test_an_eccentric_orbit():
+    orbit = KeplerOrbit(1.2e-3, 0.3, 0.5)
+    changed = replace(scenario(), orbit=orbit, orbit_model=OrbitModel.KEPLER)
+    tracks, truth = simulate_features(changed, np.random.default_rng(13))
+    estimator, estimates = run(tracks)
+    assert estimates[-1].status == Status.LOCKED
+    assert nees(estimator, truth) < 1.8

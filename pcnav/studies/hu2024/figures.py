@@ -66,8 +66,9 @@ def errors_figure(time_s: FloatArray, free_time_s: FloatArray, errors: Errors) -
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
         axes.set_xlim(float(time_s[0]), float(time_s[-1]))
+    # One legend for both columns.
+    grid[0, 0].plot([], [], color=ALERT, linewidth=0.9, label="axes as they come")
     add_legend(figure, grid[0, 0])
-    add_legend(figure, grid[0, 1])
     caption = "Truth minus estimate. Grey: nothing is seen."
     return StudyFigure(errors.key, errors.title, caption, svg_bytes(figure))
 
