@@ -1,0 +1,16 @@
+"""The command line: each command parses, calls one function and prints its summary."""
+
+from pcnav.cli.application import app, main
+from pcnav.cli.demo import demo
+from pcnav.cli.observability import observability
+from pcnav.cli.run import run
+from pcnav.cli.simulate import simulate
+from pcnav.cli.study import study
+from pcnav.cli.target import target
+from pcnav.cli.view import view
+
+# In the order in which the help lists them.
+for _command in (demo, simulate, run, view, target, study, observability):
+    app.command()(_command)
+
+__all__ = ["app", "main"]

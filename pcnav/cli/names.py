@@ -1,0 +1,52 @@
+"""Pipelines and meshes by path or shipped name."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcnav.errors import InputError
+
+if TYPE_CHECKING:  # heavy imports sit inside the functions, so that --help answers at once
+    from pcnav.config import Pipeline
+
+
+def named_pipeline(name: str) -> "tuple[Path, Pipeline]":
+    """A pipeline by path or shipped name."""
+    from pcnav.config import read_pipeline
+    from pcnav.shipped import shipped_pipeline, shipped_pipeline_names
+
+    path = Path(name)
+    if not path.is_file():
+        shipped = shipped_pipeline(name)
+        if shipped is None:
+            known = ", ".join(shipped_pipeline_names())
+            raise InputError(path, "pipeline", f"expected a TOML file or one of: {known}")
+        path = shipped
+    return path, read_pipeline(path)
+
+
+def named_mesh(name: str) -> Path:
+    """A mesh by path or shipped name."""
+    from pcnav.shipped import shipped_mesh
+
+    path = Path(name)
+    found = path if path.is_file() else shipped_mesh(name)
+    if found is None:
+        raise InputError(path, "mesh", _known_meshes())
+    return found
+
+
+def mesh_of_pipeline(pipeline: Path, name: str) -> Path:
+    """The mesh a pipeline file names: a path relative to the file, or a shipped name."""
+    from pcnav.shipped import shipped_mesh
+
+    path = pipeline.parent / name
+    found = path if path.is_file() else shipped_mesh(name)
+    if found is None:
+        raise InputError(pipeline, "target_mesh", f"{_known_meshes()}, got {name}")
+    return found
+
+
+def _known_meshes() -> str:
+    from pcnav.shipped import shipped_mesh_names
+
+    return f"expected a mesh file or one of: {', '.join(shipped_mesh_names())}"

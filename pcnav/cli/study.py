@@ -1,0 +1,39 @@
+"""``pcnav study``: a study's tables and figures."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pcnav.cli.options import Overwrite
+from pcnav.cli.progress import progress
+
+if TYPE_CHECKING:
+    pass
+
+
+def study(
+    name: Annotated[
+        str, typer.Argument(help="applsci2022, deng2024, hu2024, segal2011, tracking or yu2019")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of tables and figures.")],
+    runs: Annotated[
+        int | None, typer.Option(help="Monte Carlo runs, instead of the study's own number.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Rebuild a study's tables and figures: a paper's, or the tracker's own.
+
+    Example: `pcnav study yu2019 -o runs/yu2019`
+    """
+    from rich.console import Console
+
+    from pcnav.studies import run_study
+
+    with progress(f"study {name}") as advance:
+        summary = run_study(name, out, runs=runs, overwrite=overwrite, on_progress=advance)
+    # Numbers cut short would be worse than lines that wrap.
+    console = Console(width=max(Console().width, 120))
+    for table in summary.tables:
+        console.print(table)
+    typer.echo(f"tables and figures: {summary.page}")
