@@ -96,7 +96,11 @@ class ImageCameraTable(Table):
 
 
 class FeatureTrackerTable(Table):
-    """[feature_tracker]: corners followed through images (Lucas-Kanade, forward and backward)."""
+    """[feature_tracker]: corners followed through images.
+
+    Lucas-Kanade forward and backward from image to image, then the patch of the first sight,
+    which may have been sheared, stretched and lit anew.
+    """
 
     most_features: Annotated[int, Field(ge=8)] = 300
     quality: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
@@ -115,11 +119,13 @@ class FeatureTrackerTable(Table):
     """No corner is taken closer than this to the outline against dark space."""
     dark_fraction: Fraction = 0.05
     """Darker than this share of the target's brightest parts is space or deep shadow."""
-    most_error: Positive = 8.0
-    """Largest mean grey-level difference of a matched patch."""
-    pixel_sigma_px: Positive = 0.3
-    """Error of a tracked coordinate, which the recording of tracks states: a patch seen from some
-    degrees to the side of where it was first seen is found a few tenths of a pixel off."""
+    least_correlation: Fraction = 0.97
+    """Of the grey levels of a patch with those it had when it was first seen; less drops it."""
+    smoothing_px: Positive = 0.8
+    """Standard deviation of the Gaussian that takes the grain off before patches are compared."""
+    pixel_sigma_px: Positive = 0.1
+    """Error of a tracked coordinate, which the recording of tracks states. Most are found within
+    0.05 px of where they belong; patches that hold two surfaces err by several times as much."""
     geometric_check_px: Positive = 1.5
     """Largest distance of a match from the motion that most matches share; frame to frame."""
 

@@ -153,7 +153,7 @@ def test_every_number_carries_its_unit() -> None:
         "degree",
         "quality",
         "pyramid_levels",
-        "most_error",
+        "least_correlation",
         "sun_hill",
         "ambient",
         "texture_contrast",

@@ -10,6 +10,7 @@ from pcnav._extras import opencv
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.camera import PinholeCamera
 from pcnav.config_images import FeatureTrackerTable
+from pcnav.perception.patch_alignment import Patches, PatchGrid, SmoothImage, align, patches_of
 from pcnav.sequences.images import GreyImage, ImageSequence
 from pcnav.sequences.monocular import MonocularFrame, MonocularTracks
 
@@ -29,10 +30,10 @@ class _Followed:
     """(n,)"""
     pixels: FloatArray
     """(n, 2)"""
-    birth: IntArray
-    """(n,) which of the anchors a corner was first seen in."""
-    born_at: FloatArray
-    """(n, 2) its pixels there."""
+    patches: Patches
+    """Of the images that the corners were first seen in."""
+    linear: FloatArray
+    """(n, 2, 2) how each patch is seen now, over how it was then."""
 
 
 @dataclass
@@ -40,87 +41,90 @@ class FeatureTracker:
     """Follows corners from image to image and finds new ones where some were lost.
 
     A corner is found near where the last image leads, by the patch of the image it was first seen
-    in: so its error does not grow from image to image. When that patch no longer fits, the corner
-    is let go. One that is lost and found again gets a new number.
+    in, which may have been sheared, stretched and lit anew since: so its error does not grow from
+    image to image. When that patch no longer fits, the corner is let go. One that is lost and
+    found again gets a new number.
     """
 
     camera: PinholeCamera
     settings: FeatureTrackerTable
     _last: _Followed | None = field(default=None, init=False)
     _next: int = field(default=0, init=False)
-    _anchors: dict[int, GreyImage] = field(default_factory=dict, init=False)
-    _images: int = field(default=0, init=False)
 
     def step(self, image: GreyImage) -> tuple[IntArray, FloatArray]:
         """Numbers (n,) and pixels (n, 2) of the corners of an image (height, width).
 
         Raises `InputError` without OpenCV.
         """
-        kept = self._follow(self._last, image) if self._last is not None else _nobody(image)
+        smooth = self._smooth(image)
+        if self._last is None:
+            kept = _nobody(image, smooth, self._grid)
+        else:
+            kept = self._follow(self._last, image, smooth)
         new = self._corners(image, kept.pixels, self.settings.most_features - len(kept.features))
+        patches = patches_of(smooth, new, self._grid)
+        new, patches = new[patches.usable], patches.at(patches.usable)
         numbers: IntArray = np.arange(self._next, self._next + len(new), dtype=np.intp)
-        born: IntArray = np.full(len(new), self._images, dtype=np.intp)
         self._last = _Followed(
             image,
             np.concatenate([kept.features, numbers]),
             np.concatenate([kept.pixels, new]),
-            np.concatenate([kept.birth, born]),
-            np.concatenate([kept.born_at, new]),
+            kept.patches.and_those(patches),
+            np.concatenate([kept.linear, np.broadcast_to(np.eye(2), (len(new), 2, 2))]),
         )
-        needed = set(np.unique(self._last.birth).tolist())
-        self._anchors = {k: old for k, old in self._anchors.items() if k in needed}
-        self._anchors[self._images] = image
-        self._next, self._images = self._next + len(new), self._images + 1
+        self._next += len(new)
         return self._last.features, self._last.pixels
 
-    def _follow(self, last: _Followed, image: GreyImage) -> _Followed:
+    @property
+    def _grid(self) -> PatchGrid:
+        return PatchGrid(self.settings.window_px)
+
+    def _smooth(self, image: GreyImage) -> SmoothImage:
+        sigma = self.settings.smoothing_px
+        blurred = opencv("following features").GaussianBlur(
+            np.asarray(image, dtype=np.float32), (0, 0), sigma
+        )
+        return np.asarray(blurred, dtype=np.float32)
+
+    def _follow(self, last: _Followed, image: GreyImage, smooth: SmoothImage) -> _Followed:
         """The corners of the last image that are found in this one."""
         if not len(last.features):
-            return _nobody(image)
-        there, found, _ = self._flow(last.image, image, last.pixels)
-        back, found_back, _ = self._flow(image, last.image, there)
+            return _nobody(image, smooth, self._grid)
+        there, found = self._flow(last.image, image, last.pixels)
+        back, found_back = self._flow(image, last.image, there)
         returned = np.linalg.norm(back - last.pixels, axis=1) <= self.settings.backward_px
-        good = found & found_back & returned & self._inside(there)
-        for birth in np.unique(last.birth[good]):
-            at = np.flatnonzero(good & (last.birth == birth))
-            placed, found, error = self._flow(
-                self._anchors[int(birth)], image, last.born_at[at], there[at]
-            )
-            near = np.linalg.norm(placed - there[at], axis=1) <= self.settings.anchor_px
-            there[at] = placed
-            good[at] = found & near & (error <= self.settings.most_error)
-        at = np.flatnonzero(good & self._inside(there))
-        at = at[self._sharing_a_motion(last.pixels[at], there[at])]
-        return _Followed(image, last.features[at], there[at], last.birth[at], last.born_at[at])
+        at = np.flatnonzero(found & found_back & returned & self._inside(there))
+        patches = last.patches.at(at)
+        aligned = align(smooth, patches, there[at], last.linear[at], self._grid)
+        near = np.linalg.norm(aligned.pixels - there[at], axis=1) <= self.settings.anchor_px
+        alike = aligned.correlation >= self.settings.least_correlation
+        good = aligned.settled & near & alike & self._inside(aligned.pixels)
+        good[good] = self._sharing_a_motion(last.pixels[at[good]], aligned.pixels[good])
+        return _Followed(
+            image,
+            last.features[at[good]],
+            aligned.pixels[good],
+            patches.at(good),
+            aligned.linear[good],
+        )
 
     def _flow(
-        self,
-        first: GreyImage,
-        second: GreyImage,
-        pixels: FloatArray,
-        guess: FloatArray | None = None,
-    ) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Where pixels (n, 2) went, whether that is known, and how much the patches differ.
-
-        A guess (n, 2) is only refined.
-        """
+        self, first: GreyImage, second: GreyImage, pixels: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Where pixels (n, 2) went, by a shift of the patch, and whether that is known."""
         side = self.settings.window_px
         cv2 = opencv("following features")
-        there, found, error = cv2.calcOpticalFlowPyrLK(
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
             first,
             second,
             _points(pixels),
-            None if guess is None else _points(guess),
+            None,
             winSize=(side, side),
-            maxLevel=self.settings.pyramid_levels if guess is None else 0,
-            flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
+            maxLevel=self.settings.pyramid_levels,
             criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3),
         )
-        return (
-            np.asarray(there, dtype=np.float64).reshape(-1, 2),
-            np.asarray(found).ravel() != 0,
-            np.asarray(error, dtype=np.float64).ravel(),
-        )
+        pixels = np.asarray(there, dtype=np.float64).reshape(-1, 2)
+        return pixels, np.asarray(found).ravel() != 0
 
     def _sharing_a_motion(self, before: FloatArray, now: FloatArray) -> BoolArray:
         """(n,) the matches that lie on the epipolar lines of one motion, or have not moved."""
@@ -185,9 +189,12 @@ def _points(pixels: FloatArray) -> npt.NDArray[np.float32]:
     return np.array(pixels, dtype=np.float32, order="C").reshape(-1, 1, 2)
 
 
-def _nobody(image: GreyImage) -> _Followed:
+def _nobody(image: GreyImage, smooth: SmoothImage, grid: PatchGrid) -> _Followed:
     nothing: IntArray = np.zeros(0, dtype=np.intp)
-    return _Followed(image, nothing, np.zeros((0, 2)), nothing, np.zeros((0, 2)))
+    nowhere = np.zeros((0, 2))
+    return _Followed(
+        image, nothing, nowhere, patches_of(smooth, nowhere, grid), np.zeros((0, 2, 2))
+    )
 
 
 def track_features(

@@ -22,7 +22,7 @@ from pcnav.spatial import exp_rotation, log_rotation, make_transform
 pytest.importorskip("cv2", reason="the extra `images` is not installed")
 
 CAMERA = PinholeCamera(256, 256, 500.0, 500.0, 127.5, 127.5)
-TABLE = FeatureTrackerTable(most_features=60, most_error=20.0)
+TABLE = FeatureTrackerTable(most_features=60)
 
 
 def scenery(seed: int = 0) -> FloatArray:
@@ -118,7 +118,9 @@ def test_tracks_of_rendered_images_stay_on_the_target(
         p = p_first @ move[:3, :3].T + move[:3, 3]
         expected = p[:, :2] / p[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
         off = np.linalg.norm(expected - frame.pixels[j], axis=1)
-        assert np.median(off) < 0.5
+        # Nine in ten: the others sit where two surfaces meet in a patch.
+        assert np.median(off) < 0.1
+        assert np.percentile(off, 90) < 0.5
 
 
 def test_attitude_from_rendered_images(
@@ -132,7 +134,7 @@ def test_attitude_from_rendered_images(
     R = motion.T_cam_model[:, :3, :3]
     off = log_rotation(last.R_world_body.T @ (R[-1] @ R[0].T))
     # Eleven degrees turned.
-    assert np.rad2deg(np.linalg.norm(off)) < 1.0
+    assert np.rad2deg(np.linalg.norm(off)) < 0.3
     assert off @ np.linalg.solve(last.covariance, off) < 25.0
 
 
