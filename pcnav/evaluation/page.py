@@ -30,8 +30,8 @@ th, td { padding: 6px 10px; text-align: left; border-bottom: 1px solid var(--lin
 tr:last-child td { border-bottom: 0; }
 th { color: var(--muted); font-size: 13px; font-weight: 600; }
 .number { text-align: right; white-space: nowrap; }
-.grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(540px, 1fr)); gap: 16px;
-  align-items: start; }
+.grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(540px, 1fr)); gap: 16px;
+  align-items: start; margin-top: 12px; }
 .columns { columns: 3 360px; column-gap: 16px; font-size: 13px; }
 .columns .panel { break-inside: avoid; margin-bottom: 16px; }
 .columns td { padding: 4px 6px; overflow-wrap: anywhere; }

@@ -95,7 +95,9 @@ def degenerate_table() -> StudyTable:
                 outcomes[measure(first, second, noise, settings).outcome.value] += 1
             told = ", ".join(f"{what} {count}" for what, count in outcomes.most_common())
             rows.append((name, f"{wrong:.0%}", told))
-    note = f"{_DRAWS} draws each at {_SIGMA_PX} px, 10 degrees of turn. Only `measured` is used."
+    note = (
+        f"{_DRAWS} draws each at {_SIGMA_PX} px, 10 degrees of turn. Only measured pairs are used."
+    )
     header = ("views", "wrong matches", "outcome")
     return StudyTable("degenerate", "Degenerate views", header, tuple(rows), note, text_columns=3)
 

@@ -6,6 +6,7 @@ from pcnav.arrays import FloatArray
 from pcnav.config_images import ImageMotionTable
 from pcnav.estimation.image_motion.chain import run_chain
 from pcnav.estimation.image_motion.rates import continuous_xyzw, rotation_history
+from pcnav.estimation.image_motion.relative import Outcome
 from pcnav.evaluation.summary import number
 from pcnav.simulation.images import TrackFaults
 from pcnav.studies.applsci2022 import campaign, joined, paper
@@ -127,11 +128,11 @@ def _same_signs(R: FloatArray) -> FloatArray:
 def _noise_chapter(found: list[CaseErrors]) -> Chapter:
     text = (
         "The chain as printed takes every match as right, does not refine and always answers. The "
-        "robust chains refine by least squares. `every frame` takes each frame against the one "
-        "before, however uncertain the turn: of a turn that is as large as its own error the sign "
-        "can be wrong, and the first-order covariance with it. `last certain` and `key frames` "
-        "leave such frames out: the first waits until the turn since the last attitude is certain, "
-        "the second keeps a key frame while its features stay in view.",
+        "robust chains refine by least squares. The one called every frame compares each frame "
+        "with the one before, however uncertain the turn: of a turn that is as large as its own "
+        "error the sign can be wrong, and the first-order covariance with it. Those called last "
+        "certain and key frames leave such frames out: the first waits until the turn since the "
+        "last attitude is certain, the second keeps a key frame while its features stay in view.",
         "While the same features are in view, the errors of successive pairs nearly cancel: they "
         "share the noise of the frame between them. The stated deviation takes that into account, "
         "and key frames then bring attitudes at more frames rather than better ones.",
@@ -147,7 +148,7 @@ def _noise_chapter(found: list[CaseErrors]) -> Chapter:
     }
     caption = "RMS attitude error over the runs."
     figure = curves_figure("growth", "Growth of the error", caption, panels, "deg")
-    return Chapter("Noise and drift", text, (table,), (figure,))
+    return Chapter("Noise and drift", text, (table, _outcomes_table("noise", found)), (figure,))
 
 
 def _fault_chapter(found: list[CaseErrors]) -> Chapter:
@@ -167,7 +168,8 @@ def _fault_chapter(found: list[CaseErrors]) -> Chapter:
     caption = "RMS attitude error over the runs, 0.1 px."
     figure = curves_figure("growth_faults", "Growth of the error", caption, panels, "deg")
     table = _errors_table("faults", "Tracks that end and wrong matches, 0.1 px", found)
-    return Chapter("Tracks that end, wrong matches", text, (table,), (figure,))
+    tables = (table, _outcomes_table("faults", found))
+    return Chapter("Tracks that end, wrong matches", text, tables, (figure,))
 
 
 def _interval_chapter(found: list[CaseErrors]) -> Chapter:
@@ -177,15 +179,13 @@ def _interval_chapter(found: list[CaseErrors]) -> Chapter:
         "The paper does not print the interval. A short one leaves too little turn between "
         "adjacent frames for the essential matrix; a long one costs rate.",
     )
-    return Chapter("The frame interval", text, (table,))
+    return Chapter("The frame interval", text, (table, _outcomes_table("intervals", ordered)))
 
 
 def _errors_table(key: str, title: str, found: list[CaseErrors]) -> StudyTable:
     rows = []
     for each in found:
         end = float(each.times_s[-1])
-        others = {k: n for k, n in each.outcomes.items() if k not in ("measured", "first")}
-        told = ", ".join(f"{k} {n}" for k, n in sorted(others.items(), key=lambda kn: -kn[1]))
         rows.append(
             (
                 each.case.name,
@@ -199,7 +199,6 @@ def _errors_table(key: str, title: str, found: list[CaseErrors]) -> StudyTable:
                 number(each.sd_near(end, 10.0)),
                 number(each.mean_nees),
                 number(each.rate_rms),
-                told or "-",
             )
         )
     end = found[0].times_s[-1]
@@ -213,13 +212,23 @@ def _errors_table(key: str, title: str, found: list[CaseErrors]) -> StudyTable:
         "stated, deg",
         "NEES per dof",
         "rate, deg/s",
-        "frames not measured",
     )
     note = (
         "RMS over the runs of the 5 s (last column of errors: 10 s) up to the time. NEES over all "
         "frames; 1 is a true covariance."
     )
     return StudyTable(key, title, header, tuple(rows), note)
+
+
+def _outcomes_table(key: str, found: list[CaseErrors]) -> StudyTable:
+    """Frames by what became of them, all runs together; only outcomes that occur have a column."""
+    names = [what for what in Outcome if any(each.outcomes.get(what.value) for each in found)]
+    rows = [
+        (each.case.name, *(str(each.outcomes.get(name.value, 0)) for name in names))
+        for each in found
+    ]
+    header = ("chain", *(name.value.replace("_", " ") for name in names))
+    return StudyTable(f"{key}_outcomes", "Frames by outcome, all runs", header, tuple(rows))
 
 
 def _headline(

@@ -142,7 +142,7 @@ def _figure(cases: list[RankCase]) -> StudyFigure:
         axes.semilogy(np.arange(1, 12), values, "o-", color=colour, markersize=3, label=case.name)
     axes.axhline(cases[0].last.tolerance, color="#ea580c", linewidth=1.0, linestyle="--")
     axes.set_xlabel("number of the singular value")
-    axes.set_ylabel("over the largest")
+    axes.set_ylabel("singular value over the largest")
     add_legend(figure, axes, most_columns=2)
     return StudyFigure(
         "singular_values",
