@@ -42,8 +42,8 @@ class ImageMotionTable(Table):
     reference: Reference = Reference.KEY_FRAME
     pixel_sigma_px: Positive | None = None
     """Noise of each tracked coordinate; None takes the value the recording states."""
-    fewest_matches: Annotated[int, Field(ge=8)] = 8
-    """With fewer a frame is not measured."""
+    fewest_matches: Annotated[int, Field(ge=8)] = 12
+    """With fewer a frame is not measured: five numbers explain eight matches too easily."""
     inlier_gate_sigma: Positive = 3.5
     """A match agrees with a motion when its Sampson error is below so many deviations."""
     fewest_agreeing: Fraction = 0.5
@@ -56,6 +56,8 @@ class ImageMotionTable(Table):
     fewest_sd: NonNegative = 4.0
     """A turn out of the image plane of fewer deviations than this is not used: near zero the
     relief of the target and with it the axis of the turn are open."""
+    largest_turn_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 120.0
+    """Largest turn out of the image plane that is believed: no feature is seen from both sides."""
     key_share: Fraction = 0.7
     """A key frame is kept while this share of its features is in view."""
     rate_change: NonNegative = 0.5
@@ -124,8 +126,8 @@ class FeatureTrackerTable(Table):
     smoothing_px: Positive = 0.8
     """Standard deviation of the Gaussian that takes the grain off before patches are compared."""
     pixel_sigma_px: Positive = 0.1
-    """Error of a tracked coordinate, which the recording of tracks states. Most are found within
-    0.05 px of where they belong; patches that hold two surfaces err by several times as much."""
+    """Error of a tracked coordinate, which the recording of tracks states: a corner whose patch
+    the noise of the image places less well than this is let go."""
     geometric_check_px: Positive = 1.5
     """Largest distance of a match from the motion that most matches share; frame to frame."""
 

@@ -136,7 +136,7 @@ def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
     summary = run_images(tmp_path / "gaps", tmp_path / "run", pipeline())
     found = states(tmp_path / "run")
     assert found["status"][5:7] == ("coasting", "coasting")
-    assert found["outcome"][5:7] == ("fewer than 8 matches",) * 2
+    assert found["outcome"][5:7] == ("fewer than 12 matches",) * 2
     assert np.isnan(found["q_x"][5:7]).all() and np.isfinite(found["q_x"][7])
     assert found["matches"][5] <= 7
     assert found["segment"][8:10].tolist() == [0.0, 1.0]

@@ -19,6 +19,8 @@ _EDGE_PX = 4.0
 _FEWEST_CHECKED = 8
 _BRIGHT_PERCENT = 99.0
 _GRAIN_PX = 5
+_MOST_RESIDUAL = 2.0
+"""Of a patch over the median of the image."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class FeatureTracker:
     settings: FeatureTrackerTable
     _last: _Followed | None = field(default=None, init=False)
     _next: int = field(default=0, init=False)
+    _grain: float = field(default=0.0, init=False)
+    """Grey levels by which patches differ from their first sight, median of the last image."""
 
     def step(self, image: GreyImage) -> tuple[IntArray, FloatArray]:
         """Numbers (n,) and pixels (n, 2) of the corners of an image (height, width).
@@ -63,7 +67,10 @@ class FeatureTracker:
             kept = self._follow(self._last, image, smooth)
         new = self._corners(image, kept.pixels, self.settings.most_features - len(kept.features))
         patches = patches_of(smooth, new, self._grid)
-        new, patches = new[patches.usable], patches.at(patches.usable)
+        fit = patches.usable & (
+            self._errors_px(patches, self._grain) <= self.settings.pixel_sigma_px
+        )
+        new, patches = new[fit], patches.at(fit)
         numbers: IntArray = np.arange(self._next, self._next + len(new), dtype=np.intp)
         self._last = _Followed(
             image,
@@ -99,6 +106,7 @@ class FeatureTracker:
         near = np.linalg.norm(aligned.pixels - there[at], axis=1) <= self.settings.anchor_px
         alike = aligned.correlation >= self.settings.least_correlation
         good = aligned.settled & near & alike & self._inside(aligned.pixels)
+        good &= self._as_good_as_stated(patches, aligned.residual, good)
         good[good] = self._sharing_a_motion(last.pixels[at[good]], aligned.pixels[good])
         return _Followed(
             image,
@@ -107,6 +115,30 @@ class FeatureTracker:
             patches.at(good),
             aligned.linear[good],
         )
+
+    def _as_good_as_stated(
+        self, patches: Patches, residual: FloatArray, matched: BoolArray
+    ) -> BoolArray:
+        """(n,) patches that differ by no more than the noise, and whose noise places them well.
+
+        What differs more than others in the same image holds two surfaces, or an edge of shadow.
+        """
+        if not matched.any():
+            return matched
+        self._grain = float(np.median(residual[matched]))
+        like_noise = residual <= _MOST_RESIDUAL * self._grain
+        return np.asarray(
+            like_noise & (self._errors_px(patches, residual) <= self.settings.pixel_sigma_px)
+        )
+
+    def _errors_px(self, patches: Patches, residual: FloatArray | float) -> FloatArray:
+        """(n,) standard deviation of a patch's place, per axis, from the grey levels that differ.
+
+        Smoothing makes the noise of neighbours alike: its density at the wavelengths of a patch
+        stays what it was, while its variance falls by 4 pi times the square of the width.
+        """
+        alike = max(1.0, float(np.sqrt(4.0 * np.pi)) * self.settings.smoothing_px)
+        return np.asarray(patches.error_gain * residual * alike)
 
     def _flow(
         self, first: GreyImage, second: GreyImage, pixels: FloatArray

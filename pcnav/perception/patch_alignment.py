@@ -37,6 +37,11 @@ class Patches:
     usable: BoolArray
     """(n,) whether the patch has structure in all directions."""
 
+    @property
+    def error_gain(self) -> FloatArray:
+        """(n,) px of error of the place, per axis, for each grey level of independent noise."""
+        return np.asarray(np.sqrt(0.5 * np.sum(self.rows[:, :2] ** 2, axis=(1, 2))))
+
     def at(self, index: npt.NDArray[np.intp] | BoolArray) -> "Patches":
         """Some of them."""
         return Patches(self.grey[index], self.rows[index], self.usable[index])
@@ -60,6 +65,8 @@ class Alignment:
     """(n, 2, 2) takes offsets from a patch's middle in its first image to offsets in this one."""
     correlation: FloatArray
     """(n,) of the grey levels, 1 where gain and offset explain all that differs."""
+    residual: FloatArray
+    """(n,) RMS of the grey levels that gain and offset leave, over the gain: those of the patch."""
     settled: BoolArray
     """(n,) whether the alignment converged within the image."""
 
@@ -137,22 +144,25 @@ def align(
         done = whole & (step < _SETTLED_PX * grid.side)
         settled[k[done]] = True
         active[k[done | ~whole]] = False
-    correlation = _correlation(image, patches, pixels, linear, grid)
-    return Alignment(pixels, linear, correlation, settled)
+    correlation, residual = _compared(image, patches, pixels, linear, grid)
+    return Alignment(pixels, linear, correlation, residual, settled)
 
 
-def _correlation(
+def _compared(
     image: SmoothImage, patches: Patches, pixels: FloatArray, linear: FloatArray, grid: PatchGrid
-) -> FloatArray:
-    """(n,) weighted correlation of the grey levels; 0 for a patch that leaves the image."""
+) -> tuple[FloatArray, FloatArray]:
+    """Correlation and residual (n,) of the grey levels; 0 and inf for one that leaves the image."""
     seen = _sampled(image, pixels[:, None, :] + grid.offsets @ np.swapaxes(linear, 1, 2))
     whole = np.all(np.isfinite(seen), axis=1)
     weights = grid.weights / grid.weights.sum()
     a = patches.grey - (patches.grey @ weights)[:, None]
     seen = np.nan_to_num(seen)
     b = seen - (seen @ weights)[:, None]
-    scale = np.sqrt((a**2 @ weights) * (b**2 @ weights)) + _TINY
-    return np.where(whole, ((a * b) @ weights) / scale, 0.0)
+    first, both, second = a**2 @ weights + _TINY, (a * b) @ weights, b**2 @ weights + _TINY
+    correlation = np.where(whole, both / np.sqrt(first * second), 0.0)
+    gain = np.maximum(both / first, _LEAST_GAIN)
+    residual = np.sqrt(np.maximum(second - both**2 / first, 0.0)) / gain
+    return correlation, np.where(whole, residual, np.inf)
 
 
 def _inverse(matrix: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -303,3 +303,16 @@ def test_neither_library_is_needed_to_import_the_chain() -> None:
         "import pcnav.sequences.images, pcnav.simulation.images"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_motion_that_would_show_features_from_both_sides_is_not_believed() -> None:
+    """Matches made by a turn of 150 degrees are exact, and yet no feature can be seen so."""
+    rng = np.random.default_rng(8)
+    points = rng.uniform(-1.0, 1.0, (30, 3))
+    R, place = exp_rotation(np.deg2rad([150.0, 0.0, 0.0])), np.array([0.0, 0.0, 12.0])
+    first, second = points + place, points @ R.T + place
+    matches = [p[:, :2] / p[:, 2:] for p in (first, second)]
+    found = measure(matches[0], matches[1], 1e-5, ImageMotionTable())
+    assert found.outcome is Outcome.NO_CONSENSUS and found.motion is None
+    wide = ImageMotionTable(largest_turn_deg=180.0)
+    assert measure(matches[0], matches[1], 1e-5, wide).outcome is Outcome.MEASURED

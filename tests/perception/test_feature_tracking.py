@@ -145,3 +145,15 @@ def test_without_opencv_one_line_says_what_to_install(monkeypatch: pytest.Monkey
     monkeypatch.setattr(feature_tracking, "opencv", missing)
     with pytest.raises(InputError, match="images"):
         FeatureTracker(CAMERA, TABLE).step(shifted(scenery(), 0.0, 0.0))
+
+
+def test_a_corner_that_noise_places_badly_is_let_go() -> None:
+    """Grain of 12 grey levels on faint structure: no patch is as good as the stated 0.1 px."""
+    rng, scene = np.random.default_rng(2), scenery()
+    faint = 100.0 + 0.1 * (scene - scene.mean())
+    tracker = FeatureTracker(CAMERA, TABLE)
+    for k in range(3):
+        grainy = shifted(faint, 0.4 * k, 0.0) + 12.0 * rng.standard_normal((256, 256))
+        features, _ = tracker.step(np.clip(np.rint(grainy), 0, 255).astype(np.uint8))
+        kept = features if k == 0 else np.intersect1d(kept, features)
+    assert len(kept) == 0

@@ -119,6 +119,9 @@ def measure(
         return RelativeMotion(Outcome.NO_CONSENSUS, count, none)
     candidates, agreeing = found
     a, b = first[agreeing], second[agreeing]
+    most = np.deg2rad(settings.largest_turn_deg)
+    if out_of_plane_angle(candidates[0].R_second_first, a, b) > most:
+        return RelativeMotion(Outcome.NO_CONSENSUS, count, agreeing, candidates=candidates)
     simpler = _simpler(a, b, sigma)
     if simpler is not None:
         return RelativeMotion(simpler[0], count, agreeing, candidates=simpler[1])
