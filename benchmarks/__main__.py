@@ -19,6 +19,7 @@ class Part(StrEnum):
     SPEED = "speed"
     ACCURACY = "accuracy"
     MEMORY = "memory"
+    SCALING = "scaling"
 
 
 class Satellite(StrEnum):
@@ -36,6 +37,9 @@ def main(
     long_frames: Annotated[
         int, typer.Option(min=1000, help="Frames of the long sequence of the memory part.")
     ] = 5000,
+    batch_runs: Annotated[
+        int, typer.Option(min=2, help="Runs of the batch of the scaling part.")
+    ] = 24,
     only: Annotated[list[Part] | None, typer.Option(help="Measure only this; repeatable.")] = None,
     satellite: Annotated[
         list[Satellite] | None, typer.Option(help="Compare only on this one; repeatable.")
@@ -61,6 +65,8 @@ def main(
             _accuracy(frames, satellite or list(Satellite), folder, out, console)
         if Part.MEMORY in parts:
             _memory(long_frames, folder, console)
+        if Part.SCALING in parts:
+            _scaling(batch_runs, console)
 
 
 def _speed(frames: int, folder: Path, console: Console) -> None:
@@ -105,6 +111,15 @@ def _memory(long_frames: int, folder: Path, console: Console) -> None:
 
     short = measure_memory(SHORT_FRAMES, folder)
     console.print(memory_table(short, measure_memory(long_frames, folder)))
+
+
+def _scaling(batch_runs: int, console: Console) -> None:
+    from benchmarks.scaling import FEW, MANY, measure_batch, memory_table, speed_table
+
+    one, two = (measure_batch("real", batch_runs, jobs) for jobs in (1, 2))
+    console.print(speed_table(one, two))
+    few, many = (measure_batch("cheap", runs, 2) for runs in (FEW, MANY))
+    console.print(memory_table(few, many))
 
 
 if __name__ == "__main__":

@@ -14,13 +14,11 @@ from benchmarks.peers import (
     ICP_PEERS,
     OPEN3D,
     OURS,
-    SAMPLES,
     SINGLE_FRAME,
-    START_SHIFT_FRACTION,
-    START_TURN_DEG,
     Method,
     peer_threads,
 )
+from pcnav.batch.estimators.icp import SAMPLES, START_SHIFT_FRACTION, START_TURN_DEG
 from pcnav.studies.tables import StudyTable
 
 FILTERED_BAR = 0.5

@@ -202,9 +202,18 @@ class Pipeline(Table):
     attitude_inertia: AttitudeInertiaTable = AttitudeInertiaTable()
 
 
+_TABLES_OF_A_GRID = ("batch", "base", "grid")
+
+
 def read_pipeline(path: Path) -> Pipeline:
     """Read and check a pipeline file. Raises `InputError`."""
-    return read_toml_model(path, Pipeline)
+    try:
+        return read_toml_model(path, Pipeline)
+    except InputError as error:
+        if error.field not in _TABLES_OF_A_GRID:
+            raise
+        expected = "expected a pipeline; this is a grid of cases, which is for `pcnav table`"
+        raise InputError(path, error.field, expected) from error
 
 
 def read_toml_model(path: Path, model: type[Model]) -> Model:

@@ -17,15 +17,19 @@ _DISTRIBUTIONS = {
     "trimesh": ("trimesh",),
     "filterpy": ("filterpy",),
 }
+_PEERS = {"kiss-icp": ("kiss-icp",), "small_gicp": ("small_gicp",)}
+"""Whose numbers end up in comparisons only."""
 
 
 def library_versions() -> dict[str, str]:
     """Versions of pcnav, Python and the libraries whose numbers end up in a result."""
-    versions = {"pcnav": pcnav.__version__, "python": platform.python_version()}
-    for name, distributions in _DISTRIBUTIONS.items():
-        found = [_installed_version(distribution) for distribution in distributions]
-        versions[name] = next((text for text in found if text), "not installed")
-    return versions
+    own = {"pcnav": pcnav.__version__, "python": platform.python_version()}
+    return own | _versions(_DISTRIBUTIONS)
+
+
+def library_versions_with_peers() -> dict[str, str]:
+    """`library_versions` and those of the libraries that pcnav is compared with."""
+    return library_versions() | _versions(_PEERS)
 
 
 def pipeline_toml(pipeline: Pipeline, versions: Mapping[str, str]) -> str:
@@ -36,6 +40,15 @@ def pipeline_toml(pipeline: Pipeline, versions: Mapping[str, str]) -> str:
     """
     comments = "".join(f"# {name} {text}\n" for name, text in versions.items())
     return comments + "\n" + tomli_w.dumps(pipeline.model_dump(mode="json", exclude_none=True))
+
+
+def _versions(distributions: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
+    """By name, of the first distribution that is installed."""
+    versions = {}
+    for name, candidates in distributions.items():
+        found = map(_installed_version, candidates)
+        versions[name] = next((text for text in found if text), "not installed")
+    return versions
 
 
 def _installed_version(distribution: str) -> str:

@@ -4,11 +4,14 @@ In a checkout they lie in ``meshes/`` and ``pipelines/`` beside the package; a w
 same folders inside it, as ``pcnav/data/meshes`` and ``pcnav/data/pipelines``.
 """
 
+import tomllib
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
 _MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
 _PIPELINE_SUFFIXES = (".toml",)
+_GRID_TABLE = "batch"
+"""A file with this table is a grid of cases, any other one a pipeline."""
 
 
 def shipped_mesh(name: str) -> Path | None:
@@ -17,7 +20,7 @@ def shipped_mesh(name: str) -> Path | None:
 
 
 def shipped_pipeline(name: str) -> Path | None:
-    """A shipped pipeline file, named with or without ``.toml``; None if unknown."""
+    """A shipped pipeline or grid file, named with or without ``.toml``; None if unknown."""
     return _find(name, _files("pipelines", _PIPELINE_SUFFIXES))
 
 
@@ -28,7 +31,19 @@ def shipped_mesh_names() -> tuple[str, ...]:
 
 def shipped_pipeline_names() -> tuple[str, ...]:
     """Names of the shipped pipelines, in alphabetical order."""
-    return tuple(path.stem for path in _files("pipelines", _PIPELINE_SUFFIXES))
+    return tuple(
+        path.stem for path in _files("pipelines", _PIPELINE_SUFFIXES) if not _is_grid(path)
+    )
+
+
+def shipped_grid_names() -> tuple[str, ...]:
+    """Names of the shipped grids of cases, in alphabetical order."""
+    files = _files("pipelines", _PIPELINE_SUFFIXES)
+    return tuple(path.stem for path in files if _is_grid(path))
+
+
+def _is_grid(path: Path) -> bool:
+    return _GRID_TABLE in tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def _find(name: str, files: tuple[Path, ...]) -> Path | None:

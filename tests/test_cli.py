@@ -215,6 +215,8 @@ def test_examples_use_what_is_shipped_and_work_in_order(
         (("simulate", "demo", "-o", "x", "--fast"), ("--fast", "pcnav simulate --help")),
         (("study", "yu2019", "-o", "x", "--runs", "many"), ("--runs", "pcnav study --help")),
         (("study", "nobody1900", "-o", "x"), ("nobody1900", "study", "expected")),
+        (("study", "yu2019", "-o", "x", "--jobs", "0"), ("--jobs", "expected at least 1")),
+        (("study", "yu2019", "-o", "x", "--scheduler", "host"), ("host", "tcp://host:8786")),
         (("target", "boxsat", "extra"), ("extra", "pcnav target --help")),
         (("--nothing",), ("--nothing", "pcnav --help")),
     ],

@@ -536,6 +536,7 @@ def test_range_noise_of_the_perception_table_replaces_the_sequence_s(recording: 
 RANKS = {
     "evaluation": 5,
     "viewer": 5,
+    "batch": 6,
     "pipeline": 6,
     "feature_pipeline": 6,
     "image_pipeline": 6,

@@ -6,11 +6,12 @@ from pcnav.cli.observability import observability
 from pcnav.cli.run import run
 from pcnav.cli.simulate import simulate
 from pcnav.cli.study import study
+from pcnav.cli.table import table
 from pcnav.cli.target import target
 from pcnav.cli.view import view
 
 # In the order in which the help lists them.
-for _command in (demo, simulate, run, view, target, study, observability):
+for _command in (demo, simulate, run, view, target, table, study, observability):
     app.command()(_command)
 
 __all__ = ["app", "main"]

@@ -5,3 +5,14 @@ from typing import Annotated
 import typer
 
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
+
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", help="Processes of this machine; one per core (at most 8) if not told."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", help="Use the workers of a dask scheduler instead: tcp://host:8786."
+    ),
+]

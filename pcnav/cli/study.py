@@ -1,15 +1,12 @@
 """``pcnav study``: a study's tables and figures."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from pcnav.cli.options import Overwrite
+from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
-
-if TYPE_CHECKING:
-    pass
 
 
 def study(
@@ -20,6 +17,8 @@ def study(
     runs: Annotated[
         int | None, typer.Option(help="Monte Carlo runs, instead of the study's own number.")
     ] = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Rebuild a study's tables and figures: a paper's, or the tracker's own.
@@ -28,10 +27,14 @@ def study(
     """
     from rich.console import Console
 
+    from pcnav.batch.cluster import Workers
     from pcnav.studies import run_study
 
+    workers = Workers(jobs, scheduler)
     with progress(f"study {name}") as advance:
-        summary = run_study(name, out, runs=runs, overwrite=overwrite, on_progress=advance)
+        summary = run_study(
+            name, out, runs=runs, workers=workers, overwrite=overwrite, on_progress=advance
+        )
     # Numbers cut short would be worse than lines that wrap.
     console = Console(width=max(Console().width, 120))
     for table in summary.tables:

@@ -30,6 +30,9 @@ th, td { padding: 6px 10px; text-align: left; border-bottom: 1px solid var(--lin
 tr:last-child td { border-bottom: 0; }
 th { color: var(--muted); font-size: 13px; font-weight: 600; }
 .number { text-align: right; white-space: nowrap; }
+th.number { white-space: normal; }
+table.data td:first-child { min-width: 140px; }
+td small { color: var(--muted); font-size: 12px; }
 .grid { display: grid; grid-template-columns: repeat(auto-fill, minmax(540px, 1fr)); gap: 16px;
   align-items: start; margin-top: 12px; }
 .columns { columns: 3 360px; column-gap: 16px; font-size: 13px; }
@@ -105,19 +108,23 @@ def cards(facts: Sequence[tuple[str, str]]) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
-    """A table whose columns after the first ``text_columns`` hold numbers."""
+    """A table whose columns after the first ``text_columns`` hold numbers.
+
+    What stands below the first line of a cell is set small.
+    """
 
     def cells(tag: str, row: Sequence[str]) -> str:
         return "".join(
-            f"<{tag}>{escape(text)}</{tag}>"
+            f"<{tag}>{_lines(text)}</{tag}>"
             if k < text_columns
-            else f'<{tag} class="number">{escape(text)}</{tag}>'
+            else f'<{tag} class="number">{_lines(text)}</{tag}>'
             for k, text in enumerate(row)
         )
 
     lines = [f"<tr>{cells('td', row)}</tr>" for row in rows]
     head = f"<thead><tr>{cells('th', header)}</tr></thead>" if header else ""
-    return f'<div class="panel"><table>{head}<tbody>' + "\n".join(lines) + "</tbody></table></div>"
+    body = "\n".join(lines)
+    return f'<div class="panel"><table class="data">{head}<tbody>{body}</tbody></table></div>'
 
 
 def image(title: str, caption: str, media_type: str, content: bytes) -> str:
@@ -149,6 +156,11 @@ def settings(tables: Mapping[str, object]) -> str:
         f'<div class="panel"><h3>{escape(name)}</h3>{_rows(group)}</div>' for name, group in groups
     ]
     return '<div class="columns">\n' + "\n".join(panels) + "\n</div>"
+
+
+def _lines(text: str) -> str:
+    first, _, below = escape(text).partition("\n")
+    return f"{first}<br><small>{below}</small>" if below else first
 
 
 def _rows(group: Mapping[str, object]) -> str:

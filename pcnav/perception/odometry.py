@@ -24,7 +24,7 @@ from kiss_icp.config.config import (
 from kiss_icp.kiss_icp import KissICP
 
 from pcnav.arrays import FloatArray
-from pcnav.perception.returns import window_of_returns
+from pcnav.perception.returns import returns_of
 from pcnav.sequences.sequence import Frame
 from pcnav.spatial import invert_transform, make_transform
 
@@ -79,7 +79,7 @@ class Odometry:
     def register(self, frame: Frame) -> OdometryStep:
         """The motion since the first frame. The target may drift by its own size from there."""
         start = perf_counter()
-        points = _returns(frame)
+        points = returns_of(frame)
         if self._kiss is None and len(points) >= _LEAST_POINTS:
             self._size_m = self._size_m or _extent(points)
             self._origin = points.mean(axis=0)
@@ -103,15 +103,6 @@ def follow(frames: Iterable[Frame], size_m: float | None = None) -> Iterator[Odo
     """One step of `Odometry` for every frame, read as they are asked for."""
     odometry = Odometry(size_m)
     return (odometry.register(frame) for frame in frames)
-
-
-def _returns(frame: Frame) -> FloatArray:
-    """(n, 3) points in the camera frame, m."""
-    window = window_of_returns(frame)
-    if window is None:
-        return np.empty((0, 3))
-    seen = window.has_return
-    return np.asarray(window.rays[seen] * window.range_m[seen, None])
 
 
 def _extent(points: FloatArray) -> float:

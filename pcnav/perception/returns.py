@@ -86,6 +86,15 @@ def smoothed_points(window: Window, size: int) -> FloatArray:
     return np.asarray(np.column_stack([kept[1], kept[2], kept[0]]) / kept[3][:, None])
 
 
+def returns_of(frame: Frame) -> FloatArray:
+    """(n, 3) points of a frame's returns, camera frame, m."""
+    window = window_of_returns(frame)
+    if window is None:
+        return np.empty((0, 3))
+    seen = window.has_return
+    return np.asarray(window.rays[seen] * window.range_m[seen, None])
+
+
 def window_of_returns(frame: Frame) -> Window | None:
     """The window of a frame's returns, or None when nothing came back."""
     seen = frame.depth_m > 0.0

@@ -2,13 +2,16 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from pcnav.config import NoiseTable, Pipeline
+from pcnav.errors import InputError
 from pcnav.rendering import DepthRenderer
+from pcnav.sequences.depth_png import MAXIMUM_UNITS
+from pcnav.sequences.poses import nearest_rotation
 from pcnav.sequences.sequence import Frame, SequenceInfo
 from pcnav.sequences.writer import SequenceWriter
 from pcnav.simulation.noise import add_sensor_faults
@@ -82,3 +85,22 @@ def stated_range_sigma(noise: NoiseTable) -> float:
     if noise.range_sigma_m > 0.0:
         return noise.range_sigma_m
     return float(noise.quantisation_m / np.sqrt(12.0))
+
+
+def as_recorded(frame: Frame, noise: NoiseTable) -> Frame:
+    """A frame as it comes back from a sequence that `simulate` wrote, to the bit.
+
+    Raises `InputError` for a depth that does not fit 16 bits of the stored step.
+    """
+    units = np.rint(frame.depth_m.astype(np.float64) / noise.quantisation_m)
+    if units.max() > MAXIMUM_UNITS:
+        reach = MAXIMUM_UNITS * noise.quantisation_m
+        expected = f"expected depths up to {reach:g} m (16 bits of the step)"
+        got = f"got {float(frame.depth_m.max()):g} m in frame {frame.index}"
+        raise InputError("pipeline", "noise.quantisation_m", f"{expected}, {got}")
+    # A scene states its step in mm, and the reader makes its rotations orthonormal.
+    step_m = np.float32((noise.quantisation_m * 1000.0) / 1000.0)
+    depth_m = np.asarray(units.astype(np.uint16) * step_m, dtype=np.float32)
+    T_cam_world = frame.T_cam_world.copy()
+    T_cam_world[:3, :3] = nearest_rotation(T_cam_world[:3, :3])
+    return replace(frame, depth_m=depth_m, T_cam_world=T_cam_world)

@@ -12,6 +12,9 @@ pytest.importorskip("small_gicp", reason="the peers are installed with the extra
 from benchmarks.accuracy import Spread, score_case
 from benchmarks.memory import PeakMemory, long_pipeline, measure_memory, memory_table
 from benchmarks.peers import METHODS, OURS, Method, Poses
+from benchmarks.scaling import BatchCost, measure_batch, speed_table
+from benchmarks.scaling import memory_table as scaling_memory_table
+from benchmarks.scaling_runs import real_runs
 from benchmarks.scenes import Case, load, record, shortened
 from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
 from benchmarks.stopwatch import Stopwatch
@@ -123,3 +126,16 @@ def test_peak_memory_is_the_childs_own(tmp_path: Path) -> None:
     peak = measure_memory(3, tmp_path)
     assert peak.frames == 3
     assert 50e6 < peak.tracking <= peak.whole < ballast.nbytes
+
+
+def test_scaling_runs_batches_in_a_process_of_their_own_and_judges_them(tmp_path: Path) -> None:
+    cost = measure_batch("cheap", 4, 1)
+    assert (cost.runs, cost.jobs) == (4, 1)
+    assert 0.0 < cost.seconds < 60.0 and 10.0 < cost.peak_mb < 5000.0
+    function, runs = real_runs(2, tmp_path)
+    assert len(runs) == 2 and len({run.seed for run in runs}) == 2 and callable(function)
+    slow, quick = BatchCost(24, 1, 100.0, 300.0), BatchCost(24, 2, 50.0, 301.0)
+    assert list(speed_table(slow, quick).columns[4].cells) == ["-", "pass"]
+    assert list(scaling_memory_table(slow, quick).columns[3].cells) == ["-", "pass"]
+    grown = BatchCost(240, 2, 50.0, 900.0)
+    assert list(scaling_memory_table(slow, grown).columns[3].cells) == ["-", "fail"]

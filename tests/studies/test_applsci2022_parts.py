@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pcnav.batch.cluster import Workers
 from pcnav.simulation.images import TrackFaults
 from pcnav.studies import STUDIES
 from pcnav.studies.applsci2022 import campaign, limits, paper
@@ -74,7 +75,7 @@ def test_the_study_is_registered() -> None:
 @pytest.mark.study
 def test_a_quick_study() -> None:
     done: list[tuple[int, int]] = []
-    study = STUDIES["applsci2022"](2, lambda *at: done.append(at))
+    study = STUDIES["applsci2022"](2, lambda *at: done.append(at), Workers())
     assert done[-1][0] == done[-1][1]
     assert {table.key for chapter in study.chapters for table in chapter.tables} == {
         *("noise", "faults", "intervals", "accuracy", "degenerate", "translation")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pcnav.batch.cluster import Workers
 from pcnav.studies.deng2024 import arcs, consistency, paper
 from pcnav.studies.deng2024.chapters import consistency_chapter, filter_chapter, spin_chapter
 from pcnav.studies.deng2024.filters import continuous, fitted_run, measured, printed_run
@@ -12,7 +13,7 @@ from pcnav.studies.deng2024.study import monte_carlo_cases, study_deng2024
 
 @pytest.fixture(scope="module")
 def study():
-    return study_deng2024(2, lambda done, total: None, jobs=1)
+    return study_deng2024(2, lambda done, total: None, Workers(jobs=1))
 
 
 def test_the_printed_motions():

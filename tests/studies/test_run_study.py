@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pcnav.batch.cluster import Workers
 from pcnav.config import read_pipeline
 from pcnav.errors import InputError
 from pcnav.studies import run_study
@@ -53,7 +54,8 @@ def test_table_in_its_three_forms() -> None:
 def test_a_quick_study_writes_everything(tmp_path: Path) -> None:
     out = tmp_path / "yu"
     done: list[tuple[int, int]] = []
-    summary = run_study("yu2019", out, runs=2, on_progress=lambda k, n: done.append((k, n)))
+    here, on_progress = Workers(jobs=1), lambda k, n: done.append((k, n))
+    summary = run_study("yu2019", out, runs=2, workers=here, on_progress=on_progress)
     assert summary.page == out / "index.html"
     page = summary.page.read_text(encoding="utf-8")
     assert page.count("<figure>") == len(list((out / "figures").glob("*.svg"))) > 8

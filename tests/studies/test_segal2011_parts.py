@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
+from pcnav.batch.cluster import Workers
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
 from pcnav.dynamics.relative_attitude import relative_rate
 from pcnav.dynamics.rigid_body import euler_acceleration, is_physical_inertia
@@ -28,6 +29,7 @@ from pcnav.studies.segal2011.monte_carlo import QUANTITIES, Batch, run_batch
 from pcnav.studies.segal2011.observability import _derivatives, arc_information
 from pcnav.studies.segal2011.picking import picks_of
 
+HERE = Workers(jobs=1)
 QUIET = Progress(1, lambda done, total: None)
 
 
@@ -109,7 +111,7 @@ def test_a_batch_is_its_runs():
 
 def test_the_filter_that_knows_the_inertia_is_consistent_and_improves():
     motion = paper.true_motion(duration_s=200.0)
-    result = run_cases([Case("plain", 20, truth_only, motion)], 1, QUIET)[0]
+    result = run_cases([Case("plain", 20, truth_only, motion)], HERE, QUIET)[0]
     nees = result.found.nees[:, :, 0].mean(axis=1)
     # The priors are wider than the truth is spread, hence the lower side is not judged.
     assert np.all(nees < chi2.ppf(0.999, 12 * 20) / 20)
@@ -124,7 +126,7 @@ def test_without_coupled_errors_the_stated_covariance_is_wrong():
     motion = paper.true_motion(duration_s=60.0)
     plain = paper.BANK.model_copy(update={"kinematic_coupling": False})
     cases = [Case(str(t), 4, truth_only, motion, t) for t in (paper.BANK, plain)]
-    coupled, uncoupled = run_cases(cases, 1, QUIET)
+    coupled, uncoupled = run_cases(cases, HERE, QUIET)
     assert coupled.found.nees[-1].mean() < 30.0
     assert uncoupled.found.nees[-1].mean() > 300.0
 
@@ -132,7 +134,7 @@ def test_without_coupled_errors_the_stated_covariance_is_wrong():
 def test_truth_is_picked_and_the_bank_beats_a_random_inertia():
     motion = paper.true_motion()
     case = Case("bank", 8, drawn_and_truth, motion, blend=5)
-    result = run_cases([case], 1, QUIET)[0]
+    result = run_cases([case], HERE, QUIET)[0]
     picks = picks_of("as printed", result, np.arange(1, 6), 5)
     assert picks.rank == 11
     assert picks.observable.sum() >= 6

@@ -6,6 +6,14 @@ import pytest
 from pcnav.arrays import FloatArray
 from pcnav.config import BodyTable, OrbitTable, Pipeline, ScenarioTable
 from pcnav.estimation.mass_centre import MassCentreModel
+from pcnav.evaluation.bound import (
+    informed,
+    pose_jacobian,
+    posterior_bound,
+    predicted,
+    prior_covariance,
+)
+from pcnav.simulation.random_truth import satellite
 from pcnav.simulation.scenario import TrueMotion, true_motion
 from pcnav.spatial import exp_rotation
 from pcnav.state import (
@@ -15,10 +23,7 @@ from pcnav.state import (
     NavigationState,
     ratio_covariance,
 )
-from pcnav.studies.tracking.bound import informed, pose_jacobian, posterior_bound, predicted
-from pcnav.studies.tracking.consistency import prior_covariance
 from pcnav.studies.tracking.following import errors_of_pose
-from pcnav.studies.tracking.satellites import satellite
 
 MEAN_MOTION = 0.0011
 

@@ -121,7 +121,7 @@ def test_filter_converges_in_a_tumble_and_keeps_its_cases() -> None:
     pipeline = scenario(240, (0.5, -0.8, 1.0))
     nees = []
     for seed in range(2, 7):
-        run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), seed, QUIET)
+        run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), seed)
         assert run.flips == 0
         assert np.linalg.norm(run.errors[0, 6:9]) == pytest.approx(0.1 * np.sqrt(3.0))
         assert np.linalg.norm(run.errors[-1, 6:9]) < 0.02
@@ -133,7 +133,7 @@ def test_filter_converges_in_a_tumble_and_keeps_its_cases() -> None:
 
 def test_pure_spin_leaves_three_ratios_unknown() -> None:
     pipeline = scenario(240)
-    run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), 7, QUIET)
+    run = run_filter(true_motion(pipeline), pipeline, model_of(pipeline), 7)
     share = run.sd[-1, 15:] / paper.PRIOR_SD[15:]
     assert (share[:3] > 0.15).all(), "Iyy, Izz, Ixy"
     assert (share[3:] < 0.05).all(), "Ixz, Iyz"

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import run_seed
 from pcnav.config_images import ImageMotionTable, MatchSolver, Reference, Smoothing
 from pcnav.estimation.image_motion.chain import ChainFrame, run_chain
 from pcnav.estimation.image_motion.rates import rotation_history
@@ -15,7 +18,6 @@ from pcnav.simulation.images import TrackFaults
 from pcnav.spatial import log_rotation
 from pcnav.studies.applsci2022 import paper
 from pcnav.studies.applsci2022.scene import Truth, nutation, tracks_of
-from pcnav.studies.batch import run_all, run_seed
 from pcnav.studies.progress import Progress
 
 STUDY = "applsci2022"
@@ -164,12 +166,12 @@ def errors_of(
 
 
 def run_cases(
-    cases: Sequence[Case], runs: int, jobs: int | None, progress: Progress
+    cases: Sequence[Case], runs: int, workers: Workers, progress: Progress
 ) -> list[CaseErrors]:
     """All runs of all cases over processes; every case meets the same points and noise."""
     tasks = [Task(case, run_seed(STUDY, index)) for case in cases for index in range(runs)]
     costs = iter([task.case.frames for task in tasks])
-    found = run_all(run_task, tasks, jobs, lambda: progress.add(next(costs)))
+    found = run_all(run_task, tasks, workers, lambda: progress.add(next(costs)))
     return [_joined(case, found[k * runs : (k + 1) * runs]) for k, case in enumerate(cases)]
 
 

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import run_seed
 from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator
 from pcnav.estimation.image_motion.chain import run_chain
@@ -17,7 +20,6 @@ from pcnav.evaluation.summary import number
 from pcnav.simulation.images import TrackFaults
 from pcnav.studies.applsci2022 import campaign, paper
 from pcnav.studies.applsci2022.scene import nutation, tracks_of
-from pcnav.studies.batch import run_all, run_seed
 from pcnav.studies.folder import Chapter
 from pcnav.studies.progress import Progress
 from pcnav.studies.tables import StudyTable
@@ -105,10 +107,10 @@ def run_joined(task: JoinedTask) -> JoinedErrors:
     )
 
 
-def joined_chapter(tasks: list[JoinedTask], jobs: int | None, progress: Progress) -> Chapter:
+def joined_chapter(tasks: list[JoinedTask], workers: Workers, progress: Progress) -> Chapter:
     """Run all and lay them out: error of the ratios against the length of the arc."""
     frames = joined_frames(tasks) // max(len(tasks), 1)
-    found = run_all(run_joined, tasks, jobs, lambda: progress.add(frames))
+    found = run_all(run_joined, tasks, workers, lambda: progress.add(frames))
     rows = []
     for sigma in _NOISES_PX:
         runs = [result for task, result in zip(tasks, found, strict=True) if task.sigma_px == sigma]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config_images import ImageMotionTable
 from pcnav.estimation.image_motion.chain import run_chain
 from pcnav.estimation.image_motion.rates import continuous_xyzw, rotation_history
@@ -32,11 +33,13 @@ _QUICK_S = 12.0
 _SEED = 1
 
 
-def study_applsci2022(runs: int | None, on_progress: OnProgress, jobs: int | None = None) -> Study:
+def study_applsci2022(
+    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
+) -> Study:
     """Rebuild Figs. 5-9 and measure what the paper leaves open.
 
-    ``jobs`` is the number of processes, one per core unless told otherwise. Raises `InputError`
-    without the extra `images`, `RunError` when a run fails.
+    ``workers`` is what the runs are spread over. Raises `InputError` without the extra `images`,
+    `RunError` when a run fails.
     """
     count = RUNS if runs is None else runs
     duration_s = _QUICK_S if count < _QUICK_RUNS else paper.DURATION_S
@@ -48,7 +51,7 @@ def study_applsci2022(runs: int | None, on_progress: OnProgress, jobs: int | Non
     tasks = joined.joined_tasks(count, arc_s)
     work = work_of(cases, count) + joined.joined_frames(tasks)
     progress = Progress(work, on_progress)
-    found = run_cases(cases, count, jobs, progress)
+    found = run_cases(cases, count, workers, progress)
     by_noise = found[: len(noise)]
     by_fault = found[len(noise) : len(noise) + len(faults)]
     at_one = [each for each in by_noise if each.case.faults.pixel_sigma_px == 0.1]
@@ -63,7 +66,7 @@ def study_applsci2022(runs: int | None, on_progress: OnProgress, jobs: int | Non
             _noise_chapter(by_noise),
             _fault_chapter(by_fault),
             _interval_chapter(by_interval),
-            joined.joined_chapter(tasks, jobs, progress),
+            joined.joined_chapter(tasks, workers, progress),
             limits_chapter(),
         ),
         summary_keys=("noise", "faults", "intervals", "inertia_from_images"),

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.runs import run_seed
 from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.dynamics.inertia_parameters import shares
 from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator, initial_belief
 from pcnav.estimation.rotation_model import INERTIA, SIZE, RotationState, printed_covariance
 from pcnav.spatial import exp_rotation
-from pcnav.studies.batch import run_seed
 from pcnav.studies.deng2024.paper import Motion
 
 _SETTLED_FROM_S = 60.0

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from pcnav.batch.cluster import EVERY_CORE, Workers
+from pcnav.batch.engine import run_all
 from pcnav.config import BodyTable, Pipeline, ScenarioTable
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.evaluation.summary import number
-from pcnav.studies.batch import run_all
 from pcnav.studies.deng2024 import paper
 from pcnav.studies.deng2024.arcs import ARC_S, arc_cases, arc_chapter
 from pcnav.studies.deng2024.chapters import consistency_chapter, filter_chapter, spin_chapter
@@ -26,17 +27,18 @@ _PARTS = 3
 """Units of work beside the Monte Carlo cases."""
 
 
-def study_deng2024(runs: int | None, on_progress: OnProgress, jobs: int | None = None) -> Study:
+def study_deng2024(
+    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
+) -> Study:
     """Rebuild ranks (21), (23) and Figs. 2-6.
 
-    ``jobs`` is the number of processes, one per core unless told otherwise. Raises `RunError` when
-    a run fails.
+    ``workers`` is what the runs are spread over. Raises `RunError` when a run fails.
     """
     count = RUNS if runs is None else runs
     duration_s = paper.DURATION_S if count >= _FEWEST_FOR_LONG else _QUICK_S
     cases = monte_carlo_cases(count, duration_s)
     progress = Progress(len(cases) + _PARTS, on_progress)
-    results = run_all(run_case, cases, jobs, lambda: progress.add(1))
+    results = run_all(run_case, cases, workers, lambda: progress.add(1))
     ranks = rank_cases()
     progress.add(1)
     nutation, spin = paper.nutation(duration_s), paper.spin(duration_s)

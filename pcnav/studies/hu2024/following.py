@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.batch.runs import Run
 from pcnav.config_features import FeatureMeasurements, PrincipalAxesTable
 from pcnav.dynamics.principal_inertia import middle_ratio, ratios_from_moments
 from pcnav.estimation.feature_states import (
@@ -23,7 +24,6 @@ from pcnav.estimation.principal_frame import principal_axes
 from pcnav.simulation.feature_motion import FeatureTruth, relative_orbit
 from pcnav.simulation.features import FeatureScenario, draw_points, observe, stereo_rig
 from pcnav.spatial import exp_rotation, log_rotation
-from pcnav.studies.batch import Run
 from pcnav.studies.hu2024 import paper
 
 

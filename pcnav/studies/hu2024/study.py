@@ -1,7 +1,9 @@
 """The study of Hu 2024 as a list of verbs: identify, follow, compare, repeat, disturb."""
 
+from pcnav.batch.cluster import EVERY_CORE, Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import Run, run_seed, runs_of
 from pcnav.evaluation.summary import number
-from pcnav.studies.batch import Run, run_all, run_seed, runs_of
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.hu2024 import paper
 from pcnav.studies.hu2024.chapters import (
@@ -33,12 +35,12 @@ _PER_FILTER_RUN, _PER_FIGURE_RUN, _PER_FAULT_RUN = 5, 50, 25
 _FEWEST = 2
 
 
-def study_hu2024(runs: int | None, on_progress: OnProgress, jobs: int | None = None) -> Study:
+def study_hu2024(runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE) -> Study:
     """Rebuild Figs. 5-11.
 
     ``runs`` are those of every noise level of Fig. 5, a fifth of them test the filter's
-    consistency. ``jobs`` is the number of processes, one per core unless told otherwise. Raises
-    `InputError` when the shipped pipeline is missing or bad, `RunError` when a run fails.
+    consistency. ``workers`` is what the runs are spread over. Raises `InputError` when the shipped
+    pipeline is missing or bad, `RunError` when a run fails.
     """
     count = paper.IDENTIFICATION_RUNS if runs is None else runs
     batches = _batches(count)
@@ -47,8 +49,8 @@ def study_hu2024(runs: int | None, on_progress: OnProgress, jobs: int | None = N
     progress = Progress(round(work) + len(planned), on_progress)
     share = work / len(batches)
     # The longest work first, so that no core waits for the last of it.
-    identified = run_all(run_identification, batches, jobs, lambda: progress.add(share))
-    judged = run_all(run_case, planned, jobs, lambda: progress.add(1.0))
+    identified = run_all(run_identification, batches, workers, lambda: progress.add(share))
+    judged = run_all(run_case, planned, workers, lambda: progress.add(1.0))
     by_case: dict[str, list[JudgedRun]] = {}
     for run in judged:
         by_case.setdefault(run.case, []).append(run)

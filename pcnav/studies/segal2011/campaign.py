@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.arrays import FloatArray, IntArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import run_seed
 from pcnav.config_features import InertiaBankTable
-from pcnav.studies.batch import run_all, run_seed
 from pcnav.studies.progress import Progress
 from pcnav.studies.segal2011 import paper
 from pcnav.studies.segal2011.draws import Draw, draw_hypotheses, moments_only
@@ -74,12 +76,12 @@ class CaseResult:
         )
 
 
-def run_cases(cases: list[Case], jobs: int | None, progress: Progress) -> list[CaseResult]:
+def run_cases(cases: list[Case], workers: Workers, progress: Progress) -> list[CaseResult]:
     """Run the batches of all cases over the cores."""
     batches = [batch for case in cases for batch in case.batches()]
     # One call for all keeps every core busy to the end; a batch's share is that of its filters.
     share = work_of(cases) / max(len(batches), 1)
-    found = iter(run_all(run_batch, batches, jobs, lambda: progress.add(share)))
+    found = iter(run_all(run_batch, batches, workers, lambda: progress.add(share)))
     results = []
     for case in cases:
         own = [next(found) for _ in case.batches()]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pcnav.arrays import FloatArray, IntArray
+from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.errors import InputError
 from pcnav.evaluation.summary import number
@@ -35,11 +36,13 @@ _WITH_TRUTH: IntArray = np.arange(1, 6)
 _SHARE_DRAWS = 20_000
 
 
-def study_segal2011(runs: int | None, on_progress: OnProgress, jobs: int | None = None) -> Study:
+def study_segal2011(
+    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
+) -> Study:
     """Rebuild Figs. 2-6.
 
-    ``jobs`` is the number of processes, one per core unless told otherwise. Raises `InputError`
-    when the shipped pipeline is missing or bad, `RunError` when a run fails.
+    ``workers`` is what the runs are spread over. Raises `InputError` when the shipped pipeline is
+    missing or bad, `RunError` when a run fails.
     """
     count = RUNS if runs is None else runs
     pipeline = _pipeline()
@@ -53,7 +56,7 @@ def study_segal2011(runs: int | None, on_progress: OnProgress, jobs: int | None 
         *campaign.motion_cases(few, motion),
     ]
     progress = Progress(work_of(cases), on_progress)
-    results = run_cases(cases, jobs, progress)
+    results = run_cases(cases, workers, progress)
     physical, printed, (plain, no_arm), others = results[0], results[1], results[2:4], results[4:]
     picks = [picks_of("as printed", physical, _WITH_TRUTH, _TRUTH)]
     last: IntArray = np.arange(5)

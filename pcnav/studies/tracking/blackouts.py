@@ -6,16 +6,19 @@ from functools import partial
 import numpy as np
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import Run, runs_of
 from pcnav.evaluation.summary import number
+from pcnav.simulation.random_truth import Spread, random_truth, satellite
+from pcnav.simulation.scene import Scene
 from pcnav.state import COM_MODEL, INERTIA_RATIOS
-from pcnav.studies.batch import Run, run_all, runs_of
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.progress import Progress
 from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, at, joined, mean_squared
 from pcnav.studies.tracking.figures import coasting_figure
-from pcnav.studies.tracking.following import JudgedRun, Scene, follow, status_sequence
-from pcnav.studies.tracking.satellites import Spread, random_truth, satellite
+from pcnav.studies.tracking.following import JudgedRun, follow, status_sequence
 from pcnav.studies.tracking.starts import RIGHT_FRACTION, RIGHT_RAD
 
 NAME = "blackouts"
@@ -113,11 +116,11 @@ def planned_blackouts(count: int) -> list[Run]:
 
 
 def blackout_chapter(
-    runs: list[Run], phases: Phases, jobs: int | None, progress: Progress
+    runs: list[Run], phases: Phases, workers: Workers, progress: Progress
 ) -> BlackoutResult:
     """Run the blackouts and lay them out."""
     seen = phases.before + phases.after
-    blackouts = run_all(partial(_run, phases=phases), runs, jobs, lambda: progress.add(seen))
+    blackouts = run_all(partial(_run, phases=phases), runs, workers, lambda: progress.add(seen))
     of = {d: [b for b in blackouts if b.duration_s == d] for d in DURATIONS_S}
     chapter = Chapter(
         "Blackouts",

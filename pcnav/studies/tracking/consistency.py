@@ -6,13 +6,15 @@ from functools import partial
 import numpy as np
 
 from pcnav.arrays import FloatArray
-from pcnav.dynamics.inertia_parameters import parameter_covariance
-from pcnav.estimation.mass_centre import MassCentreModel
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import Run, runs_of
+from pcnav.evaluation.bound import bound_of
 from pcnav.evaluation.metrics import chi_square_bounds
 from pcnav.evaluation.summary import number
-from pcnav.perception.refinement import Comparer
 from pcnav.sequences.sequence import Frame
-from pcnav.simulation.scenario import pinhole_camera
+from pcnav.simulation.random_truth import Spread, random_truth, satellite
+from pcnav.simulation.scene import Scene
 from pcnav.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -21,18 +23,13 @@ from pcnav.state import (
     STATE_SIZE,
     THETA_BODY,
     V_HILL,
-    ratio_covariance,
 )
-from pcnav.studies.batch import Run, run_all, runs_of
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.progress import Progress
 from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, MeanSquared, mean_squared, numbers
-from pcnav.studies.tracking.bound import posterior_bound
 from pcnav.studies.tracking.figures import BlockCurve, block_figure
-from pcnav.studies.tracking.following import JudgedRun, Scene, follow
-from pcnav.studies.tracking.satellites import Spread, random_truth, satellite
-from pcnav.target import Target
+from pcnav.studies.tracking.following import JudgedRun, follow
 
 NAME = "consistency"
 FRAMES = 100
@@ -40,8 +37,6 @@ _FRAME_RATE_HZ = 2.0
 _NOISE_M = 0.02
 _SPREAD = Spread(range_m=(15.0, 30.0), rate_deg_s=(1.0, 5.0), speed_m_s=0.02)
 _WORST_SHOWN = 8
-_LOOKED_AGAIN_PX = 0.5
-"""How far off the view is, at the rim of the target, that a frame is last compared with."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +65,6 @@ BLOCKS = (
     Block("inertia ratios", INERTIA_RATIOS, "1", 1.0),
     Block("all", slice(0, STATE_SIZE), "", 1.0),
 )
-_LOOSE_SD = ((R_HILL, 10.0), (V_HILL, 1.0), (THETA_BODY, 2.0), (OMEGA_BODY, 1.0))
-"""What the bound knows of the motion before the first frame: nothing next to a frame, SI."""
 
 
 @dataclass(frozen=True)
@@ -108,53 +101,6 @@ def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:
     return ConsistencyRun(seed, run, np.diagonal(bound, axis1=1, axis2=2).copy())
 
 
-def bound_of(scene: Scene, target: Target, frames: list[Frame]) -> FloatArray:
-    """(n, 20, 20) posterior Cramer-Rao bound of a scene, with the frames' own information.
-
-    Of the errors that `NavigationState.ratio_error` gives.
-    """
-    pipeline, motion = scene.pipeline, scene.motion
-    comparer = Comparer(target, pinhole_camera(pipeline.camera), scene.info.range_sigma_m)
-
-    def information(k: int, pose_covariance: FloatArray) -> FloatArray:
-        T_true = motion.T_cam_model(k)
-        # A tracker looks again from the pose it found, so what it compares the frame with in the
-        # end is within a pixel, however vague its prediction was.
-        share = min(1.0, _LOOKED_AGAIN_PX / comparer.doubt_px(T_true, pose_covariance)) ** 2
-        at_truth = comparer.compare(frames[k].depth_m, T_true, share * pose_covariance)
-        total = np.zeros((6, 6))
-        for face in at_truth.faces:
-            total = total + face.information
-        return total
-
-    model = MassCentreModel(
-        pipeline.orbit.mean_motion_rad_s,
-        pipeline.filter.acceleration_psd_m2_s3,
-        pipeline.filter.angular_acceleration_psd_rad2_s3,
-    )
-    prior = prior_covariance(target, motion.states[0].inertia_ratios)
-    bounds = posterior_bound(model, motion, information, prior)
-    return np.stack(
-        [ratio_covariance(state, P) for state, P in zip(motion.states, bounds, strict=True)]
-    )
-
-
-def prior_covariance(target: Target, true_ratios: FloatArray) -> FloatArray:
-    """(20, 20) of the state's error before the first frame, in the filter's own parameters.
-
-    The target's prior of its mass properties, that of the ratios taken at the true ones (5,).
-    """
-    sd = np.zeros(STATE_SIZE)
-    for block, value in _LOOSE_SD:
-        sd[block] = value
-    sd[COM_MODEL] = target.com_sd_m
-    covariance = np.diag(sd**2)
-    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance(
-        true_ratios, np.full(5, target.inertia_ratio_sd)
-    )
-    return covariance
-
-
 def _run(run: Run, frames: int) -> ConsistencyRun:
     return run_consistency(run.seed, frames)
 
@@ -165,10 +111,10 @@ def planned_runs(count: int) -> list[Run]:
 
 
 def consistency_chapter(
-    runs: list[Run], frames: int, jobs: int | None, progress: Progress
+    runs: list[Run], frames: int, workers: Workers, progress: Progress
 ) -> ConsistencyResult:
     """Run the Monte Carlo and lay it out."""
-    found = run_all(partial(_run, frames=frames), runs, jobs, lambda: progress.add(frames))
+    found = run_all(partial(_run, frames=frames), runs, workers, lambda: progress.add(frames))
     times = _times(frames)
     nees = _nees(found)
     judged = {

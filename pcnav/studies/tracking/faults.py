@@ -8,16 +8,19 @@ import numpy as np
 import trimesh
 
 from pcnav.arrays import BoolArray, FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import Run, runs_of
 from pcnav.config import NoiseTable
 from pcnav.evaluation.summary import number
+from pcnav.simulation.random_truth import Spread, random_truth, satellite
+from pcnav.simulation.scene import Scene
 from pcnav.spatial import exp_rotation, make_transform
-from pcnav.studies.batch import Run, run_all, runs_of
 from pcnav.studies.folder import Chapter
 from pcnav.studies.progress import Progress
 from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, at, joined
-from pcnav.studies.tracking.following import JudgedRun, Scene, follow, status_shares
-from pcnav.studies.tracking.satellites import Spread, random_truth, satellite
+from pcnav.studies.tracking.following import JudgedRun, follow, status_shares
 from pcnav.target import Rectangle, Target
 
 NAME = "faults"
@@ -167,10 +170,10 @@ def planned_faults(count: int) -> list[Run]:
 
 
 def fault_chapter(
-    runs: list[Run], frames: int, jobs: int | None, progress: Progress
+    runs: list[Run], frames: int, workers: Workers, progress: Progress
 ) -> FaultResult:
     """Run the faults and lay them out."""
-    found = run_all(partial(_run, frames=frames), runs, jobs, lambda: progress.add(frames))
+    found = run_all(partial(_run, frames=frames), runs, workers, lambda: progress.add(frames))
     of = {fault: [run for run in found if run.fault == fault] for fault in FAULTS}
     chapter = Chapter("Faults", _TEXT, (_table(of), _silent_table(found)))
     return FaultResult(chapter, _bars(of), tuple(found))

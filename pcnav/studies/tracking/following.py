@@ -2,65 +2,27 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-import trimesh
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.config import Pipeline
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
+from pcnav.evaluation.bound import pose_jacobian
 from pcnav.evaluation.metrics import squared_normalised_errors
-from pcnav.rendering import DepthRenderer
 from pcnav.results import FrameEstimate
-from pcnav.sequences.sequence import Frame, SequenceInfo
-from pcnav.simulation.noise import add_sensor_faults
-from pcnav.simulation.recording import stated_range_sigma
-from pcnav.simulation.scenario import TrueMotion, pinhole_camera, true_motion
+from pcnav.sequences.sequence import Frame
+from pcnav.simulation.scenario import TrueMotion
+from pcnav.simulation.scene import Scene
 from pcnav.spatial import log_rotation, rotation_angle
 from pcnav.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
-from pcnav.studies.tracking.bound import pose_jacobian
 from pcnav.target import Target
 from pcnav.tracking import Status, Tracker
 
 CLAIMS = frozenset({str(Status.LOCKED), str(Status.AMBIGUOUS)})
 """The statuses with which a tracker says that its pose can be relied on."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A motion, the sensor that sees it and the body that is there; not the target as modelled."""
-
-    pipeline: Pipeline
-    motion: TrueMotion
-    mesh: trimesh.Trimesh
-    """What the frames show, model frame, m."""
-
-    @staticmethod
-    def of(pipeline: Pipeline, mesh: trimesh.Trimesh) -> "Scene":
-        """The scene of a pipeline."""
-        return Scene(pipeline, true_motion(pipeline), mesh)
-
-    @property
-    def info(self) -> SequenceInfo:
-        """What a recording of the scene would state."""
-        pipeline = self.pipeline
-        sigma_m = stated_range_sigma(pipeline.noise)
-        return SequenceInfo("simulated", pipeline.orbit.mean_motion_rad_s, sigma_m, None)
-
-    def frames(self, blind: range = range(0)) -> Iterator[Frame]:
-        """The depth frames one by one; those in ``blind`` have no returns."""
-        camera = pinhole_camera(self.pipeline.camera)
-        renderer = DepthRenderer(self.mesh, camera)
-        for k, time_s in enumerate(self.motion.times_s.tolist()):
-            if k in blind:
-                depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
-            else:
-                clean = renderer.render(self.motion.T_cam_model(k))
-                depth_m = add_sensor_faults(clean, self.pipeline.noise, self.pipeline.seed, k)
-            yield Frame(k, time_s, depth_m, camera, self.motion.T_cam_world[k])
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,18 @@ from enum import StrEnum
 
 import numpy as np
 
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
+from pcnav.batch.runs import Run, runs_of
 from pcnav.evaluation.summary import number
-from pcnav.studies.batch import Run, run_all, runs_of
+from pcnav.simulation.random_truth import Spread, random_truth, satellite
+from pcnav.simulation.scene import Scene
 from pcnav.studies.folder import Chapter
 from pcnav.studies.progress import Progress
 from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, at, joined, numbers, share
 from pcnav.studies.tracking.figures import StartCurve, start_figures
-from pcnav.studies.tracking.following import Scene, follow
-from pcnav.studies.tracking.satellites import Spread, random_truth, satellite
+from pcnav.studies.tracking.following import follow
 from pcnav.symmetry import group_name
 from pcnav.tracking import Status
 
@@ -102,9 +105,9 @@ def planned_starts(count: int) -> list[Run]:
     return runs_of(NAME, SATELLITES, count)
 
 
-def start_chapter(runs: list[Run], jobs: int | None, progress: Progress) -> StartResult:
+def start_chapter(runs: list[Run], workers: Workers, progress: Progress) -> StartResult:
     """Run the starts and lay them out."""
-    starts = run_all(_run, runs, jobs, lambda: progress.add(FRAMES))
+    starts = run_all(_run, runs, workers, lambda: progress.add(FRAMES))
     of = {name: [start for start in starts if start.satellite == name] for name in SATELLITES}
     curves = [
         StartCurve(

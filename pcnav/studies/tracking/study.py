@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from pcnav.batch.cluster import EVERY_CORE, Workers
+from pcnav.simulation.random_truth import satellite
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.progress import OnProgress, Progress
 from pcnav.studies.tables import StudyTable
@@ -19,7 +21,6 @@ from pcnav.studies.tracking.consistency import (
     planned_runs,
 )
 from pcnav.studies.tracking.faults import FaultResult, fault_chapter, planned_faults
-from pcnav.studies.tracking.satellites import satellite
 from pcnav.studies.tracking.starts import StartResult, planned_starts, start_chapter
 
 RUNS = 100
@@ -44,11 +45,13 @@ _QUICK = Lengths(consistency=16, faults=8, blackout=Phases(before=8, after=6))
 """With fewer runs than `_QUICK_RUNS`: a look at the machinery."""
 
 
-def study_tracking(runs: int | None, on_progress: OnProgress, jobs: int | None = None) -> Study:
+def study_tracking(
+    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
+) -> Study:
     """Measure the tracker on simulated sequences and judge it by its bars.
 
-    ``jobs`` is the number of processes, one per core unless told otherwise. Raises `InputError`
-    when a shipped satellite or pipeline is missing or bad, `RunError` when a run fails.
+    ``workers`` is what the runs are spread over. Raises `InputError` when a shipped satellite or
+    pipeline is missing or bad, `RunError` when a run fails.
     """
     count = RUNS if runs is None else runs
     lengths = _QUICK if count < _QUICK_RUNS else Lengths()
@@ -60,10 +63,10 @@ def study_tracking(runs: int | None, on_progress: OnProgress, jobs: int | None =
     work = starts.FRAMES * len(cold) + seen * len(dark)
     work += lengths.consistency * len(repeated) + lengths.faults * len(disturbed)
     progress = Progress(work, on_progress)
-    started = start_chapter(cold, jobs, progress)
-    blackouts = blackout_chapter(dark, lengths.blackout, jobs, progress)
-    consistent = consistency_chapter(repeated, lengths.consistency, jobs, progress)
-    faulty = fault_chapter(disturbed, lengths.faults, jobs, progress)
+    started = start_chapter(cold, workers, progress)
+    blackouts = blackout_chapter(dark, lengths.blackout, workers, progress)
+    consistent = consistency_chapter(repeated, lengths.consistency, workers, progress)
+    faulty = fault_chapter(disturbed, lengths.faults, workers, progress)
     bars = (*started.bars, *blackouts.bars, *consistent.bars, *faulty.bars)
     return Study(
         title="The tracker against its bars",

@@ -6,6 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
 from pcnav.config import Measurements, NoiseTable, PerceptionMode, PerceptionTable, Pipeline
 from pcnav.errors import InputError
 from pcnav.estimation.single_frame import single_frame_pose
@@ -100,25 +102,34 @@ def settings_of(pipeline: Pipeline, mode: PerceptionMode) -> PerceptionTable:
     return pipeline.perception.model_copy(update=change)
 
 
+@dataclass(frozen=True)
+class _Setting:
+    """One mode at one noise level, over so many frames."""
+
+    pipeline: Pipeline
+    noise_m: float
+    mode: PerceptionMode
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.pipeline.target_mesh}, {self.noise_m:g} m, {self.mode}"
+
+
+def _settings(pipeline: Pipeline, count: int) -> list[_Setting]:
+    return [_Setting(pipeline, noise_m, mode, count) for noise_m in NOISES_M for mode in _MODES]
+
+
 def pose_errors(
-    count: int, target: Target, pipeline: Pipeline, progress: Progress
+    count: int, pipeline: Pipeline, workers: Workers, progress: Progress
 ) -> list[PoseErrors]:
     """Both modes at both noise levels, on the same random attitudes."""
-    return [
-        _pose_errors(count, target, pipeline, noise_m, mode, progress)
-        for noise_m in NOISES_M
-        for mode in _MODES
-    ]
+    settings, share = _settings(pipeline, count), 0.8 * count
+    return run_all(_pose_errors, settings, workers, lambda: progress.add(share))
 
 
-def _pose_errors(
-    count: int,
-    target: Target,
-    pipeline: Pipeline,
-    noise_m: float,
-    mode: PerceptionMode,
-    progress: Progress,
-) -> PoseErrors:
+def _pose_errors(setting: _Setting) -> PoseErrors:
+    count, pipeline = setting.count, setting.pipeline
+    noise_m, mode, target = setting.noise_m, setting.mode, satellite(pipeline)
     camera = pinhole_camera(pipeline.camera)
     renderer = DepthRenderer(target.mesh, camera)
     settings = settings_of(pipeline, mode)
@@ -130,7 +141,6 @@ def _pose_errors(
         depth_m = add_sensor_faults(renderer.render(T_true), noise, pipeline.seed, k)
         frame = Frame(k, 0.0, depth_m, camera, np.eye(4))
         pose = single_frame_pose(frame, reader)
-        progress.add(0.8)
         if pose is None:
             none += 1
             continue
@@ -206,18 +216,18 @@ def _statistic(values: FloatArray, name: str) -> str:
     return number(float(of[name]))
 
 
-def sequence_errors(target: Target, pipeline: Pipeline, progress: Progress) -> list[SequenceErrors]:
+def sequence_errors(
+    pipeline: Pipeline, workers: Workers, progress: Progress
+) -> list[SequenceErrors]:
     """The filter on the pipeline's sequence in both modes at both noise levels."""
-    return [
-        _sequence_errors(target, pipeline, noise_m, mode, progress)
-        for noise_m in NOISES_M
-        for mode in _MODES
-    ]
+    frames = pipeline.scenario.frames
+    settings, share = _settings(pipeline, frames), 0.08 * frames
+    return run_all(_sequence_errors, settings, workers, lambda: progress.add(share))
 
 
-def _sequence_errors(
-    target: Target, pipeline: Pipeline, noise_m: float, mode: PerceptionMode, progress: Progress
-) -> SequenceErrors:
+def _sequence_errors(setting: _Setting) -> SequenceErrors:
+    pipeline, noise_m, mode = setting.pipeline, setting.noise_m, setting.mode
+    target = satellite(pipeline)
     motion = true_motion(pipeline, "yu2019_boxsat.toml")
     camera = pinhole_camera(pipeline.camera)
     renderer = DepthRenderer(target.mesh, camera)
@@ -241,7 +251,6 @@ def _sequence_errors(
             squared = squared_normalised_errors(errors[k : k + 1], estimate.covariance[None])
             nees[k] = squared[0] / STATE_SIZE
             rectangles.append(estimate.n_rectangles)
-        progress.add(0.08)
     mean = float(np.mean(rectangles)) if rectangles else 0.0
     return SequenceErrors(
         mode, noise_m, motion.times_s, errors, pose_m, nees, tuple(statuses), mean

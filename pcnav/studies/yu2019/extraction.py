@@ -125,6 +125,12 @@ def extraction_tables(runs: int, seed: int, progress: Progress) -> ExtractionRes
     return ExtractionResult(chapter, inside, len(random), as_printed, smaller)
 
 
+def extraction_units(runs: int) -> float:
+    """Units of progress that `extraction_tables` counts."""
+    moments = len(paper.TABLE_2) + len(paper.TABLES_3_AND_4)
+    return 0.5 * moments + 0.05 * len(paper.TABLE_1) * max(2, min(runs, _TIMED_RUNS))
+
+
 def _table_1(
     runs: int, generator: np.random.Generator, progress: Progress
 ) -> tuple[StudyTable, bool]:

@@ -26,7 +26,6 @@ from pcnav.state import (
     NavigationState,
     ratio_covariance,
 )
-from pcnav.studies.progress import Progress
 from pcnav.studies.yu2019 import paper
 from pcnav.studies.yu2019.clouds import Spread
 from pcnav.studies.yu2019.sensor import CloudSensor, resolved
@@ -35,7 +34,6 @@ _KNOWN = np.ones(6, dtype=np.bool_)
 _FIRST_GUESS_RAD = (0.2, -0.1, 0.15)
 _STORED = 400
 """Covariances are kept at so many times over a run."""
-_FRAMES_PER_UNIT = 400
 BLOCKS = {
     "position": R_HILL,
     "velocity": V_HILL,
@@ -76,7 +74,7 @@ class FilterRun:
 
 
 def run_filter(
-    motion: TrueMotion, pipeline: Pipeline, model: MassCentreModel, seed: int, progress: Progress
+    motion: TrueMotion, pipeline: Pipeline, model: MassCentreModel, seed: int
 ) -> FilterRun:
     """Filter even clouds of every frame, starting as the paper does.
 
@@ -108,8 +106,6 @@ def run_filter(
         sd[k] = np.sqrt(np.diag(covariance))
         if k in stored:
             covariances.append(covariance)
-        if k % _FRAMES_PER_UNIT == 0:
-            progress.add(1.0)
     at = np.array(sorted(stored))
     nees = _nees(errors[at], np.stack(covariances))
     times = motion.times_s

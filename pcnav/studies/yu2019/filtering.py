@@ -6,6 +6,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
 from pcnav.config import Pipeline
 from pcnav.evaluation.summary import number
 from pcnav.simulation.scenario import true_motion
@@ -35,6 +37,8 @@ from pcnav.studies.yu2019.filter_run import (
 _AXES = ("x", "y", "z")
 _RATIOS = ("Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 _DISTURBED_FRAMES = 1600
+_FRAMES_PER_UNIT = 400
+"""Of the progress: about as long as a unit of the other chapters."""
 _CONVERGED = 0.1
 """A ratio whose stated deviation fell below this share of its prior has converged."""
 
@@ -64,6 +68,20 @@ PRINTED = (
 
 
 @dataclass(frozen=True)
+class _FilterTask:
+    """One run of the filter."""
+
+    name: str
+    pipeline: Pipeline
+    seed: int
+    disturbance_seed: int | None = None
+    """None keeps to the calm motion."""
+
+    def __str__(self) -> str:
+        return f"{self.name} (seed {self.seed})"
+
+
+@dataclass(frozen=True)
 class FilterResult:
     """Figs. 11-16 and what they come to."""
 
@@ -73,7 +91,12 @@ class FilterResult:
 
 
 def filter_chapter(
-    runs: int, pipeline: Pipeline, tumble: Pipeline, frames: int | None, progress: Progress
+    runs: int,
+    pipeline: Pipeline,
+    tumble: Pipeline,
+    frames: int | None,
+    workers: Workers,
+    progress: Progress,
 ) -> FilterResult:
     """Filter the printed motion, the tumble and disturbed tumbles.
 
@@ -81,11 +104,22 @@ def filter_chapter(
     """
     cut = pipeline.scenario.frames if frames is None else frames
     pipeline, tumble = shortened(pipeline, cut), shortened(tumble, cut)
-    seed = pipeline.seed
-    printed_motion = _run(pipeline, seed, progress)
-    slow = _run_at_1_hz(pipeline, seed, progress)
-    tumbling = _run(tumble, tumble.seed + 1, progress)
-    disturbed = _disturbed(runs, shortened(tumble, _DISTURBED_FRAMES), progress)
+    calm = [
+        _FilterTask("printed motion", pipeline, pipeline.seed),
+        _FilterTask("printed motion at 1 Hz", _at_1_hz(pipeline), pipeline.seed),
+        _FilterTask("tumble", tumble, tumble.seed + 1),
+    ]
+    disturbed_tumble = shortened(tumble, _DISTURBED_FRAMES)
+    tasks = [
+        *calm,
+        *(
+            _FilterTask("disturbed tumble", disturbed_tumble, first + 200, first + 100)
+            for first in range(tumble.seed, tumble.seed + runs)
+        ),
+    ]
+    share = sum(task.pipeline.scenario.frames for task in tasks) / (_FRAMES_PER_UNIT * len(tasks))
+    found = run_all(_filter, tasks, workers, lambda: progress.add(share))
+    (printed_motion, slow, tumbling), disturbed = found[: len(calm)], found[len(calm) :]
     tables = (
         _error_table(printed_motion, slow, tumbling),
         _ratio_table(printed_motion, tumbling),
@@ -98,11 +132,16 @@ def filter_chapter(
     return FilterResult(chapter, printed_motion, tumbling)
 
 
-def _run(pipeline: Pipeline, seed: int, progress: Progress) -> FilterRun:
-    return run_filter(true_motion(pipeline), pipeline, model_of(pipeline), seed, progress)
+def _filter(task: _FilterTask) -> FilterRun:
+    model = model_of(task.pipeline)
+    if task.disturbance_seed is None:
+        motion = true_motion(task.pipeline)
+    else:
+        motion = disturbed_motion(task.pipeline, model, task.disturbance_seed)
+    return run_filter(motion, task.pipeline, model, task.seed)
 
 
-def _run_at_1_hz(pipeline: Pipeline, seed: int, progress: Progress) -> FilterRun:
+def _at_1_hz(pipeline: Pipeline) -> Pipeline:
     """The same time at one frame a second.
 
     There a variance held over a frame interval and a spectral density are the same number.
@@ -114,18 +153,7 @@ def _run_at_1_hz(pipeline: Pipeline, seed: int, progress: Progress) -> FilterRun
     filtering = pipeline.filter.model_copy(
         update={"acceleration_psd_m2_s3": psd, "angular_acceleration_psd_rad2_s3": psd}
     )
-    return _run(
-        pipeline.model_copy(update={"scenario": scenario, "filter": filtering}), seed, progress
-    )
-
-
-def _disturbed(runs: int, tumble: Pipeline, progress: Progress) -> list[FilterRun]:
-    model = model_of(tumble)
-    found = []
-    for run in range(runs):
-        motion = disturbed_motion(tumble, model, tumble.seed + 100 + run)
-        found.append(run_filter(motion, tumble, model, tumble.seed + 200 + run, progress))
-    return found
+    return pipeline.model_copy(update={"scenario": scenario, "filter": filtering})
 
 
 def _error_table(printed: FilterRun, slow: FilterRun, tumble: FilterRun) -> StudyTable:

@@ -7,6 +7,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from pcnav.arrays import FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
 from pcnav.catalogue import Rectangle
 from pcnav.config import NoiseTable, PerceptionMode, PerceptionTable, Pipeline
 from pcnav.evaluation.summary import number
@@ -65,17 +67,33 @@ class PanelErrors:
         return float(np.rad2deg(np.sqrt(np.mean(np.sum(self.attitude_rad**2, axis=1)))))
 
 
-def panel_errors(runs: int, pipeline: Pipeline, progress: Progress) -> list[PanelErrors]:
+@dataclass(frozen=True)
+class _Frames:
+    """The frames of one mode at one noise level."""
+
+    count: int
+    pipeline: Pipeline
+    noise_m: float
+    mode: PerceptionMode
+
+    def __str__(self) -> str:
+        return f"panel, {self.noise_m:g} m, {self.mode}"
+
+
+def panel_errors(
+    runs: int, pipeline: Pipeline, workers: Workers, progress: Progress
+) -> list[PanelErrors]:
     """Both modes at both noise levels, on the same random attitudes."""
-    found = []
-    for noise_m in NOISES_M:
-        for mode in (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED):
-            found.append(_errors(_FRAMES_PER_RUN * runs, pipeline, noise_m, mode))
-            progress.add(0.1 * runs)
-    return found
+    tasks = [
+        _Frames(_FRAMES_PER_RUN * runs, pipeline, noise_m, mode)
+        for noise_m in NOISES_M
+        for mode in (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)
+    ]
+    return run_all(_errors, tasks, workers, lambda: progress.add(0.1 * runs))
 
 
-def _errors(count: int, pipeline: Pipeline, noise_m: float, mode: PerceptionMode) -> PanelErrors:
+def _errors(frames: _Frames) -> PanelErrors:
+    count, pipeline, noise_m, mode = frames.count, frames.pipeline, frames.noise_m, frames.mode
     camera = pinhole_camera(pipeline.camera)
     renderer = DepthRenderer(_sheet(), camera)
     settings = PerceptionTable(mode=mode)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from pcnav.batch.cluster import Workers
 from pcnav.config import PerceptionMode, Pipeline
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.plots import Series, series_figure
@@ -10,7 +11,6 @@ from pcnav.studies.yu2019.boxsat import (
     SequenceErrors,
     pose_errors,
     pose_table,
-    satellite,
     sequence_errors,
     sequence_table,
 )
@@ -27,13 +27,12 @@ class RayCastResult:
 
 
 def ray_cast_chapter(
-    runs: int, panel: Pipeline, boxsat: Pipeline, progress: Progress
+    runs: int, panel: Pipeline, boxsat: Pipeline, workers: Workers, progress: Progress
 ) -> RayCastResult:
     """Single frames of a panel and of a satellite, and the filter on a sequence of the latter."""
-    panels = panel_errors(runs, panel, progress)
-    target = satellite(boxsat)
-    poses = pose_errors(max(1, runs // 2), target, boxsat, progress)
-    sequences = sequence_errors(target, boxsat, progress)
+    panels = panel_errors(runs, panel, workers, progress)
+    poses = pose_errors(max(1, runs // 2), boxsat, workers, progress)
+    sequences = sequence_errors(boxsat, workers, progress)
     chapter = Chapter(
         "Ray-cast depth frames: what a depth camera would give",
         _TEXT,

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import run_all
 from pcnav.config import Pipeline
 from pcnav.evaluation.summary import number
 from pcnav.simulation.scenario import TrueMotion, true_motion
@@ -56,6 +58,18 @@ class FrameErrors:
 
 
 @dataclass(frozen=True)
+class _Turn:
+    """One repetition of one turn."""
+
+    pipeline: Pipeline
+    spread: Spread
+    seed: int
+
+    def __str__(self) -> str:
+        return f"one turn, {self.spread} cloud (seed {self.seed})"
+
+
+@dataclass(frozen=True)
 class SingleFrameResult:
     """Figs. 8-10 and what they come to."""
 
@@ -94,18 +108,25 @@ def frame_errors(motion: TrueMotion, sensor: CloudSensor) -> FrameErrors:
     return FrameErrors(position, attitude, raw)
 
 
-def single_frame_chapter(runs: int, pipeline: Pipeline, progress: Progress) -> SingleFrameResult:
+def _turn_errors(turn: _Turn) -> FrameErrors:
+    motion, noise_m = one_turn(turn.pipeline), turn.pipeline.noise.range_sigma_m
+    return frame_errors(motion, CloudSensor(motion, noise_m, turn.spread, turn.seed))
+
+
+def single_frame_chapter(
+    runs: int, pipeline: Pipeline, workers: Workers, progress: Progress
+) -> SingleFrameResult:
     """Rebuild Figs. 8-10 over so many repetitions of one turn."""
-    motion = one_turn(pipeline)
-    noise_m = pipeline.noise.range_sigma_m
+    turns = [
+        _Turn(pipeline, spread, pipeline.seed + 1000 * number_ + run)
+        for number_, spread in enumerate(Spread)
+        for run in range(runs)
+    ]
+    found = run_all(_turn_errors, turns, workers, lambda: progress.add(0.3))
     rows, shown, largest = [], None, (np.zeros((1, 3)), np.zeros((1, 3)))
     flips = raw_flips = 0
     for number_, spread in enumerate(Spread):
-        errors = []
-        for run in range(runs):
-            seed = pipeline.seed + 1000 * number_ + run
-            errors.append(frame_errors(motion, CloudSensor(motion, noise_m, spread, seed)))
-            progress.add(0.3)
+        errors = found[number_ * runs : (number_ + 1) * runs]
         rows += _rows(spread, errors)
         if spread is Spread.EVEN:
             shown = errors[0]
@@ -141,7 +162,7 @@ def single_frame_chapter(runs: int, pipeline: Pipeline, progress: Progress) -> S
         "Figs. 8-10: pose from single frames of an idealised cloud",
         _TEXT,
         (table, _flip_table(flips, raw_flips, runs * FRAMES), _bound_table()),
-        _figures(motion, shown),
+        _figures(one_turn(pipeline), shown),
     )
     return SingleFrameResult(
         chapter,

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.errors import InputError
 from pcnav.evaluation.summary import number
@@ -10,7 +11,7 @@ from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.progress import OnProgress, Progress
 from pcnav.studies.tables import StudyTable
 from pcnav.studies.yu2019 import paper
-from pcnav.studies.yu2019.extraction import ExtractionResult, extraction_tables
+from pcnav.studies.yu2019.extraction import ExtractionResult, extraction_tables, extraction_units
 from pcnav.studies.yu2019.filtering import PRINTED, FilterResult, filter_chapter
 from pcnav.studies.yu2019.panel import ATTITUDE_GOAL_DEG, POSITION_GOAL_M
 from pcnav.studies.yu2019.ray_cast import RayCastResult, ray_cast_chapter
@@ -26,10 +27,11 @@ _QUICK_BOXSAT_FRAMES = 2
 _PIPELINES = ("yu2019", "yu2019_tumble", "yu2019_boxsat")
 
 
-def study_yu2019(runs: int | None, on_progress: OnProgress) -> Study:
+def study_yu2019(runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE) -> Study:
     """Rebuild Tables 1-4 and Figs. 8-16, and run the same method on ray-cast frames.
 
-    Raises `InputError` when a pipeline is missing or bad.
+    ``workers`` is what the runs are spread over. Raises `InputError` when a pipeline is missing or
+    bad, `RunError` when a run fails.
     """
     count = RUNS if runs is None else runs
     printed, tumble, boxsat = (_pipeline(name) for name in _PIPELINES)
@@ -38,10 +40,10 @@ def study_yu2019(runs: int | None, on_progress: OnProgress) -> Study:
         boxsat = _cut(boxsat, _QUICK_BOXSAT_FRAMES)
     progress = Progress(_units(count, frames, printed, tumble, boxsat), on_progress)
     extraction = extraction_tables(count, printed.seed, progress)
-    single = single_frame_chapter(count, printed, progress)
+    single = single_frame_chapter(count, printed, workers, progress)
     disturbed = max(2, count // _RUNS_PER_DISTURBED)
-    filtered = filter_chapter(disturbed, printed, tumble, frames, progress)
-    ray_cast = ray_cast_chapter(count, printed, boxsat, progress)
+    filtered = filter_chapter(disturbed, printed, tumble, frames, workers, progress)
+    ray_cast = ray_cast_chapter(count, printed, boxsat, workers, progress)
     verdict = _verdict(extraction, single, filtered, ray_cast, complete=frames is None)
     return Study(
         title="Yu, Zhao and Zhang 2019, rebuilt",
@@ -83,7 +85,7 @@ def _units(
     filtered = (spin * (1.0 + 1.0 / printed.scenario.frame_rate_hz) + tumbling + disturbed) / 400.0
     single = 0.9 * runs
     ray_cast = 0.4 * runs + 4 * 0.8 * max(1, runs // 2) + 4 * 0.08 * boxsat.scenario.frames
-    return round(8.5 + single + filtered + ray_cast)
+    return round(extraction_units(runs) + single + filtered + ray_cast)
 
 
 def _verdict(

@@ -1,0 +1,81 @@
+"""One run of a batch: simulate the frames, estimate from them, compare with the truth."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from pcnav.batch.basis import GridBasis
+from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun
+from pcnav.batch.estimators.icp import disturbed
+from pcnav.batch.estimators.interface import FirstPose, Given
+from pcnav.batch.estimators.names import EstimatorName
+from pcnav.batch.estimators.registry import ESTIMATORS, Entry
+from pcnav.batch.following import follow, truth_of
+from pcnav.batch.judging import judge
+from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
+from pcnav.batch.record import RunRecord
+from pcnav.batch.scenario import run_pipeline
+from pcnav.evaluation.bound import SceneBound
+from pcnav.provenance import library_versions_with_peers
+from pcnav.simulation.scene import Scene
+from pcnav.target import Target
+
+
+@dataclass(frozen=True)
+class DepthRun:
+    """What is done of every run of a grid; can be sent to another process."""
+
+    basis: GridBasis
+
+    def __call__(self, run: BatchRun) -> RunRecord:
+        """The record of a run: the same for the same run, but for times and memory.
+
+        Raises `InputError` for a scenario that cannot be simulated and for a library that is
+        missing.
+        """
+        reset_peak_memory()
+        pipeline, target = run_pipeline(self.basis, run)
+        scene = Scene.of(pipeline, target.mesh)
+        entry = ESTIMATORS[EstimatorName(str(run.case.value(ESTIMATOR_AXIS)))]
+        estimator = entry.make(given_to(entry, scene, target))
+        # Who is told a true pose knows more than the bound, which knows the frames alone.
+        bounded = entry.first_pose is not FirstPose.EXACT
+        bound = SceneBound(scene, target) if bounded else None
+        with _without_track_messages():
+            followed = follow(scene, estimator, bound)
+        verdict = judge(followed, truth_of(scene.motion), target, remembers=entry.remembers)
+        return RunRecord(
+            run=run,
+            columns=verdict.columns,
+            values=verdict.values | {"peak_memory_mb": peak_memory_mb()},
+            failure=None,
+            versions=library_versions_with_peers(),
+            command=self.basis.command(run),
+        )
+
+
+@contextmanager
+def _without_track_messages() -> Iterator[None]:
+    """Of hundreds of runs nobody wants to read when each was locked; the records have it."""
+    logger = logging.getLogger("pcnav")
+    before = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def given_to(entry: Entry, scene: Scene, target: Target) -> Given:
+    """What an estimator is told of a scene: the truth only where it says that it needs it."""
+    pipeline = scene.pipeline
+    given = Given(target, scene.info, pipeline.perception, pipeline.filter, pipeline.seed)
+    true_pose = scene.motion.T_cam_model(0)
+    match entry.first_pose:
+        case FirstPose.NOTHING:
+            return given
+        case FirstPose.NEAR:
+            return replace(given, T_cam_model_first=disturbed(true_pose, target.diameter_m))
+        case FirstPose.EXACT:
+            return replace(given, T_cam_model_first=true_pose)

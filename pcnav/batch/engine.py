@@ -1,0 +1,205 @@
+"""Many independent runs, each a task of its own, over processes or a cluster."""
+
+import time
+import traceback
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from functools import partial
+from queue import Empty, SimpleQueue
+from secrets import token_hex
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from pcnav.batch.cluster import EVERY_CORE, THIS_MACHINE, Workers, connected
+from pcnav.batch.fitness import Requirements, UnfitWorkerError, here, refuse_unfit
+from pcnav.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_LOOK_EVERY_S = 1.0
+"""How often the workers are counted; they come and go."""
+_ANSWER_WITHIN_S = 5.0
+_ALONE_FOR_S = 180.0
+"""How long a batch waits for a worker when the last one is gone."""
+
+
+class RunError(RuntimeError):
+    """A run that failed; the message names it."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What a run raised, as text: not every exception survives the way between processes."""
+
+    summary: str
+    """One line."""
+    details: str
+
+
+def run_all(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    workers: Workers = EVERY_CORE,
+    on_done: Callable[[], None] = lambda: None,
+) -> list[Result]:
+    """``function`` of every item, in the order of the items.
+
+    Args:
+        function: defined at the top of a module, so that another process can find it.
+        items: what it is called with; ``str(item)`` names a run that fails.
+        workers: what to spread over.
+        on_done: told in this process after every run.
+
+    Processes are started afresh, not forked: a fork copies the locks of whatever threads the
+    libraries keep. Each does its linear algebra on one thread. Raises `RunError` when a run fails,
+    which ends all others, and `InputError` when a cluster cannot be used.
+    """
+    found: dict[int, Result] = {}
+    with closing(outcomes(function, items, workers, here())) as ended:
+        for k, outcome in ended:
+            if isinstance(outcome, Failure):
+                failed = RunError(f"{items[k]}: {outcome.summary}")
+                failed.add_note(outcome.details)
+                raise failed
+            found[k] = outcome
+            on_done()
+    return [found[k] for k in range(len(items))]
+
+
+def outcomes(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    workers: Workers,
+    requirements: Requirements,
+) -> Generator[tuple[int, Result | Failure], None, None]:
+    """Index and result of every item, or its failure, in the order in which they end.
+
+    A run whose process ends abruptly is done again by another, a few times. Only as many runs as
+    there are workers are out at once, so that memory here does not grow with their number. To be
+    closed, which ends what is out. Raises `InputError` for workers or a scheduler that cannot be
+    used, or are gone.
+    """
+    with connected(workers, len(items), requirements) as client:
+        if client is None:
+            for k, item in enumerate(items):
+                yield k, attempt(function, item)
+        else:
+            task = partial(_on_worker, function, requirements)
+            yield from _Window(client, workers, task, items).results()
+
+
+def attempt(function: Callable[[Item], Result], item: Item) -> Result | Failure:
+    """The function of the item, or why there is none."""
+    try:
+        return function(item)
+    # A library that wants to end the process must not end the worker.
+    except (Exception, SystemExit) as error:
+        return Failure(_one_line(error), traceback.format_exc())
+
+
+def _on_worker(
+    function: Callable[[Item], Result], requirements: Requirements, item: Item
+) -> Result | Failure:
+    refuse_unfit(requirements)
+    return attempt(function, item)
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+class _Window(Generic[Item, Result]):
+    """The runs that are out at one time: one for every worker."""
+
+    def __init__(
+        self,
+        client: "Client",
+        workers: Workers,
+        function: Callable[[Item], Result | Failure],
+        items: Sequence[Item],
+    ) -> None:
+        self._client, self._function, self._items = client, function, items
+        self._where = workers.scheduler or THIS_MACHINE
+        self._group = f"run-{token_hex(8)}"
+        self._ended: SimpleQueue[Future[Result | Failure]] = SimpleQueue()
+        self._out: dict[object, int] = {}
+        self._room = 1
+        self._looked = self._manned = -float("inf")
+
+    def results(self) -> Iterator[tuple[int, Result | Failure]]:
+        """Index and outcome, as they end."""
+        self._manned = time.monotonic()
+        begun = 0
+        while begun < len(self._items) or self._out:
+            self._look()
+            while begun < len(self._items) and len(self._out) < self._room:
+                self._submit(begun)
+                begun += 1
+            with suppress(Empty):
+                future = self._ended.get(timeout=_LOOK_EVERY_S)
+                try:
+                    outcome = self._outcome(future)
+                except TimeoutError:
+                    # The worker that had it is gone; another one is at it, or there is none.
+                    self._ended.put(future)
+                else:
+                    yield self._out.pop(future.key), outcome
+
+    def _submit(self, k: int) -> None:
+        key = (self._group, k)
+        future = self._client.submit(self._function, self._items[k], key=key, pure=False)
+        self._out[key] = k
+        future.add_done_callback(self._ended.put)
+
+    def _look(self) -> None:
+        """Count the workers from time to time. Raises `InputError` when they stay away."""
+        now = time.monotonic()
+        if now - self._looked < _LOOK_EVERY_S:
+            return
+        self._looked = now
+        try:
+            if self._client.status != "running":
+                raise self._gone()
+            self._room = len(self._client.nthreads(callback_timeout=_ANSWER_WITHIN_S))
+        except TimeoutError:
+            # A scheduler may be busy; one that is gone is noticed by the client.
+            return
+        except OSError as error:
+            raise self._gone() from error
+        if self._room:
+            self._manned = now
+        elif now - self._manned > _ALONE_FOR_S:
+            expected = (
+                f"expected one to come back within {_ALONE_FOR_S:g} s; finished runs are kept"
+            )
+            raise InputError(self._where, "workers", expected)
+
+    def _outcome(self, future: "Future[Result | Failure]") -> Result | Failure:
+        """Raises ``TimeoutError`` when the answer is lost and the run is being done again."""
+        from distributed import KilledWorker
+        from distributed.client import FutureCancelledError
+
+        try:
+            return future.result(timeout=_ANSWER_WITHIN_S)
+        except TimeoutError:
+            raise
+        except UnfitWorkerError as error:
+            raise InputError(*error.args) from error
+        except KilledWorker as error:
+            deaths = error.allowed_failures + 1
+            summary = f"its process ended abruptly, each of the {deaths} times that it was run"
+            return Failure(summary, str(error))
+        except FutureCancelledError as error:
+            raise self._gone() from error
+        # The run itself raises nothing: a worker could not load it, or not send back its result.
+        except Exception as error:
+            item = self._items[self._out[future.key]]
+            raise RunError(f"{item}: {_one_line(error)}") from error
+
+    def _gone(self) -> InputError:
+        expected = "expected it to stay to the end, it is gone; finished runs are kept"
+        return InputError(self._where, "scheduler", expected)

@@ -1,0 +1,1 @@
+"""What can be put to the test: pcnav in its modes, and its peers on the same frames."""

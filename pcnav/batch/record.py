@@ -1,0 +1,202 @@
+"""What is kept of one run: a Parquet file of its own, written whole or not at all.
+
+One row is one frame. Everything else (the case, the seed, values of the run as a whole, the
+failure, versions, the command that repeats the run) is JSON under one key of the file's schema, so
+that any reader of Parquet sees the frames and this module sees all of it.
+"""
+
+import json
+import math
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pcnav.arrays import FloatArray
+from pcnav.batch.case import BatchRun, Case
+from pcnav.errors import InputError
+
+FORMAT = 1
+"""Number of the layout described here; a file with another one is refused."""
+SUFFIX = ".parquet"
+UNFINISHED_SUFFIX = ".part"
+
+_KEY = b"pcnav"
+_TIME = "time_s"
+_NOT_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
+"""JSON has no words for these."""
+
+Column = FloatArray | list[str]
+"""One value a frame."""
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """All that is kept of one run."""
+
+    run: BatchRun
+    columns: Mapping[str, Column]
+    """Values frame by frame, all of one length, by name; the unit ends the name."""
+    values: Mapping[str, float]
+    """Values of the run as a whole; nan where there is none."""
+    failure: str | None
+    """Why the run has no result, in one line; such a run has no columns."""
+    versions: Mapping[str, str]
+    """Of pcnav and the libraries that made the numbers."""
+    command: str
+    """What repeats this run alone."""
+
+    @property
+    def frames(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+
+@dataclass(frozen=True)
+class RecordHeader:
+    """What a record says of itself without its frames."""
+
+    key: str
+    """`BatchRun.key` of its run."""
+    run: BatchRun
+    failure: str | None
+    versions: Mapping[str, str]
+
+
+def write_record(folder: Path, record: RunRecord) -> Path:
+    """Write a record into a folder under its run's key; returns the file.
+
+    The file appears under its name when all of it is on the disk, so whoever finds it may trust it;
+    an earlier one is replaced. Raises ``ValueError`` for columns that differ in length and
+    ``OSError`` when the file system refuses; nothing is then left.
+    """
+    path = folder / (record.run.key + SUFFIX)
+    table = _table(record)
+    unfinished = folder / f".{record.run.key}-{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    try:
+        with unfinished.open("wb") as file:
+            pq.write_table(table, file, compression="zstd")
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(path)
+    except OSError as error:
+        unfinished.unlink(missing_ok=True)
+        # What the libraries in between raise does not always name the file.
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise
+    _sync_folder(folder)
+    return path
+
+
+def read_record(path: Path) -> RunRecord:
+    """Read a record. Raises `InputError` when the file is not one, or one of another format."""
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise _not_a_record(path, str(error)) from error
+    about = _about(path, table.schema)
+    names = table.column_names if about["failure"] is None else []
+    return RunRecord(
+        run=_run(about),
+        columns={name: _column(table.column(name)) for name in names},
+        values={name: _number(value) for name, value in about["values"].items()},
+        failure=about["failure"],
+        versions=about["versions"],
+        command=about["command"],
+    )
+
+
+def read_header(path: Path) -> RecordHeader:
+    """Read what stands before the frames. Raises `InputError` as `read_record` does."""
+    try:
+        schema = pq.read_schema(path)
+    except (pa.ArrowException, OSError) as error:
+        raise _not_a_record(path, str(error)) from error
+    about = _about(path, schema)
+    return RecordHeader(about["key"], _run(about), about["failure"], about["versions"])
+
+
+def _run(about: dict[str, Any]) -> BatchRun:
+    axes = tuple((name, value) for name, value in about["axes"])
+    return BatchRun(Case(axes), about["index"], about["seed"])
+
+
+def _table(record: RunRecord) -> pa.Table:
+    lengths = {name: len(column) for name, column in record.columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"columns of a record differ in length: {lengths}")
+    about = {
+        "format": FORMAT,
+        "key": record.run.key,
+        "case": record.run.case.name,
+        "axes": record.run.case.axes,
+        "index": record.run.index,
+        "seed": record.run.seed,
+        "values": {name: _json_number(value) for name, value in record.values.items()},
+        "failure": record.failure,
+        "versions": dict(record.versions),
+        "command": record.command,
+    }
+    text = json.dumps(about, allow_nan=False)
+    arrays = {name: _array(column) for name, column in record.columns.items()}
+    # Some readers refuse a file without a column: that of a failure has one without rows.
+    arrays = arrays or {_TIME: _array(np.empty(0))}
+    return pa.table(arrays).replace_schema_metadata({_KEY: text.encode()})
+
+
+def _array(column: Column) -> pa.Array:
+    if isinstance(column, list):
+        return pa.array(column, pa.string())
+    return pa.array(np.ascontiguousarray(column, dtype=np.float64), pa.float64())
+
+
+def _column(stored: pa.ChunkedArray) -> Column:
+    if pa.types.is_string(stored.type):
+        return [str(text) for text in stored.to_pylist()]
+    return np.asarray(stored.to_numpy(), dtype=np.float64)
+
+
+def _about(path: Path, schema: pa.Schema) -> dict[str, Any]:
+    """The JSON of a file, of this format."""
+    text = (schema.metadata or {}).get(_KEY)
+    if text is None:
+        raise _not_a_record(path, "a Parquet file without the values of a run")
+    try:
+        about = json.loads(text)
+        found = about["format"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise _not_a_record(path, "its values of the run cannot be read") from error
+    if found != FORMAT:
+        raise InputError(path, "format", f"expected {FORMAT}, found {found}")
+    return dict(about)
+
+
+def _not_a_record(path: Path, reason: str) -> InputError:
+    return InputError(path, "file", f"expected the record of a run ({reason})")
+
+
+def _json_number(value: float) -> float | str:
+    return float(value) if math.isfinite(value) else str(float(value))
+
+
+def _number(stored: float | str) -> float:
+    return _NOT_FINITE[stored] if isinstance(stored, str) else float(stored)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the new name last through a loss of power, where folders can be opened for that."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

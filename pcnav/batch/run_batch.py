@@ -1,0 +1,49 @@
+"""A grid as a list of verbs: check, run what is missing, tabulate."""
+
+from pathlib import Path
+
+from pcnav.batch.cluster import Workers
+from pcnav.batch.depth_run import DepthRun
+from pcnav.batch.grid import GridPlan
+from pcnav.batch.pivot import AxisOrder
+from pcnav.batch.record import RunRecord
+from pcnav.batch.samples import SETTLED, Window
+from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
+from pcnav.batch.store import new_store
+from pcnav.batch.stored import OnBatchProgress, run_stored
+from pcnav.batch.tabulate import TableSummary, tabulate
+
+
+def run_batch(
+    plan: GridPlan,
+    out: Path,
+    workers: Workers,
+    wanted: Wanted = STANDARD,
+    window: Window = SETTLED,
+    on_progress: OnBatchProgress = lambda done, total, failed: None,
+) -> TableSummary:
+    """Run all of a grid that ``out`` has no record of yet, and write its tables.
+
+    Raises `InputError` for a table that cannot be made, for what a case needs and does not find,
+    for a folder of something else and for a cluster that cannot be used, all before the first
+    run; ``OSError`` when a record cannot be written.
+    """
+    # What the table is asked for is looked at first: half an hour later is late to hear of a typo.
+    asked_layout(wanted, AxisOrder.of(plan.runs))
+    plan.check()
+    store = new_store(out, plan.to_toml(), plan.runs)
+    run_stored(DepthRun(plan.basis), plan.runs, store, workers, plan.command, on_progress)
+    return tabulate(store, wanted=wanted, window=window)
+
+
+def run_alone(plan: GridPlan, case: str, index: int, out: Path) -> RunRecord:
+    """One run of a grid by itself, in this process; its record goes to ``out``, too.
+
+    A record that is there already is read, not made again. Raises as `run_batch` does, and
+    `InputError` for a case or an index that the grid does not have.
+    """
+    run = plan.run_named(case, index)
+    plan.check()
+    store = new_store(out, plan.to_toml(), plan.runs)
+    run_stored(DepthRun(plan.basis), [run], store, Workers(jobs=1), plan.command)
+    return store.record(run.key)

@@ -1,0 +1,59 @@
+"""The scenario of a run: the case's pipeline with its axes applied, and a truth drawn by the seed.
+
+Drawn are the initial attitude, the spin axis, the place in the image, the direction of the relative
+velocity and, from the prior that the target states, mass centre and inertia ratios. Distance and
+tumble rate are the case's; where it has none, those of the pipeline.
+"""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.batch.axes import AXES, RANGE_AXIS, TUMBLE_AXIS
+from pcnav.batch.basis import GridBasis
+from pcnav.batch.case import BatchRun, Case
+from pcnav.config import Pipeline
+from pcnav.config_table import Vector3
+from pcnav.simulation.random_truth import Satellite, Spread, random_truth
+from pcnav.target import Target, load_target
+
+
+@lru_cache(maxsize=8)
+def loaded_target(mesh: Path) -> Target:
+    """A target, read once in a process. Raises `InputError`."""
+    return load_target(mesh)
+
+
+def case_pipeline(basis: GridBasis, case: Case) -> Pipeline:
+    """A case's pipeline with its axes applied, before a truth is drawn. Raises `InputError`."""
+    _, pipeline = basis.pipeline_of(case)
+    for name, value in case.axes:
+        pipeline = AXES[name].apply(pipeline, value)
+    return pipeline.model_copy(update={"target_mesh": str(basis.mesh_of(case))})
+
+
+def run_pipeline(basis: GridBasis, run: BatchRun) -> tuple[Pipeline, Target]:
+    """Everything that fixes the frames of a run, and the target they show. Raises `InputError`.
+
+    `pcnav simulate` of this pipeline writes the same frames.
+    """
+    pipeline = case_pipeline(basis, run.case)
+    target = loaded_target(basis.mesh_of(run.case))
+    axes = dict(run.case.axes)
+    orbit, body = pipeline.orbit, pipeline.body
+    range_m = float(axes.get(RANGE_AXIS, _length(orbit.r_hill_m)))
+    tumble_deg_s = float(axes.get(TUMBLE_AXIS, _length(body.omega_body_deg_s)))
+    frame_rate_hz = pipeline.scenario.frame_rate_hz
+    truth = random_truth(
+        Satellite(target, pipeline),
+        Spread((range_m, range_m), (tumble_deg_s, tumble_deg_s), _length(orbit.v_hill_m_s)),
+        run.seed,
+        frames=basis.frames_at(frame_rate_hz),
+        frame_rate_hz=frame_rate_hz,
+    )
+    return truth, target
+
+
+def _length(vector: Vector3) -> float:
+    return float(np.linalg.norm(vector))

@@ -1,0 +1,213 @@
+"""The folder of a batch: what was asked for, and the record of every run that is finished.
+
+    OUT/grid.toml            the grid as run
+    OUT/batch.json           format, version of pcnav, the runs in the order of the grid
+    OUT/runs/<key>.parquet   one record a run; there is no half-written one under such a name
+
+A batch that was interrupted goes on where its folder ends.
+"""
+
+import json
+import secrets
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pcnav
+from pcnav.batch.case import BatchRun
+from pcnav.batch.layout import BATCH_FILE, GRID_FILE, RUNS_FOLDER
+from pcnav.batch.record import (
+    FORMAT,
+    SUFFIX,
+    UNFINISHED_SUFFIX,
+    RecordHeader,
+    RunRecord,
+    read_header,
+    read_record,
+)
+from pcnav.errors import InputError
+from pcnav.provenance import library_versions_with_peers
+
+_WRITTEN = (GRID_FILE, BATCH_FILE)
+
+_ABANDONED_AFTER_S = 60.0
+"""Writing a record takes far less: what is older was left by a process that ended."""
+
+
+@dataclass(frozen=True)
+class RunStore:
+    """The folder of a batch, opened. Made by `new_store` and `open_store`."""
+
+    folder: Path
+    """Absolute: processes elsewhere may have another working folder."""
+    grid_toml: str
+    version: str
+    """Of pcnav, which made all records."""
+    keys: tuple[str, ...]
+    """`BatchRun.key` of every run, in the order of the grid."""
+    identity: str = field(compare=False)
+    """Drawn when the folder was made: tells it from one of the same name on another machine."""
+
+    @property
+    def runs_folder(self) -> Path:
+        """Where the records are."""
+        return self.folder / RUNS_FOLDER
+
+    def path(self, key: str) -> Path:
+        """The file of a run, there or not."""
+        return self.runs_folder / (key + SUFFIX)
+
+    def finished(self, run: BatchRun) -> bool:
+        """Whether the run has its record, be it of a failure."""
+        return self.path(run.key).is_file()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The keys of the runs without a record, in the order of the grid."""
+        there = {path.name for path in self.runs_folder.glob(f"*{SUFFIX}")}
+        return tuple(key for key in self.keys if key + SUFFIX not in there)
+
+    def records(self) -> Iterator[RunRecord]:
+        """The records there are, in the order of the grid, one at a time in memory.
+
+        Raises `InputError` for a file that is not a record, or one of another version of pcnav.
+        """
+        for key in self.keys:
+            if self.path(key).is_file():
+                yield self.record(key)
+
+    def record(self, key: str) -> RunRecord:
+        """One record. Raises `InputError` as `records` does, and when it is not there."""
+        path = self.path(key)
+        if not path.is_file():
+            raise InputError(path, "file", "expected the record of a run, there is none yet")
+        record = read_record(path)
+        self._refuse_strangers(path, record.run.key, record.versions.get("pcnav"))
+        return record
+
+    def headers(self) -> Iterator[RecordHeader]:
+        """As `records`, without the frames: quick."""
+        for key in self.keys:
+            path = self.path(key)
+            if path.is_file():
+                header = read_header(path)
+                self._refuse_strangers(path, header.key, header.versions.get("pcnav"))
+                yield header
+
+    def _refuse_strangers(self, path: Path, key: str, version: str | None) -> None:
+        if version != self.version:
+            expected = f"expected {self.version} as in all of this batch, found {version}"
+            raise InputError(path, "version of pcnav", expected)
+        if key + SUFFIX != path.name:
+            raise InputError(path, "run", f"expected that of the file's name, found {key}")
+
+
+def new_store(folder: Path, grid_toml: str, runs: Sequence[BatchRun]) -> RunStore:
+    """Make the folder of a batch, or open that of the same batch to go on with it.
+
+    Raises `InputError` when the folder holds something else, another grid or records of another
+    version of pcnav, and when it cannot be written; what was there stays.
+    """
+    keys, identity = tuple(run.key for run in runs), secrets.token_hex(8)
+    store = RunStore(folder.resolve(), grid_toml, pcnav.__version__, keys, identity)
+    if len(set(store.keys)) < len(store.keys):
+        raise InputError(folder, "runs", "expected every run once")
+    earlier = _earlier(store)
+    if earlier is None:
+        _write_anew(store, folder)
+    elif earlier.version != store.version:
+        expected = f"expected {store.version} as now, found {earlier.version}"
+        raise InputError(folder / BATCH_FILE, "version of pcnav", expected)
+    elif earlier != store:
+        expected = "expected the grid of this batch: the folder holds runs of another one"
+        raise InputError(folder / GRID_FILE, "grid", expected)
+    _remove_unfinished(store.runs_folder)
+    return store if earlier is None else earlier
+
+
+def open_store(folder: Path) -> RunStore:
+    """Open the folder of a batch to read it, whatever version made it.
+
+    Raises `InputError` when it is not such a folder, or of another format.
+    """
+    path = folder / BATCH_FILE
+    try:
+        about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        found, version = about["format"], about["pcnav"]
+        keys, identity = tuple(about["runs"]), about["identity"]
+        grid_toml = (folder / GRID_FILE).read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError) as error:
+        missing = Path(error.filename).name
+        raise InputError(folder, "folder", f"expected that of a batch, with {missing}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputError(path, "file", f"expected what a batch was made of ({error})") from error
+    if found != FORMAT:
+        raise InputError(path, "format", f"expected {FORMAT}, found {found}")
+    return RunStore(folder.resolve(), grid_toml, version, keys, identity)
+
+
+def _earlier(store: RunStore) -> RunStore | None:
+    """The batch that the folder holds already, if any."""
+    folder = store.folder
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "folder", "expected a folder, this is a file")
+    if (folder / BATCH_FILE).exists():
+        earlier = open_store(folder)
+        _refuse_other_libraries(earlier)
+        return earlier
+    # A batch that ended before its first file may have left these.
+    ours = {GRID_FILE, RUNS_FOLDER, *(f".{name}{UNFINISHED_SUFFIX}" for name in _WRITTEN)}
+    foreign = [path.name for path in folder.glob("*") if path.name not in ours]
+    if foreign:
+        expected = f"expected an empty or new folder or one of a batch, this has {min(foreign)}"
+        raise InputError(folder, "folder", expected)
+    return None
+
+
+def _refuse_other_libraries(store: RunStore) -> None:
+    """Runs made from now on must not differ from the earlier ones by a library's version."""
+    now = library_versions_with_peers()
+    for header in store.headers():
+        for name, theirs in header.versions.items():
+            if now.get(name, theirs) != theirs and store.version == now["pcnav"]:
+                expected = f"expected {now[name]} as now, found {theirs}"
+                raise InputError(store.path(header.key), f"version of {name}", expected)
+
+
+def _write_anew(store: RunStore, shown: Path) -> None:
+    about = {
+        "format": FORMAT,
+        "pcnav": store.version,
+        "identity": store.identity,
+        "runs": store.keys,
+    }
+    try:
+        store.runs_folder.mkdir(parents=True, exist_ok=True)
+        _write_whole(store.folder / GRID_FILE, store.grid_toml)
+        # Last: a folder with this file has all it needs.
+        _write_whole(store.folder / BATCH_FILE, json.dumps(about, indent=1) + "\n")
+    except OSError as error:
+        expected = f"expected a place that can be written ({error.strerror})"
+        raise InputError(shown, "folder", expected) from error
+
+
+def _write_whole(path: Path, text: str) -> None:
+    unfinished = path.with_name(f".{path.name}{UNFINISHED_SUFFIX}")
+    try:
+        with unfinished.open("w", encoding="utf-8", newline="") as file:
+            file.write(text)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _remove_unfinished(folder: Path) -> None:
+    """Remove what processes that ended in the middle of a record left."""
+    for path in folder.glob(f".*{UNFINISHED_SUFFIX}"):
+        # Another process may be writing or removing it.
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > _ABANDONED_AFTER_S:
+                path.unlink()

@@ -1,0 +1,200 @@
+"""``pcnav table``: accuracy tables over a grid of cases, and what changed from one to another."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pcnav.cli.options import Jobs, Overwrite, Scheduler
+from pcnav.cli.progress import progress
+from pcnav.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pcnav.batch.samples import Window
+    from pcnav.batch.standard_tables import Wanted
+    from pcnav.batch.tabulate import TableSummary
+
+_REGRESSION = 1
+_MOST_FAILURES = 10
+"""Printed; the page has all."""
+
+
+def table(
+    source: Annotated[
+        str | None, typer.Argument(help="A grid: a file or a shipped name. Or a finished batch.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder of the batch, or of its tables.")
+    ] = None,
+    rows: Annotated[
+        str | None, typer.Option(help="Axes of the rows, like range_m,satellite")
+    ] = None,
+    columns: Annotated[str | None, typer.Option(help="Axes of the columns.")] = None,
+    metrics: Annotated[
+        str | None, typer.Option(help="What to show, like attitude_rms_deg,position_p95_m")
+    ] = None,
+    from_s: Annotated[
+        float | None,
+        typer.Option(
+            "--from", min=0.0, help="Errors from so many seconds on, not the second half."
+        ),
+    ] = None,
+    case: Annotated[str | None, typer.Option(help="One case alone: the words of its name.")] = None,
+    run: Annotated[int | None, typer.Option(help="Which run of that case, from 0.")] = None,
+    compare: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(metavar="OLD NEW", help="Two batches; exit code 1 where NEW is worse."),
+    ] = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Run a grid of cases and tabulate how accurate each estimator is; or tabulate, or compare.
+
+    Examples: `pcnav table accuracy -o runs/accuracy`,
+    `pcnav table runs/accuracy --rows range_m --columns estimator --metrics attitude_rms_deg`,
+    `pcnav table --compare runs/old runs/new`
+    """
+    from pcnav.batch.samples import Window
+    from pcnav.batch.standard_tables import Wanted
+
+    wanted = Wanted(_names(rows), _names(columns), _names(metrics))
+    window = Window(from_s)
+    running: dict[str, object] = {
+        "--jobs": jobs,
+        "--scheduler": scheduler,
+        "--case": case,
+        "--run": run,
+    }
+    if compare is not None:
+        pivot = {"GRID": source, "--out": out, "--rows": rows, "--columns": columns}
+        _refuse("--compare", {**pivot, **running})
+        _compare(*compare, wanted.metrics, window)
+    elif source is None:
+        raise InputError("pcnav table", "argument", "expected a grid, a batch or --compare OLD NEW")
+    elif Path(source).is_dir():
+        _refuse(source, running)
+        _tabulate(Path(source), out, wanted, window, overwrite)
+    elif out is None:
+        raise InputError(source, "--out", "expected a folder for the batch: -o OUT")
+    elif case is not None:
+        _refuse("--case", {"--jobs": jobs, "--scheduler": scheduler})
+        _run_alone(source, case, run or 0, out)
+    else:
+        _refuse(source, {"--run": run})
+        _run(source, out, (jobs, scheduler), wanted, window)
+
+
+def _refuse(what: str, options: Mapping[str, object]) -> None:
+    """Say which options mean nothing here, instead of passing over them."""
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise InputError(what, ", ".join(given), "expected none of these here")
+
+
+def _run(
+    name: str,
+    out: Path,
+    where: tuple[int | None, str | None],
+    wanted: "Wanted",
+    window: "Window",
+) -> None:
+    """Run a grid, or go on with it, and tabulate."""
+    from pcnav.batch.threads import one_thread_each
+
+    # Before the libraries are loaded: one process then sums in the same order as many.
+    with one_thread_each():
+        from pcnav.batch.cluster import Workers
+        from pcnav.batch.grid import named_grid
+        from pcnav.batch.run_batch import run_batch
+
+        workers = Workers(*where)
+        with progress(f"table {name}") as advance:
+            summary = run_batch(named_grid(name), out, workers, wanted, window, advance)
+    _print_summary(summary)
+
+
+def _run_alone(name: str, case: str, index: int, out: Path) -> None:
+    """One run of a grid, and its numbers."""
+    from pcnav.batch.threads import one_thread_each
+
+    with one_thread_each():
+        from pcnav.batch.grid import named_grid
+        from pcnav.batch.run_batch import run_alone
+        from pcnav.batch.tabulate import run_table
+
+        record = run_alone(named_grid(name), case, index, out)
+    if record.failure is not None:
+        typer.echo(f"failed: {record.run}: {record.failure}")
+        raise typer.Exit(1)
+    _wide_console().print(run_table(record).to_rich())
+
+
+def _tabulate(
+    folder: Path, out: Path | None, wanted: "Wanted", window: "Window", overwrite: bool
+) -> None:
+    """Tabulate a batch without running anything."""
+    from pcnav.batch.store import open_store
+    from pcnav.batch.tabulate import tabulate
+
+    with progress("table") as advance:
+        summary = tabulate(
+            open_store(folder),
+            out,
+            wanted=wanted,
+            window=window,
+            overwrite=overwrite,
+            on_progress=advance,
+        )
+    _print_summary(summary)
+
+
+def _compare(old: Path, new: Path, metrics: tuple[str, ...] | None, window: "Window") -> None:
+    """Print what changed; exit code 1 on a regression."""
+    from pcnav.batch.compare import compare
+    from pcnav.batch.compare_tables import case_table, overall_table, verdict_lines
+    from pcnav.batch.store import open_store
+
+    with progress("compare") as advance:
+        found = compare(open_store(old), open_store(new), metrics, window, advance)
+    console = _wide_console()
+    tables = [overall_table(found), case_table(found, only_sure=bool(found.overall))]
+    for table in tables:
+        if table.rows:
+            console.print(table.to_rich())
+    for line in verdict_lines(found):
+        typer.echo(line)
+    if found.is_regression:
+        raise typer.Exit(_REGRESSION)
+
+
+def _print_summary(summary: "TableSummary") -> None:
+    from pcnav.batch.page import stacked
+
+    console = _wide_console()
+    for table in summary.tables:
+        console.print(stacked(table).to_rich())
+    for failure in summary.failures[:_MOST_FAILURES]:
+        typer.echo(f"failed: {failure.run}: {failure.message}")
+    if len(summary.failures) > _MOST_FAILURES:
+        typer.echo(f"{len(summary.failures)} runs failed; the page lists them")
+    if summary.unfinished:
+        typer.echo(f"{summary.unfinished} runs of the grid are not finished")
+    typer.echo(f"tables and figures: {summary.page}")
+
+
+def _wide_console() -> "Console":
+    from rich.console import Console
+
+    # Numbers cut short would be worse than lines that wrap.
+    return Console(width=max(Console().width, 160))
+
+
+def _names(text: str | None) -> tuple[str, ...] | None:
+    """Names between commas; none at all is different from nothing said."""
+    if text is None:
+        return None
+    return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -1,0 +1,186 @@
+"""The posterior Cramer-Rao bound: the covariance no tracker can beat on a given motion.
+
+Tichavsky, Muravchik and Nehorai 1998, with the information of each frame taken at the true state.
+The error of a pose is (6,): translation of the model origin (m, camera axes), then rotation (rad,
+model axes), ``p = p_hat + d``, ``R = R_hat exp(theta)``.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.estimation.error_state import MotionModel
+from pcnav.estimation.mass_centre import MassCentreModel
+from pcnav.perception.refinement import Comparer
+from pcnav.sequences.sequence import Frame
+from pcnav.simulation.scenario import TrueMotion, pinhole_camera
+from pcnav.simulation.scene import Scene
+from pcnav.spatial import skew
+from pcnav.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+    V_HILL,
+    NavigationState,
+    ratio_covariance,
+)
+from pcnav.target import Target
+
+PoseInformation = Callable[[int, FloatArray], FloatArray]
+"""From a frame's index and the (6, 6) covariance with which its pose could be predicted to the
+(6, 6) information (inverse covariance) that the frame carries about the error of its pose."""
+
+_LOOSE_SD = ((R_HILL, 10.0), (V_HILL, 1.0), (THETA_BODY, 2.0), (OMEGA_BODY, 1.0))
+"""What the bound knows of the motion before the first frame: nothing next to a frame, SI."""
+_LOOKED_AGAIN_PX = 0.5
+"""How far off the view is, at the rim of the target, that a frame is last compared with."""
+
+
+def pose_jacobian(
+    state: NavigationState, T_cam_world: FloatArray, R_hill_world: FloatArray
+) -> FloatArray:
+    """(6, 20) derivative of the error of the pose by the error of the state.
+
+    The model origin is at ``R_cam_hill r - R_cam_body c``, c the mass centre; a turn theta of the
+    body moves it by ``R_cam_body [c]x theta``.
+    """
+    R_cam_world = T_cam_world[:3, :3]
+    R_cam_body = R_cam_world @ state.R_world_body
+    jacobian = np.zeros((6, STATE_SIZE))
+    jacobian[:3, R_HILL] = R_cam_world @ R_hill_world.T
+    jacobian[:3, COM_MODEL] = -R_cam_body
+    jacobian[:3, THETA_BODY] = R_cam_body @ skew(state.com_model)
+    jacobian[3:, THETA_BODY] = np.eye(3)
+    return jacobian
+
+
+class PosteriorBound:
+    """The bound carried along a true motion, frame by frame."""
+
+    def __init__(
+        self,
+        model: MotionModel[NavigationState],
+        motion: TrueMotion,
+        prior_covariance: FloatArray,
+    ) -> None:
+        """The bound before the first frame.
+
+        Args:
+            model: whose transition, taken at the true states, carries the bound on, and whose
+                process noise loosens it.
+            motion: the truth.
+            prior_covariance: (20, 20) before the first frame, in the model's error coordinates.
+        """
+        self._model, self._motion, self._P = model, motion, prior_covariance
+        self._next = 0
+
+    def step(self, information: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """(20, 20) bound on the covariance of the state's error after the next frame.
+
+        ``information`` is a `PoseInformation` of that frame.
+        """
+        k, motion = self._next, self._motion
+        if k > 0:
+            before = float(motion.times_s[k - 1])
+            step_s = float(motion.times_s[k]) - before
+            _, transition, noise = self._model.propagate(motion.states[k - 1], before, step_s)
+            self._P = predicted(self._P, transition, noise)
+        H = pose_jacobian(motion.states[k], motion.T_cam_world[k], motion.R_hill_world[k])
+        self._P = informed(self._P, H, information(H @ self._P @ H.T))
+        self._next += 1
+        return self._P
+
+
+def posterior_bound(
+    model: MotionModel[NavigationState],
+    motion: TrueMotion,
+    information: PoseInformation,
+    prior_covariance: FloatArray,
+) -> FloatArray:
+    """(n, 20, 20) bound after each frame of a true motion; see `PosteriorBound`."""
+    bound = PosteriorBound(model, motion, prior_covariance)
+    return np.stack([bound.step(partial(information, k)) for k in range(len(motion.states))])
+
+
+class SceneBound:
+    """The bound of a simulated scene, with the information that its own frames carry."""
+
+    def __init__(self, scene: Scene, target: Target) -> None:
+        """``target`` as pcnav knows it; its prior of the mass properties is the bound's."""
+        pipeline, self._motion = scene.pipeline, scene.motion
+        camera = pinhole_camera(pipeline.camera)
+        self._comparer = Comparer(target, camera, scene.info.range_sigma_m)
+        model = MassCentreModel(
+            pipeline.orbit.mean_motion_rad_s,
+            pipeline.filter.acceleration_psd_m2_s3,
+            pipeline.filter.angular_acceleration_psd_rad2_s3,
+        )
+        prior = prior_covariance(target, self._motion.states[0].inertia_ratios)
+        self._bound = PosteriorBound(model, self._motion, prior)
+
+    def step(self, frame: Frame) -> FloatArray:
+        """(20, 20) after the next frame, of the error that `NavigationState.ratio_error` gives."""
+        P = self._bound.step(partial(self._information, frame))
+        return ratio_covariance(self._motion.states[frame.index], P)
+
+    def _information(self, frame: Frame, pose_covariance: FloatArray) -> FloatArray:
+        """(6, 6) that a frame carries about its pose, known to (6, 6) before."""
+        T_true = self._motion.T_cam_model(frame.index)
+        # A tracker looks again from the pose it found, so what it compares the frame with in the
+        # end is within a pixel, however vague its prediction was.
+        doubt_px = self._comparer.doubt_px(T_true, pose_covariance)
+        share = min(1.0, _LOOKED_AGAIN_PX / doubt_px) ** 2
+        at_truth = self._comparer.compare(frame.depth_m, T_true, share * pose_covariance)
+        total = np.zeros((6, 6))
+        for face in at_truth.faces:
+            total = total + face.information
+        return total
+
+
+def bound_of(scene: Scene, target: Target, frames: Iterable[Frame]) -> FloatArray:
+    """(n, 20, 20) bound of a scene after each of its frames; see `SceneBound`."""
+    bound = SceneBound(scene, target)
+    return np.stack([bound.step(frame) for frame in frames])
+
+
+def prior_covariance(target: Target, true_ratios: FloatArray) -> FloatArray:
+    """(20, 20) of the state's error before the first frame, in the filter's own parameters.
+
+    The target's prior of its mass properties, that of the ratios taken at the true ones (5,).
+    """
+    sd = np.zeros(STATE_SIZE)
+    for block, value in _LOOSE_SD:
+        sd[block] = value
+    sd[COM_MODEL] = target.com_sd_m
+    covariance = np.diag(sd**2)
+    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance(
+        true_ratios, np.full(5, target.inertia_ratio_sd)
+    )
+    return covariance
+
+
+def predicted(covariance: FloatArray, transition: FloatArray, noise: FloatArray) -> FloatArray:
+    """(n, n) bound one step later."""
+    P = transition @ covariance @ transition.T + noise
+    return np.asarray(0.5 * (P + P.T))
+
+
+def informed(covariance: FloatArray, H: FloatArray, information: FloatArray) -> FloatArray:
+    """(n, n) ``(P^-1 + H^T I H)^-1`` for an information I (m, m) that may be singular.
+
+    I is written as ``L L^T``, that is as m measurements ``L^T H`` with unit noise; their update in
+    Joseph's form needs no inverse of P and stays positive.
+    """
+    values, axes = np.linalg.eigh(0.5 * (information + information.T))
+    whitened = (axes * np.sqrt(np.maximum(values, 0.0))).T @ H
+    S = whitened @ covariance @ whitened.T + np.eye(len(whitened))
+    gain = np.linalg.solve(S, whitened @ covariance).T
+    kept = np.eye(len(covariance)) - gain @ whitened
+    P = kept @ covariance @ kept.T + gain @ gain.T
+    return np.asarray(0.5 * (P + P.T))

@@ -1,0 +1,320 @@
+"""One run: its frames, what each estimator makes of them, and the numbers kept of it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pcnav.arrays import FloatArray
+from pcnav.batch.basis import GridBasis
+from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.depth_run import DepthRun, given_to
+from pcnav.batch.estimators.icp import START_SHIFT_FRACTION, START_TURN_DEG
+from pcnav.batch.estimators.interface import FirstPose, Given
+from pcnav.batch.estimators.names import EstimatorName
+from pcnav.batch.estimators.registry import ESTIMATORS
+from pcnav.batch.following import recorded_frames
+from pcnav.batch.record import Column, RunRecord
+from pcnav.batch.scenario import run_pipeline
+from pcnav.config import Measurements, PerceptionMode, Pipeline
+from pcnav.errors import InputError
+from pcnav.evaluation.bound import bound_of
+from pcnav.evaluation.metrics import BLOCKS, evaluate, squared_normalised_errors
+from pcnav.evaluation.truth import read_truth
+from pcnav.pipeline import run as run_sequence
+from pcnav.results import read_track
+from pcnav.sequences.opening import open_sequence
+from pcnav.simulation.recording import simulate
+from pcnav.simulation.scene import Scene
+from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, V_HILL
+from pcnav.target import Target
+from pcnav.tracking import Tracker
+
+FRAMES = 7
+BASIS = GridBasis("small.toml", Path(), FRAMES, None, None, None)
+AXES: dict[str, str | float | int] = {
+    "satellite": "boxsat",
+    "range_m": 18.0,
+    "tumble_deg_s": 4.0,
+    "frame_rate_hz": 2.0,
+    "resolution_px": 96,
+    "range_sigma_m": 0.01,
+    "outlier_share": 0.0,
+    "estimator": "pcnav",
+}
+MODES = {
+    EstimatorName.PCNAV: (PerceptionMode.AREA_WEIGHTED, Measurements.REFINED),
+    EstimatorName.PCNAV_BOTH: (PerceptionMode.AREA_WEIGHTED, Measurements.BOTH),
+    EstimatorName.PCNAV_RECTANGLES: (PerceptionMode.AREA_WEIGHTED, Measurements.RECTANGLES),
+    EstimatorName.PCNAV_PAPER: (PerceptionMode.PAPER, Measurements.RECTANGLES),
+}
+PEERS = [name for name in EstimatorName if ESTIMATORS[name].first_pose is not FirstPose.NOTHING]
+
+
+def a_run(seed: int = 3, **axes: str | float | int) -> BatchRun:
+    return BatchRun(Case(tuple((AXES | axes).items())), 0, seed)
+
+
+def needs_extra(name: EstimatorName) -> None:
+    if ESTIMATORS[name].library is not None:
+        pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
+
+
+def number(columns: Mapping[str, Column], name: str) -> FloatArray:
+    """(n,) one column."""
+    return np.asarray(columns[name], dtype=np.float64)
+
+
+def numbers(columns: Mapping[str, Column], *names: str) -> FloatArray:
+    """(n, k) of some columns."""
+    return np.column_stack([number(columns, name) for name in names])
+
+
+def poses(record: RunRecord, whose: str) -> tuple[FloatArray, Rotation]:
+    rows = [f"{whose}_{name}" for name in ("tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw")]
+    values = numbers(record.columns, *rows)
+    return values[:, :3], Rotation.from_quat(values[:, 3:])
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pipeline, Target]:
+    """The sequence that `pcnav simulate` writes of the run."""
+    pipeline, target = run_pipeline(BASIS, a_run(outlier_share=0.02))
+    folder = tmp_path_factory.mktemp("run") / "sequence"
+    simulate(pipeline, target, folder)
+    return folder, pipeline, target
+
+
+def test_frames_are_those_of_a_simulated_sequence(
+    simulated: tuple[Path, Pipeline, Target],
+) -> None:
+    folder, pipeline, target = simulated
+    scene = Scene.of(pipeline, target.mesh)
+    stored = open_sequence(folder)
+    assert stored.info.range_sigma_m == scene.info.range_sigma_m == 0.01
+    assert stored.info.mean_motion_rad_s == scene.info.mean_motion_rad_s
+    frames = list(recorded_frames(scene))
+    assert len(frames) == len(stored) == FRAMES
+    for ours, theirs in zip(frames, stored, strict=True):
+        assert ours.depth_m.dtype == theirs.depth_m.dtype
+        np.testing.assert_array_equal(ours.depth_m, theirs.depth_m)
+        assert (ours.time_s, ours.camera) == (theirs.time_s, theirs.camera)
+        np.testing.assert_array_equal(ours.T_cam_world, theirs.T_cam_world)
+
+
+def test_runs_of_a_batch_say_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", logger="pcnav")
+    record = DepthRun(BASIS)(a_run())
+    assert "locked" in record.columns["status"]
+    assert caplog.messages == []
+
+
+def test_a_depth_that_no_sequence_can_store_is_refused() -> None:
+    with pytest.raises(InputError, match=r"expected depths up to 65.535 m .*, got 7"):
+        DepthRun(BASIS)(a_run(range_m=70.0))
+
+
+def test_the_case_fixes_what_it_names_and_the_seed_draws_the_rest() -> None:
+    pipelines = [run_pipeline(BASIS, a_run(seed))[0] for seed in (3, 4)]
+    for pipeline in pipelines:
+        # The middle of the target lies at the stated depth; its mass centre is near it.
+        assert pipeline.orbit.r_hill_m[0] == pytest.approx(18.0, abs=1.0)
+        assert np.linalg.norm(pipeline.body.omega_body_deg_s) == pytest.approx(4.0)
+        assert (pipeline.scenario.frames, pipeline.scenario.frame_rate_hz) == (FRAMES, 2.0)
+        assert (pipeline.camera.width_px, pipeline.noise.range_sigma_m) == (96, 0.01)
+    first, second = pipelines
+    assert first.body.attitude_rotvec_deg != second.body.attitude_rotvec_deg
+    assert first.body.omega_body_deg_s != second.body.omega_body_deg_s
+    assert run_pipeline(BASIS, a_run(estimator="kiss_icp"))[0] == first
+    longer = replace(BASIS, frames=None, duration_s=10.0)
+    assert run_pipeline(longer, a_run())[0].scenario.frames == 20
+    # Without these axes distance and rate are those of the pipeline: 25 m, and 2.8 deg/s.
+    axes = tuple((name, AXES[name]) for name in ("satellite", "estimator"))
+    bare = run_pipeline(BASIS, BatchRun(Case(axes), 0, 3))[0]
+    assert bare.orbit.r_hill_m[0] == pytest.approx(25.0, abs=1.0)
+    assert np.linalg.norm(bare.body.omega_body_deg_s) == pytest.approx(2.79, abs=0.01)
+
+
+def test_a_run_says_what_pcnav_run_says(
+    simulated: tuple[Path, Pipeline, Target], tmp_path: Path
+) -> None:
+    """Simulated into a folder, run with `pcnav run` and evaluated there: the same numbers."""
+    folder, pipeline, target = simulated
+    summary = run_sequence(folder, tmp_path / "result", pipeline)
+    track = read_track(summary.folder, with_covariance=True)
+    errors = evaluate(track, read_truth(folder), target.symmetry_rotations).errors
+    assert errors is not None
+    assert track.covariance is not None
+
+    record = DepthRun(BASIS)(a_run(outlier_share=0.02))
+    columns = record.columns
+    assert columns["status"] == list(track.status)
+    assert record.failure is None
+    assert record.values["frames"] == record.frames == FRAMES
+    expected = {
+        "position_sym_error_m": np.linalg.norm(errors.p_cam_m, axis=1),
+        "attitude_sym_error_deg": np.rad2deg(np.linalg.norm(errors.theta_model_rad, axis=1)),
+        "velocity_error_m_s": np.linalg.norm(errors.state[:, V_HILL], axis=1),
+        "rate_error_deg_s": np.rad2deg(np.linalg.norm(errors.state[:, OMEGA_BODY], axis=1)),
+        "com_error_m": np.linalg.norm(errors.state[:, COM_MODEL], axis=1),
+        "inertia_ratio_error": np.linalg.norm(errors.state[:, INERTIA_RATIOS], axis=1),
+        "nis": track.nis,
+        "nis_dof": track.nis_dof,
+        **{
+            f"nees_{name}": squared_normalised_errors(
+                errors.state[:, block], track.covariance[:, block, block]
+            )
+            for name, block in BLOCKS.items()
+        },
+    }
+    # The true poses go through text in millimetres and lose a last digit there.
+    for name, values in expected.items():
+        np.testing.assert_allclose(
+            number(columns, name), values, rtol=1e-5, atol=1e-9, err_msg=name
+        )
+    np.testing.assert_array_equal(columns["position_error_m"], columns["position_sym_error_m"])
+    assert np.isfinite(expected["nees_all"][-1])
+    assert record.values["time_to_lock_s"] == 1.0
+    assert record.values["share_locked_right"] == pytest.approx((FRAMES - 2) / FRAMES)
+    assert record.values["share_unlocked"] == pytest.approx(2 / FRAMES)
+
+
+def test_the_bound_is_that_of_the_frames_on_disk(simulated: tuple[Path, Pipeline, Target]) -> None:
+    folder, pipeline, target = simulated
+    bound = bound_of(Scene.of(pipeline, target.mesh), target, open_sequence(folder))
+    columns = DepthRun(BASIS)(a_run(outlier_share=0.02)).columns
+    deviation: FloatArray = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))
+
+    def size(block: slice) -> FloatArray:
+        return np.asarray(np.linalg.norm(deviation[:, block], axis=1))
+
+    for name, expected in (
+        ("crb_com_m", size(COM_MODEL)),
+        ("crb_inertia_ratio", size(INERTIA_RATIOS)),
+        ("crb_rate_deg_s", np.rad2deg(size(OMEGA_BODY))),
+    ):
+        np.testing.assert_allclose(number(columns, name), expected, rtol=1e-6, err_msg=name)
+    # The pose knows where the model is far better than where in it the mass centre lies.
+    assert np.all(numbers(columns, "crb_position_m")[:, 0] < 0.2 * size(R_HILL))
+
+
+@pytest.mark.parametrize("name", [name for name in MODES if name is not EstimatorName.PCNAV])
+def test_modes_are_those_of_the_tracker(
+    simulated: tuple[Path, Pipeline, Target], name: EstimatorName
+) -> None:
+    folder, pipeline, target = simulated
+    mode, measurements = MODES[name]
+    table = pipeline.perception.model_copy(update={"mode": mode, "measurements": measurements})
+    sequence = open_sequence(folder)
+    tracker = Tracker(target, sequence.info, table, pipeline.filter, pipeline.seed)
+    record = DepthRun(BASIS)(a_run(outlier_share=0.02, estimator=str(name)))
+    p_cam, _ = poses(record, "true")
+    for k, frame in enumerate(sequence):
+        estimate, _ = tracker.step(frame)
+        assert record.columns["status"][k] == estimate.status
+        error_m = record.columns["position_error_m"][k]
+        if estimate.T_cam_model is None:
+            assert np.isnan(float(error_m))
+        else:
+            expected = np.linalg.norm(estimate.T_cam_model[:3, 3] - p_cam[k])
+            assert error_m == pytest.approx(expected, rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", [*PEERS, EstimatorName.PCNAV_SINGLE_FRAME])
+def test_peers_have_errors_of_poses_alone(name: EstimatorName) -> None:
+    """Their errors, computed anew by SciPy from the poses stored; nothing else has a value."""
+    needs_extra(name)
+    record = DepthRun(BASIS)(a_run(estimator=str(name)))
+    columns, values = record.columns, record.values
+    assert columns["status"] == ["locked"] * FRAMES
+    (p_true, R_true), (p, R) = poses(record, "true"), poses(record, "est")
+    shift_m = np.linalg.norm(p - p_true, axis=1)
+    turn_deg = np.rad2deg((R.inv() * R_true).magnitude())
+    np.testing.assert_allclose(number(columns, "position_error_m"), shift_m, rtol=1e-9)
+    np.testing.assert_allclose(number(columns, "attitude_error_deg"), turn_deg, rtol=1e-6)
+    assert values["ate_rmse_m"] == pytest.approx(np.sqrt(np.mean(shift_m**2)))
+    step = R[:-1].inv() * R[1:]
+    step_true = R_true[:-1].inv() * R_true[1:]
+    rotation_deg = np.rad2deg((step_true.inv() * step).magnitude())
+    assert values["rpe_rotation_rmse_deg"] == pytest.approx(np.sqrt(np.mean(rotation_deg**2)))
+    assert values["share_locked_right"] == 1.0
+    assert (values["time_to_lock_s"], values["frames_lost"]) == (0.0, 0.0)
+    add, add_s = numbers(columns, "add_m", "add_s_m").T
+    assert np.all(add_s <= add)
+    assert np.all(add <= shift_m + np.deg2rad(turn_deg) * 6.0 + 1e-9)
+    silent = ("velocity_error_m_s", "com_error_m", "nees_all", "nees_r_hill", "nis")
+    assert np.isnan(numbers(columns, *silent)).all()
+    # Who is given the true pose is not bound by what the frames tell.
+    bounded = np.isfinite(numbers(columns, "crb_position_m"))
+    assert bounded.all() if name is not EstimatorName.KISS_ICP else not bounded.any()
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_peers_follow_a_motion_without_noise(name: EstimatorName) -> None:
+    """From a start 5 deg and 10 cm off, or exactly right, to the accuracy of points 10 cm apart."""
+    needs_extra(name)
+    # The robust one weighs by the noise it is told, and of none it is told the rounding.
+    sigma_m = 0.002 if name is EstimatorName.OPEN3D_ICP_TUKEY else 0.0
+    run = a_run(estimator=str(name), range_sigma_m=sigma_m, resolution_px=128, tumble_deg_s=3.0)
+    columns = DepthRun(BASIS)(run).columns
+    errors = numbers(columns, "position_error_m", "attitude_error_deg")
+    limits = (0.08, 1.2) if name is EstimatorName.KISS_ICP else (0.012, 0.3)
+    assert np.all(errors[2:] < limits), errors
+
+
+def test_the_start_that_peers_are_given_is_as_far_off_as_said() -> None:
+    pipeline, target = run_pipeline(BASIS, a_run())
+    scene = Scene.of(pipeline, target.mesh)
+    true = scene.motion.T_cam_model(0)
+    given = {name: given_to(ESTIMATORS[name], scene, target) for name in EstimatorName}
+    for name, each in given.items():
+        start = each.T_cam_model_first
+        if name not in PEERS:
+            assert start is None
+            with pytest.raises(ValueError, match="T_cam_model_first"):
+                _ = each.first_pose
+        elif name is EstimatorName.KISS_ICP:
+            np.testing.assert_array_equal(start, true)
+        else:
+            assert start is not None
+            turn = Rotation.from_matrix(start[:3, :3].T @ true[:3, :3]).magnitude()
+            assert np.rad2deg(turn) == pytest.approx(START_TURN_DEG)
+            shift_m = np.linalg.norm(start[:3, 3] - true[:3, 3])
+            assert shift_m == pytest.approx(START_SHIFT_FRACTION * target.diameter_m)
+
+
+@pytest.mark.parametrize("name", [PEERS[0], PEERS[2], PEERS[-1]])
+def test_peers_bridge_a_frame_without_returns(name: EstimatorName) -> None:
+    needs_extra(name)
+    pipeline, target = run_pipeline(BASIS, a_run(range_sigma_m=0.0))
+    scene = Scene.of(pipeline, target.mesh)
+    true = scene.motion.T_cam_model
+    given = Given(target, scene.info, pipeline.perception, pipeline.filter, 0, true(0))
+    estimator = ESTIMATORS[name].make(given)
+    for frame in recorded_frames(scene):
+        seen = frame.index != 4
+        shown = frame if seen else replace(frame, depth_m=np.zeros_like(frame.depth_m))
+        answer = estimator.step(shown)
+        assert answer.status == ("locked" if seen else "lost")
+        assert (answer.T_cam_model is not None) == seen
+        if answer.T_cam_model is not None and frame.index > 4:
+            assert np.linalg.norm(answer.T_cam_model[:3, 3] - true(frame.index)[:3, 3]) < 0.1
+
+
+@pytest.mark.parametrize("name", [EstimatorName.PCNAV, EstimatorName.OPEN3D_ICP, *PEERS[2:]])
+def test_the_same_run_gives_the_same_bits(name: EstimatorName) -> None:
+    needs_extra(name)
+    first, second = (DepthRun(BASIS)(a_run(estimator=str(name))) for _ in range(2))
+    assert first.columns.keys() == second.columns.keys()
+    for column in set(first.columns) - {"frame_ms"}:
+        np.testing.assert_array_equal(first.columns[column], second.columns[column])
+    costs = {"ms_per_frame", "peak_memory_mb"}
+    for value in set(first.values) - costs:
+        np.testing.assert_equal(first.values[value], second.values[value])
+    assert all(first.values[cost] > 0.0 for cost in costs)
+    assert first.values["ms_per_frame"] == pytest.approx(
+        np.mean(numbers(first.columns, "frame_ms"))
+    )

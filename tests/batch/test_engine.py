@@ -1,0 +1,227 @@
+"""Runs over processes of this machine: order, seeds, threads, failures, interrupts, resumption."""
+
+import errno
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import RunError, run_all
+from pcnav.batch.runs import Run, run_seed, runs_of
+from pcnav.batch.store import RunStore, new_store, open_store
+from pcnav.batch.stored import run_stored
+from pcnav.errors import InputError
+from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
+
+HERE = Workers(jobs=1)
+TWO = Workers(jobs=2)
+RUNS = planned(8)
+GRID = "[batch]\nname = 'cheap'\n"
+BATCH = """
+import sys
+from pathlib import Path
+from pcnav.batch.cluster import Workers
+from pcnav.batch.store import new_store
+from pcnav.batch.stored import run_stored
+from tests.batch.cheap_runs import CheapRun, command_of, planned
+
+if __name__ == "__main__":
+    import signal
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    out, log = Path(sys.argv[1]), Path(sys.argv[2])
+    runs = planned(8)
+    store = new_store(out, "", runs)
+    try:
+        run_stored(
+            CheapRun(log, 30.0, quick=runs[0].key), runs, store, Workers(int(sys.argv[3])),
+            command_of, lambda done, total, failed: print(done, total, failed, flush=True),
+        )
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+"""
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> RunStore:
+    """An empty one for the runs of this file."""
+    return new_store(tmp_path / "out", GRID, RUNS)
+
+
+def test_seeds_are_the_same_on_every_machine_and_differ_by_name_and_index() -> None:
+    assert run_seed("cold starts", 0) == 1457920327
+    seeds = {run_seed(name, k) for name in ("cold starts", "faults") for k in range(500)}
+    assert len(seeds) == 1000
+
+
+def test_cases_meet_the_same_truths() -> None:
+    runs = runs_of("faults", ("none", "outliers"), 3)
+    assert [run.case for run in runs] == ["none"] * 3 + ["outliers"] * 3
+    assert [run.seed for run in runs[:3]] == [run.seed for run in runs[3:]]
+    assert len({run.seed for run in runs}) == 3
+    assert str(runs[4]) == f"outliers, run 1 (seed {runs[1].seed})"
+
+
+def test_workers_that_cannot_be_meant_are_refused() -> None:
+    for jobs, scheduler, expected in (
+        (0, None, "expected at least 1, got 0"),
+        (2, "tcp://host:8786", "expected none beside --scheduler"),
+        (None, "host:8786", "like tcp://host:8786"),
+        (None, "tcp://host", "like tcp://host:8786"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            Workers(jobs, scheduler)
+
+
+def test_results_keep_the_order_of_the_items_and_each_is_counted() -> None:
+    counted: list[int] = []
+    squares = [float(k * k) for k in range(6)]
+    assert run_all(math.sqrt, squares, HERE, lambda: counted.append(1)) == [0, 1, 2, 3, 4, 5]
+    assert len(counted) == 6
+    assert run_all(math.sqrt, []) == []
+
+
+def test_a_failing_run_is_named_and_ends_the_batch() -> None:
+    def fail_on_the_second(run: Run) -> int:
+        if run.index == 1:
+            raise ValueError("no such pose")
+        return run.index
+
+    runs, counted = runs_of("faults", ("none",), 3), []
+    with pytest.raises(
+        RunError, match=r"none, run 1 \(seed \d+\): ValueError: no such p"
+    ) as caught:
+        run_all(fail_on_the_second, runs, HERE, lambda: counted.append(1))
+    assert len(counted) == 1
+    assert "fail_on_the_second" in "".join(caught.value.__notes__)
+
+
+def test_processes_work_on_one_thread_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # What another process is to call must be importable there, which a test module is not.
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    names = ["OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
+    assert run_all(os.getenv, names, TWO) == ["1", "1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
+
+
+def test_records_are_the_same_from_one_process_and_from_two_and_failures_are_kept(
+    store: RunStore, tmp_path: Path, recwarn: pytest.WarningsRecorder, capfd: pytest.CaptureFixture
+) -> None:
+    log, told = tmp_path / "log", []
+    function = CheapRun(log, fails=RUNS[5].key)
+    run_stored(function, RUNS, store, TWO, command_of, lambda *count: told.append(count))
+    other = new_store(tmp_path / "other", GRID, RUNS)
+    run_stored(function, RUNS, other, HERE, command_of)
+    for run in RUNS:
+        assert store.path(run.key).read_bytes() == other.path(run.key).read_bytes()
+    # Progress: from none to all, of which one failed.
+    assert [done for done, _, _ in told] == list(range(9)) and told[-1] == (8, 8, 1)
+    failed = store.record(RUNS[5].key)
+    assert failed.failure == "ValueError: no such pose" and failed.frames == 0
+    assert failed.command == command_of(RUNS[5])
+    assert not recwarn.list
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "")
+
+
+def test_finished_runs_are_not_repeated_be_they_failures(store: RunStore, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    run_stored(CheapRun(log, fails=RUNS[0].key), RUNS[:3], store, HERE, command_of)
+    assert store.missing == tuple(run.key for run in RUNS[3:])
+    told: list[tuple[int, int, int]] = []
+    run_stored(CheapRun(log), RUNS, store, HERE, command_of, lambda *count: told.append(count))
+    assert executions(log) == [run.key for run in RUNS]
+    assert told[0] == (3, 8, 1) and told[-1] == (8, 8, 1)
+
+
+def test_a_run_that_kills_its_process_becomes_a_failure_and_loses_no_other(
+    store: RunStore, tmp_path: Path
+) -> None:
+    log = tmp_path / "log"
+    function = CheapRun(log, kills=RUNS[2].key)
+    run_stored(function, RUNS, store, TWO, command_of)
+    records = list(store.records())
+    assert [record.run for record in records] == RUNS
+    assert [k for k, record in enumerate(records) if record.failure is not None] == [2]
+    assert records[2].failure is not None
+    assert "ended abruptly, each of the 3 times" in records[2].failure
+    assert records[2].command == command_of(RUNS[2])
+    assert Counter(executions(log)) == Counter({run.key: 1 for run in RUNS}) + Counter(
+        {RUNS[2].key: 2}
+    )
+
+
+def test_a_file_system_that_refuses_ends_the_batch_and_names_the_file(
+    store: RunStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left") as caught:
+        patch.setattr(os, "fsync", full)
+        run_stored(CheapRun(tmp_path / "log"), RUNS, store, HERE, command_of)
+    assert caught.value.filename == str(store.path(RUNS[0].key))
+    # In another process the system itself refuses: no file may grow beyond so many bytes.
+    with pytest.raises(OSError, match="File too large") as caught:
+        log = tmp_path / "other-log"
+        run_stored(CheapRun(log, largest_file=2000), RUNS, store, TWO, command_of)
+    assert str(caught.value.filename).startswith(str(store.runs_folder))
+    assert len(store.missing) == 8 and not list(store.runs_folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("jobs", "number"),
+    [(1, signal.SIGINT), (2, signal.SIGINT), (2, signal.SIGTERM), (2, signal.SIGKILL)],
+)
+def test_an_interrupt_ends_everything_at_once_and_leaves_finished_runs(
+    tmp_path: Path, repository: Path, jobs: int, number: signal.Signals
+) -> None:
+    script, out, log = tmp_path / "batch.py", tmp_path / "out", tmp_path / "log"
+    script.write_text(BATCH)
+    command = [sys.executable, "-W", "error", str(script), str(out), str(log), str(jobs)]
+    # A session of its own: the interrupt goes to all of its processes, as from a terminal.
+    process = subprocess.Popen(
+        command,
+        env={**os.environ, "PYTHONPATH": str(repository)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None and process.stderr is not None
+    while process.stdout.readline().split() != ["1", "8", "0"]:
+        assert process.poll() is None, process.stderr.read()
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    # The runs that are out would take half a minute more.
+    code = process.wait(timeout=10.0)
+    _, errors = process.communicate()
+    assert (code, errors) == (-9 if number == signal.SIGKILL else 130, "")
+    assert not _living(process.pid)
+    store = open_store(out)
+    assert [record.run for record in store.records()] == planned(8)[:1]
+    assert not list(store.runs_folder.glob(".*"))
+
+
+def _living(session: int) -> list[str]:
+    """Names of the processes of a session, once those that are about to end have ended."""
+    psutil = pytest.importorskip("psutil")
+    deadline = time.monotonic() + 5.0
+    while True:
+        found = []
+        for process in psutil.process_iter(["pid", "status", "cmdline"]):
+            with suppress(ProcessLookupError):
+                if os.getsid(process.pid) == session and process.info["status"] != "zombie":
+                    found.append(" ".join(process.info["cmdline"] or ()))
+        if not found or time.monotonic() > deadline:
+            return found
+        time.sleep(0.05)

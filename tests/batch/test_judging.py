@@ -1,0 +1,107 @@
+"""What a run comes to: locks right and wrong, equivalent attitudes, and the memory it took."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcnav.arrays import FloatArray
+from pcnav.batch.basis import GridBasis
+from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.estimators.interface import Answer, Estimator
+from pcnav.batch.following import Followed, follow, truth_of
+from pcnav.batch.judging import Verdict, judge
+from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
+from pcnav.batch.scenario import run_pipeline
+from pcnav.sequences.sequence import Frame
+from pcnav.simulation.scene import Scene
+from pcnav.spatial import exp_rotation, make_transform
+from pcnav.target import Target
+
+FRAMES = 7
+
+
+@pytest.fixture(scope="module")
+def twinwing() -> tuple[Scene, Target]:
+    basis = GridBasis("small.toml", Path(), FRAMES, None, None, None)
+    axes = (("satellite", "twinwing"), ("range_m", 18.0), ("resolution_px", 96))
+    pipeline, target = run_pipeline(basis, BatchRun(Case(axes), 0, 3))
+    return Scene.of(pipeline, target.mesh), target
+
+
+class Told(Estimator):
+    """Says what it was told to say."""
+
+    def __init__(self, answers: list[Answer]) -> None:
+        self._answers = iter(answers)
+
+    def step(self, frame: Frame) -> Answer:
+        return next(self._answers)
+
+
+def told(scene: Scene, T_cam_model: FloatArray, status: list[str]) -> Followed:
+    """A run that says these poses (n, 4, 4), nan for none."""
+    pairs = zip(status, T_cam_model, strict=True)
+    answers = [Answer(word, T if np.isfinite(T).all() else None) for word, T in pairs]
+    return follow(scene, Told(answers))
+
+
+def number(verdict: Verdict, column: str) -> FloatArray:
+    return np.asarray(verdict.columns[column], dtype=np.float64)
+
+
+def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Target]) -> None:
+    scene, target = twinwing
+    truth = truth_of(scene.motion)
+    assert truth.T_cam_model is not None
+    half_turn = target.symmetry_rotations[1]
+    status = ["locked"] * FRAMES
+    turned = judge(told(scene, truth.T_cam_model @ half_turn, status), truth, target)
+    assert turned.values["share_locked_right"] == 1.0
+    np.testing.assert_allclose(number(turned, "attitude_error_deg"), 180.0, atol=1e-5)
+    np.testing.assert_allclose(number(turned, "attitude_sym_error_deg"), 0.0, atol=1e-5)
+    assert np.max(number(turned, "add_s_m")) < 1e-6
+    assert np.min(number(turned, "add_m")) > 1.0
+
+    flipping = truth.T_cam_model.copy()
+    flipping[-2:] = flipping[-2:] @ half_turn
+    flips = judge(told(scene, flipping, status), truth, target)
+    assert flips.values["share_locked_wrong"] == pytest.approx(2 / FRAMES)
+    forgets = judge(told(scene, flipping, status), truth, target, remembers=False)
+    assert forgets.values["share_locked_right"] == 1.0
+
+
+def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -> None:
+    """acquiring, right, lost, ambiguous and right, locked 11 deg off, a metre off, coasting."""
+    scene, target = twinwing
+    truth = truth_of(scene.motion)
+    assert truth.T_cam_model is not None
+    T = truth.T_cam_model.copy()
+    T[0] = T[2] = np.nan
+    T[4] = T[4] @ make_transform(exp_rotation(np.deg2rad([0.0, 11.0, 0.0])), np.zeros(3))
+    T[5, 0, 3] += 1.0
+    status = ["acquiring", "locked", "lost", "ambiguous", "locked", "locked", "coasting"]
+    values = judge(told(scene, T, status), truth, target).values
+    assert values["time_to_lock_s"] == 0.5
+    assert values["share_locked_right"] == pytest.approx(2 / 7)
+    assert values["share_locked_wrong"] == pytest.approx(2 / 7)
+    assert values["share_unlocked"] == pytest.approx(3 / 7)
+    assert values["frames_lost"] == 2.0
+    assert values["ate_rmse_m"] == pytest.approx(np.sqrt(1.0 / 5))
+
+    silent = judge(told(scene, np.full_like(T, np.nan), ["acquiring"] * 7), truth, target)
+    assert np.isnan(silent.values["time_to_lock_s"])
+    assert np.isnan(silent.values["ate_rmse_m"])
+    assert (silent.values["share_unlocked"], silent.values["frames_lost"]) == (1.0, 0.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak is reset where Linux allows it")
+def test_peak_memory_is_that_since_the_reset() -> None:
+    reset_peak_memory()
+    before = peak_memory_mb()
+    ballast = np.ones(30_000_000)
+    assert peak_memory_mb() > before + 1e-6 * 0.9 * ballast.nbytes
+    del ballast
+    reset_peak_memory()
+    assert peak_memory_mb() < before + 100.0
