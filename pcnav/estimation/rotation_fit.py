@@ -9,6 +9,7 @@ same fit without a prior on the rate and with one of its own on the inertia.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.estimation.rotation_arc import positive
@@ -51,7 +52,18 @@ class AttitudeArc:
     R_world_body: FloatArray
     """(n, B, 3, 3)"""
     noise: FloatArray
-    """(n, 3, 3) of each, body axes, rad^2."""
+    """(n, 3, 3) of each, body axes, rad^2; or (3n, 3n) of all, where their errors belong together.
+    """
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """(n, B, 3, m) rows of the attitudes in units of their noise, independent ones."""
+        root = np.linalg.cholesky(self.noise)
+        if root.ndim == 3:
+            return np.asarray(np.linalg.solve(root[:, None], rows))
+        n, runs, _, m = rows.shape
+        stacked = np.moveaxis(rows, 1, 2).reshape(3 * n, runs * m)
+        white = solve_triangular(root, stacked, lower=True, check_finite=False)
+        return np.moveaxis(np.asarray(white).reshape(n, 3, runs, m), 2, 1)
 
 
 @dataclass(frozen=True)
@@ -137,8 +149,22 @@ def _normal_equations(
     normal = weighted @ by_error
     gradient = -(weighted @ away[..., None])[..., 0]
     cost = np.einsum("bi,bij,bj->b", away, np.broadcast_to(weight, normal.shape), away)
-    state, transition = start, np.broadcast_to(np.eye(SIZE), normal.shape)
-    weights = np.linalg.inv(arc.noise)
+    rows = arc.whitened(_linearised(model, arc, start))
+    H, error = rows[..., :SIZE], rows[..., SIZE]
+    normal = normal + np.einsum("nbij,nbik->bjk", H, H)
+    gradient = gradient + np.einsum("nbij,nbi->bj", H, error)
+    cost = cost + np.einsum("nbi,nbi->b", error, error)
+    lack, slopes = _thinness(start.parameters)
+    guided = normal.copy()
+    guided[:, INERTIA, INERTIA] += np.swapaxes(slopes, -1, -2) @ slopes
+    gradient[:, INERTIA] -= (np.swapaxes(slopes, -1, -2) @ lack[..., None])[..., 0]
+    return _Point(normal, guided, gradient, cost + np.sum(lack**2, axis=-1))
+
+
+def _linearised(model: TorqueFreeModel, arc: AttitudeArc, start: RotationState) -> FloatArray:
+    """(n, B, 3, 12) derivative of the attitudes by the errors of the start; their residuals."""
+    state, transition = start, np.broadcast_to(np.eye(SIZE), (len(start.omega_body), SIZE, SIZE))
+    rows = []
     for k, time_s in enumerate(arc.times_s.tolist()):
         if k > 0:
             before = float(arc.times_s[k - 1])
@@ -146,15 +172,8 @@ def _normal_equations(
             transition = step @ transition
         error = log_rotation(np.swapaxes(state.R_world_body, -1, -2) @ arc.R_world_body[k])
         H = np.linalg.inv(left_jacobian(error)) @ transition[:, THETA]
-        weighted = np.swapaxes(H, -1, -2) @ weights[k]
-        normal = normal + weighted @ H
-        gradient = gradient + (weighted @ error[..., None])[..., 0]
-        cost = cost + np.einsum("bi,ij,bj->b", error, weights[k], error)
-    lack, slopes = _thinness(start.parameters)
-    guided = normal.copy()
-    guided[:, INERTIA, INERTIA] += np.swapaxes(slopes, -1, -2) @ slopes
-    gradient[:, INERTIA] -= (np.swapaxes(slopes, -1, -2) @ lack[..., None])[..., 0]
-    return _Point(normal, guided, gradient, cost + np.sum(lack**2, axis=-1))
+        rows.append(np.concatenate([H, error[..., None]], axis=-1))
+    return np.stack(rows)
 
 
 def _thinness(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -34,6 +34,45 @@ _KEYS_TRIED = 2
 
 
 @dataclass(frozen=True)
+class ChainLink:
+    """How the turn since the reference depends on the noise of both frames, to first order."""
+
+    features: IntArray
+    """(m,) that told the turn."""
+    by_reference: FloatArray
+    """(m, 3, 2) rad, of theta, per standard deviation of a coordinate in the reference."""
+    seen: IntArray
+    """(k,) all features of the frame."""
+    by_own: FloatArray
+    """(k, 3, 2) as ``by_reference``, in the frame itself; 0 of those that did not tell."""
+    covariance: FloatArray
+    """(3, 3) of the turn alone, in theta, rad^2."""
+    worst_sd: float
+    """About its worst axis, rad."""
+
+    def turned(self, R_new_old: FloatArray) -> "ChainLink":
+        """With errors told along other body axes (3, 3)."""
+        return replace(
+            self,
+            by_reference=R_new_old @ self.by_reference,
+            by_own=R_new_old @ self.by_own,
+            covariance=R_new_old @ self.covariance @ R_new_old.T,
+        )
+
+    @staticmethod
+    def to_nothing(seen: IntArray) -> "ChainLink":
+        """Of a frame that defines the axes."""
+        return ChainLink(
+            features=np.zeros(0, dtype=np.intp),
+            by_reference=np.zeros((0, 3, 2)),
+            seen=seen,
+            by_own=np.zeros((len(seen), 3, 2)),
+            covariance=np.zeros((3, 3)),
+            worst_sd=0.0,
+        )
+
+
+@dataclass(frozen=True)
 class ChainFrame:
     """One frame's attitude, or why there is none."""
 
@@ -53,6 +92,8 @@ class ChainFrame:
     """(3, 3) of theta in ``R_world_body = R_hat exp(theta)``, rad^2."""
     relative: RelativeMotion | None = None
     """To the reference."""
+    link: ChainLink | None = None
+    """To the reference, where the frame has an attitude."""
 
     @property
     def R_cam_body(self) -> FloatArray | None:
@@ -72,12 +113,7 @@ class _Placed:
     R_cam_world: FloatArray
     R_cam_body: FloatArray
     covariance: FloatArray
-    own_sd: float
-    """Worst standard deviation of its own relative rotation, rad."""
-    noise_features: IntArray
-    """(m,) features whose noise in this frame is in its attitude."""
-    noise_gain: FloatArray
-    """(m, 3, 2) derivative of theta by that noise."""
+    link: ChainLink
 
     @property
     def R_world_body(self) -> FloatArray:
@@ -133,15 +169,15 @@ class ImageMotionChain:
         """A new segment, whose body axes are the camera's."""
         self._segment += 1
         self._omega_body = None
-        nothing: IntArray = np.zeros(0, dtype=np.intp)
         self._last = _Placed(
             *(self._number, frame.time_s, frame.features, points, frame.R_cam_world),
-            *(np.eye(3), np.zeros((3, 3)), 0.0, nothing, np.zeros((0, 3, 2))),
+            *(np.eye(3), np.zeros((3, 3)), ChainLink.to_nothing(frame.features)),
         )
         self._keys = [self._last]
         return ChainFrame(
             *(frame.time_s, Outcome.FIRST, self._segment, None, 0, 0, frame.R_cam_world),
             *(frame.R_cam_world.T, np.zeros((3, 3))),
+            link=self._last.link,
         )
 
     def _place(self, placed: _Placed) -> None:
@@ -159,7 +195,7 @@ class ImageMotionChain:
         R_cam_body = frame.R_cam_world @ self._last.R_world_body @ exp_rotation(turn)
         change = self._settings.rate_change * float(np.linalg.norm(turn))
         # The last two attitudes make the rate: their errors are carried on.
-        sd = float(np.hypot(change, 2.0 * self._last.own_sd))
+        sd = float(np.hypot(change, 2.0 * self._last.link.worst_sd))
         return Expected(R_cam_body @ reference.R_cam_body.T, max(sd, self._sigma))
 
     def _compared(
@@ -182,23 +218,35 @@ class ImageMotionChain:
             return result, reference
         R_cam_body = relative.motion.R_second_first @ reference.R_cam_body
         # eps is along the axes of the reference's camera, theta along those of the body.
-        A = reference.R_cam_body.T
-        used = features[relative.agreeing]
-        cross = self._shared_noise(reference, used, A @ relative.gain.by_first)
-        covariance = reference.covariance + A @ relative.gain.covariance @ A.T + cross + cross.T
-        worst = float(np.sqrt(np.linalg.eigvalsh(relative.gain.covariance)[-1]))
+        A, gain = reference.R_cam_body.T, relative.gain
+        told = relative.agreeing
+        by_own = np.zeros((len(frame.features), 3, 2))
+        by_own[at_second[told]] = self._sigma * (A @ gain.by_second)
+        link = ChainLink(
+            features=features[told],
+            by_reference=self._sigma * (A @ gain.by_first),
+            seen=frame.features,
+            by_own=by_own,
+            covariance=A @ gain.covariance @ A.T,
+            worst_sd=float(np.sqrt(np.linalg.eigvalsh(gain.covariance)[-1])),
+        )
+        cross = shared_noise(link, reference.link.seen, reference.link.by_own)
+        covariance = reference.covariance + link.covariance + cross + cross.T
         placed = _Placed(
             *(self._number, frame.time_s, frame.features, points, frame.R_cam_world),
-            *(R_cam_body, covariance, worst),
-            *(used, A @ relative.gain.by_second),
+            *(R_cam_body, covariance, link),
         )
-        return replace(result, R_world_body=placed.R_world_body, covariance=covariance), placed
+        attitude = {"R_world_body": placed.R_world_body, "covariance": covariance, "link": link}
+        return replace(result, **attitude), placed
 
-    def _shared_noise(self, reference: _Placed, features: IntArray, gain: FloatArray) -> FloatArray:
-        """(3, 3) covariance of the reference's theta with the turn since, through its noise."""
-        _, k, m = matched(reference.noise_features, features)
-        shared = np.einsum("nik,njk->ij", reference.noise_gain[k], gain[m])
-        return np.asarray(self._sigma**2 * shared)
+
+def shared_noise(link: ChainLink, features: IntArray, gain: FloatArray) -> FloatArray:
+    """(..., 3, 3) covariance of the turn of a link with errors that hold its reference's noise.
+
+    These are ``gain`` (..., k, 3, 2) times the noise of ``features`` (k,) in the reference.
+    """
+    _, i, j = matched(link.features, features)
+    return np.asarray(np.einsum("nik,...njk->...ij", link.by_reference[i], gain[..., j, :, :]))
 
 
 def run_chain(tracks: MonocularTracks, settings: ImageMotionTable) -> tuple[ChainFrame, ...]:
