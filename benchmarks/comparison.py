@@ -19,7 +19,7 @@ from benchmarks.peers import (
     peer_threads,
 )
 from pcnav.batch.estimators.icp import SAMPLES, START_SHIFT_FRACTION, START_TURN_DEG
-from pcnav.studies.tables import StudyTable
+from pcnav.evaluation.text_table import TextTable
 
 FILTERED_BAR = 0.5
 """Most that pcnav's filtered error may be of the best ICP peer's."""
@@ -101,10 +101,10 @@ def judge(case: CaseScores) -> CaseVerdict:
     )
 
 
-def case_table(case: CaseScores) -> StudyTable:
+def case_table(case: CaseScores) -> TextTable:
     """Errors and times of every method on one case."""
     half = case.last_frame + 1 - case.first_frame
-    return StudyTable(
+    return TextTable(
         key="case",
         title=f"{case.title}: frames {case.first_frame} to {case.last_frame}",
         header=(
@@ -140,10 +140,10 @@ def case_table(case: CaseScores) -> StudyTable:
     )
 
 
-def verdict_table(verdicts: Sequence[CaseVerdict]) -> StudyTable:
+def verdict_table(verdicts: Sequence[CaseVerdict]) -> TextTable:
     """Ratios of medians in every case, each against its bar."""
     outcomes = [ratio.outcome for verdict in verdicts for ratio in verdict.ratios]
-    return StudyTable(
+    return TextTable(
         key="verdict",
         title="Ratios of medians: pcnav over the best ICP peer, and its time over Open3D ICP's",
         header=(
@@ -205,7 +205,7 @@ def cases_csv(cases: Sequence[CaseScores]) -> str:
         for case in cases
         for score in case.scores
     )
-    return StudyTable("cases", "cases", tuple(names.split(",")), rows).to_csv()
+    return TextTable("cases", "cases", tuple(names.split(",")), rows).to_csv()
 
 
 def verdict_csv(verdicts: Sequence[CaseVerdict]) -> str:
@@ -223,7 +223,7 @@ def verdict_csv(verdicts: Sequence[CaseVerdict]) -> str:
         for ratio in verdict.ratios
     )
     names = "case,method,peer,quantity,median,median_of_peer,ratio,bar,outcome"
-    return StudyTable("verdict", "verdict", tuple(names.split(",")), rows).to_csv()
+    return TextTable("verdict", "verdict", tuple(names.split(",")), rows).to_csv()
 
 
 def write_comparison(out: Path, cases: Sequence[CaseScores]) -> None:

@@ -154,4 +154,3 @@ class ChainedInertiaEstimator:
 
 def _worst_sd(covariance: FloatArray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[THETA, THETA])[-1]))
-

@@ -21,6 +21,7 @@ from pcnav.evaluation.knowledge import (
     independent_combinations,
 )
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.observability.attitude import attitude_rank, rank_in_words
 from pcnav.observability.information import (
     ExpectedKnowledge,
@@ -30,7 +31,6 @@ from pcnav.observability.information import (
 )
 from pcnav.observability.rank import ObservabilityRank
 from pcnav.observability.told import Told
-from pcnav.studies.tables import StudyTable
 
 S = TypeVar("S", bound=ManifoldState)
 
@@ -111,11 +111,11 @@ class ObservabilityReport:
         """States that the arc does not tell: their prior speaks."""
         return tuple(state.name for state in self.states if not state.known)
 
-    def tables(self) -> tuple[StudyTable, ...]:
+    def tables(self) -> tuple[TextTable, ...]:
         """States, weakest directions, and standard deviations against the length of the arc."""
         return (self._facts(), self._states(), self._weakest(), self._lengths())
 
-    def _facts(self) -> StudyTable:
+    def _facts(self) -> TextTable:
         told = len(self.states) - len(self.not_observable)
         gap = f"{float(self.rank.relative[min(self.rank.rank, self.rank.size - 1)]):.1e}"
         rows = (
@@ -126,9 +126,9 @@ class ObservabilityReport:
             ("local rank of the rotation (Deng 2024)", rank_in_words(self.rank)),
             ("smallest singular value over the largest, or the largest dropped", gap),
         )
-        return StudyTable("facts", self.title, ("", ""), rows, self.note, text_columns=2)
+        return TextTable("facts", self.title, ("", ""), rows, self.note, text_columns=2)
 
-    def _states(self) -> StudyTable:
+    def _states(self) -> TextTable:
         rows = tuple(_knowledge_row(state) for state in self.states)
         note = (
             "Left by the prior: of a constant its prior sd, in a motion what errors of the prior "
@@ -142,9 +142,9 @@ class ObservabilityReport:
             "sd after the arc",
             "prior's share",
         )
-        return StudyTable("states", "States after the arc", header, rows, note, text_columns=3)
+        return TextTable("states", "States after the arc", header, rows, note, text_columns=3)
 
-    def _weakest(self) -> StudyTable:
+    def _weakest(self) -> TextTable:
         rows = tuple(_knowledge_row(state) for state in self.weakest)
         header = (
             "direction",
@@ -154,9 +154,9 @@ class ObservabilityReport:
             "sd after the arc",
             "prior's share",
         )
-        return StudyTable("weakest", "Weakest directions", header, rows, text_columns=3)
+        return TextTable("weakest", "Weakest directions", header, rows, text_columns=3)
 
-    def _lengths(self) -> StudyTable:
+    def _lengths(self) -> TextTable:
         rows = []
         for k, reach in enumerate(self.reach):
             scale, unit = _shown(reach.unit)
@@ -166,7 +166,7 @@ class ObservabilityReport:
         lengths = tuple(f"sd after {number(length)} s" for length in self.lengths_s)
         header = ("state", "unit", *lengths, "wanted sd", "first reached after, s")
         note = "Predicted: the arc extended by the same motion, measured in the same way."
-        return StudyTable(
+        return TextTable(
             "lengths", "Standard deviation against arc length", header, tuple(rows), note, 2
         )
 

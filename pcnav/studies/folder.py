@@ -12,8 +12,8 @@ from rich.table import Table
 from pcnav.config import Pipeline
 from pcnav.errors import InputError
 from pcnav.evaluation import page
+from pcnav.evaluation.text_table import TextTable
 from pcnav.provenance import library_versions, pipeline_toml
-from pcnav.studies.tables import StudyTable
 
 INDEX_FILE = "index.html"
 _TABLES, _FIGURES, _PIPELINES = "tables", "figures", "pipelines"
@@ -37,7 +37,7 @@ class Chapter:
 
     title: str
     text: tuple[str, ...] = ()
-    tables: tuple[StudyTable, ...] = ()
+    tables: tuple[TextTable, ...] = ()
     figures: tuple[StudyFigure, ...] = ()
 
 
@@ -151,7 +151,7 @@ def _page(study: Study, versions: Mapping[str, str]) -> str:
     return page.page(study.title, body)
 
 
-def _titled_table(table: StudyTable) -> str:
+def _titled_table(table: TextTable) -> str:
     rows = page.table(table.header, table.rows, table.text_columns)
     note = page.paragraph(table.note) if table.note else ""
     return "\n".join([page.subheading(table.title), rows, note])

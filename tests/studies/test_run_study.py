@@ -8,9 +8,9 @@ import pytest
 from pcnav.batch.cluster import Workers
 from pcnav.config import read_pipeline
 from pcnav.errors import InputError
+from pcnav.evaluation.text_table import TextTable
 from pcnav.studies import run_study
 from pcnav.studies.folder import study_folder
-from pcnav.studies.tables import StudyTable
 
 
 def test_unknown_study_and_too_few_runs_are_refused(tmp_path: Path) -> None:
@@ -43,12 +43,12 @@ def test_folder_is_refused_replaced_or_left_alone(tmp_path: Path) -> None:
 
 
 def test_table_in_its_three_forms() -> None:
-    table = StudyTable("t", "Title", ("what", "m"), (("a|b", "1.0"), ("c,d", "2.0")), "A note.")
+    table = TextTable("t", "Title", ("what", "m"), (("a|b", "1.0"), ("c,d", "2.0")), "A note.")
     assert table.to_csv() == 'what,m\na|b,1.0\n"c,d",2.0\n'
     assert "| a\\|b | 1.0 |" in table.to_markdown()
     assert table.to_rich().row_count == 2
     with pytest.raises(ValueError, match="differ in length"):
-        StudyTable("t", "Title", ("what", "m"), (("a",),))
+        TextTable("t", "Title", ("what", "m"), (("a",),))
 
 
 def test_a_quick_study_writes_everything(tmp_path: Path) -> None:

@@ -31,6 +31,8 @@ from pcnav.spatial import exp_rotation, log_rotation, rotation_angle
 _UNEXPECTED_SD = 5.0
 """A rotation this far from what the rate promises is not believed."""
 _KEYS_TRIED = 2
+_PATIENCE = 4
+"""Frames in a row that may fail before new features are begun with."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,7 @@ class ImageMotionChain:
         self._sigma = float(sigma_px / np.sqrt(camera.fx * camera.fy))
         self._number = -1
         self._segment = -1
+        self._unmeasured = 0
         self._keys: list[_Placed] = []
         self._last: _Placed | None = None
         self._omega_body: FloatArray | None = None
@@ -141,16 +144,27 @@ class ImageMotionChain:
         points = normalised(self._camera, frame.pixels)
         found = [self._compared(frame, points, each) for each in self._references(frame)]
         good = [each for each in found if each[0].R_world_body is not None]
+        self._unmeasured = 0 if good else self._unmeasured + 1
         if good:
             chosen, placed = min(good, key=lambda each: float(np.trace(_covariance(each[0]))))
             self._place(placed)
             return chosen
         shared = max((each[0].matches for each in found), default=0)
-        if shared < self._settings.fewest_matches <= len(frame.features):
+        enough = self._settings.fewest_matches
+        if shared < enough <= len(frame.features) or self._seen_anew(frame, shared):
             return self._begin(frame, points)
         if found:
             return max((each[0] for each in found), key=lambda each: each.matches)
         return _empty(frame, max(self._segment, 0))
+
+    def _seen_anew(self, frame: MonocularFrame, shared: int) -> bool:
+        """Whether the chain waits for a side of the target that has turned away.
+
+        The few features left of it, often of one face, are matched in vain for as long as that
+        face is in view; the many new ones would tell each other's turn.
+        """
+        new = len(frame.features) - shared
+        return self._unmeasured > _PATIENCE and new > max(shared, self._settings.fewest_matches)
 
     def _references(self, frame: MonocularFrame) -> list[_Placed]:
         """What a frame is compared with, the best first."""
@@ -168,6 +182,7 @@ class ImageMotionChain:
     def _begin(self, frame: MonocularFrame, points: FloatArray) -> ChainFrame:
         """A new segment, whose body axes are the camera's."""
         self._segment += 1
+        self._unmeasured = 0
         self._omega_body = None
         self._last = _Placed(
             *(self._number, frame.time_s, frame.features, points, frame.R_cam_world),
@@ -236,8 +251,8 @@ class ImageMotionChain:
             *(self._number, frame.time_s, frame.features, points, frame.R_cam_world),
             *(R_cam_body, covariance, link),
         )
-        attitude = {"R_world_body": placed.R_world_body, "covariance": covariance, "link": link}
-        return replace(result, **attitude), placed
+        R_world_body = placed.R_world_body
+        return replace(result, R_world_body=R_world_body, covariance=covariance, link=link), placed
 
 
 def shared_noise(link: ChainLink, features: IntArray, gain: FloatArray) -> FloatArray:

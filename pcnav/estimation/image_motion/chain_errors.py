@@ -63,7 +63,7 @@ class ChainErrors:
     def covariance(self, numbers: Sequence[int]) -> FloatArray:
         """(3n, 3n) of n frames."""
         at = np.concatenate([3 * self._slot[number] + np.arange(3) for number in numbers])
-        return self._joint[np.ix_(at, at)]
+        return np.asarray(self._joint[np.ix_(at, at)])
 
     def _gains_by(self, reference: int) -> list[FloatArray]:
         """How the errors since a reference depend on its noise; at first its own alone does."""

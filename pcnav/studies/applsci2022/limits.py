@@ -11,11 +11,11 @@ from pcnav.estimation.image_motion.refinement import motion_gain
 from pcnav.estimation.image_motion.relative import measure
 from pcnav.estimation.image_motion.translation import Known, RelativeView, translation
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.spatial import exp_rotation
 from pcnav.studies.applsci2022 import paper
 from pcnav.studies.applsci2022.scene import hull_points
 from pcnav.studies.folder import Chapter
-from pcnav.studies.tables import StudyTable
 
 _FOCAL = paper.CAMERA.fx
 _DRAWS = 20
@@ -56,7 +56,7 @@ def limits_chapter() -> Chapter:
     )
 
 
-def accuracy_table() -> StudyTable:
+def accuracy_table() -> TextTable:
     """Stated deviations of one pair by range and turn."""
     points, _ = hull_points(paper.POINTS // 2, np.random.default_rng(5))
     rows = []
@@ -74,10 +74,10 @@ def accuracy_table() -> StudyTable:
     for turn_deg in (1, 5, 20):
         header += [f"{turn_deg} deg: worst axis, deg", f"{turn_deg} deg: best axis, deg"]
     note = f"First-order deviations of the relative rotation, {_SIGMA_PX} px, {len(points)} points."
-    return StudyTable("accuracy", "Accuracy of one pair", tuple(header), tuple(rows), note)
+    return TextTable("accuracy", "Accuracy of one pair", tuple(header), tuple(rows), note)
 
 
-def degenerate_table() -> StudyTable:
+def degenerate_table() -> TextTable:
     """What becomes of pairs that do not determine a motion."""
     place, settings = np.array(paper.PLACE_M), ImageMotionTable()
     rows = []
@@ -99,7 +99,7 @@ def degenerate_table() -> StudyTable:
         f"{_DRAWS} draws each at {_SIGMA_PX} px, 10 degrees of turn. Only measured pairs are used."
     )
     header = ("views", "wrong matches", "outcome")
-    return StudyTable("degenerate", "Degenerate views", header, tuple(rows), note, text_columns=3)
+    return TextTable("degenerate", "Degenerate views", header, tuple(rows), note, text_columns=3)
 
 
 def _degenerate(
@@ -114,7 +114,7 @@ def _degenerate(
     return pair.first, pair.second
 
 
-def translation_table() -> StudyTable:
+def translation_table() -> TextTable:
     """Section 2.4: what is known, what follows, and how well at 0.1 px."""
     points, _ = hull_points(paper.POINTS // 2, np.random.default_rng(5))
     first, second = np.array(paper.PLACE_M), np.array([0.9, -0.6, 40.7])
@@ -156,4 +156,4 @@ def translation_table() -> StudyTable:
         "by the true range where only its direction follows)."
     )
     header = ("known of the mass centre", "answer", "RMS error, m")
-    return StudyTable("translation", "The translation", header, tuple(rows), note, text_columns=2)
+    return TextTable("translation", "The translation", header, tuple(rows), note, text_columns=2)

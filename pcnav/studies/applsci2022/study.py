@@ -9,6 +9,7 @@ from pcnav.estimation.image_motion.chain import run_chain
 from pcnav.estimation.image_motion.rates import continuous_xyzw, rotation_history
 from pcnav.estimation.image_motion.relative import Outcome
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.images import TrackFaults
 from pcnav.studies.applsci2022 import campaign, joined, paper
 from pcnav.studies.applsci2022.campaign import CaseErrors, run_cases, work_of
@@ -23,7 +24,6 @@ from pcnav.studies.applsci2022.limits import limits_chapter
 from pcnav.studies.applsci2022.scene import nutation, tracks_of
 from pcnav.studies.folder import Chapter, Study, StudyFigure
 from pcnav.studies.progress import OnProgress, Progress
-from pcnav.studies.tables import StudyTable
 
 RUNS = 6
 """Draws of points and noise per case unless told otherwise."""
@@ -185,7 +185,7 @@ def _interval_chapter(found: list[CaseErrors]) -> Chapter:
     return Chapter("The frame interval", text, (table, _outcomes_table("intervals", ordered)))
 
 
-def _errors_table(key: str, title: str, found: list[CaseErrors]) -> StudyTable:
+def _errors_table(key: str, title: str, found: list[CaseErrors]) -> TextTable:
     rows = []
     for each in found:
         end = float(each.times_s[-1])
@@ -220,10 +220,10 @@ def _errors_table(key: str, title: str, found: list[CaseErrors]) -> StudyTable:
         "RMS over the runs of the 5 s (last column of errors: 10 s) up to the time. NEES over all "
         "frames; 1 is a true covariance."
     )
-    return StudyTable(key, title, header, tuple(rows), note)
+    return TextTable(key, title, header, tuple(rows), note)
 
 
-def _outcomes_table(key: str, found: list[CaseErrors]) -> StudyTable:
+def _outcomes_table(key: str, found: list[CaseErrors]) -> TextTable:
     """Frames by what became of them, all runs together; only outcomes that occur have a column."""
     names = [what for what in Outcome if any(each.outcomes.get(what.value) for each in found)]
     rows = [
@@ -231,7 +231,7 @@ def _outcomes_table(key: str, found: list[CaseErrors]) -> StudyTable:
         for each in found
     ]
     header = ("chain", *(name.value.replace("_", " ") for name in names))
-    return StudyTable(f"{key}_outcomes", "Frames by outcome, all runs", header, tuple(rows))
+    return TextTable(f"{key}_outcomes", "Frames by outcome, all runs", header, tuple(rows))
 
 
 def _headline(

@@ -9,6 +9,7 @@ from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.estimation.rotation_model import INERTIA, RotationState, parameters_from_printed
 from pcnav.evaluation.knowledge import LARGEST_PRIOR_SHARE
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.observability.attitude import attitude_rank
 from pcnav.observability.information import expected_knowledge, time_to_reach
 from pcnav.observability.rank import ObservabilityRank
@@ -18,7 +19,6 @@ from pcnav.studies.deng2024 import paper
 from pcnav.studies.deng2024.consistency import CaseResult
 from pcnav.studies.deng2024.curves import decay_figure
 from pcnav.studies.folder import Chapter
-from pcnav.studies.tables import StudyTable
 
 WANTED_SD = 0.01
 TILTS_DEG = (0.0, 0.1, 1.0, 5.0, 20.0)
@@ -106,7 +106,7 @@ def arc_chapter(cases: list[ArcCase], compared: CaseResult) -> Chapter:
         *(f"worst sd of a ratio, {number(length)} s" for length in lengths),
         f"sd {WANTED_SD:g} after, s",
     )
-    table = StudyTable(
+    table = TextTable(
         "arcs",
         "Local rank and what arcs tell",
         header,
@@ -131,7 +131,7 @@ def arc_chapter(cases: list[ArcCase], compared: CaseResult) -> Chapter:
     return Chapter("Arcs of finite length", text, (table, _comparison(compared)), (figure,))
 
 
-def _comparison(result: CaseResult) -> StudyTable:
+def _comparison(result: CaseResult) -> TextTable:
     """Expected standard deviations of the ratios against the spread of the runs."""
     motion, case = result.case.motion, result.case
     table = _TABLE.model_copy(
@@ -156,7 +156,7 @@ def _comparison(result: CaseResult) -> StudyTable:
         ):
             values = (number(float(expected)), number(float(seen)))
             rows.append((f"{name}, {at_s:g} s", *values, number(float(seen / expected))))
-    return StudyTable(
+    return TextTable(
         "predicted",
         "Expected standard deviations against the errors of the runs",
         ("ratio and arc", "expected sd", f"RMS error of {case.runs} runs", "over expected"),

@@ -5,6 +5,7 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.estimation.rotation_model import INERTIA, OMEGA, THETA
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.observability.told import ROTATION
 from pcnav.studies.deng2024 import paper
 from pcnav.studies.deng2024.consistency import CaseResult
@@ -12,7 +13,6 @@ from pcnav.studies.deng2024.curves import Row, truth_figure
 from pcnav.studies.deng2024.filters import FilterRun, continuous
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.plots import band_figure
-from pcnav.studies.tables import StudyTable
 
 RATIO_NAMES = ROTATION.names[INERTIA]
 _DEGREES = float(np.degrees(1.0))
@@ -67,7 +67,7 @@ def spin_chapter(runs: list[FilterRun]) -> Chapter:
             verdict = "converges" if sd[-1] < 0.25 * sd[0] else "does not converge"
             numbers = tuple(number(float(value)) for value in (error, sd[0], sd[-1]))
             rows.append((run.name, name, verdict, *numbers))
-    table = StudyTable(
+    table = TextTable(
         "fig6",
         "Inertia ratios at the end of the spin",
         ("filter", "ratio", "by its own sd", "error", "sd at the start", "sd at the end"),
@@ -99,7 +99,7 @@ def consistency_chapter(results: list[CaseResult]) -> Chapter:
             )
         )
     runs = results[0].case.runs
-    table = StudyTable(
+    table = TextTable(
         "nees",
         f"NEES per state of {runs} runs",
         (
@@ -155,7 +155,7 @@ def _ratio_rows(truth: FloatArray, runs: list[FilterRun]) -> list[Row]:
     ]
 
 
-def _error_table(key: str, runs: list[FilterRun]) -> StudyTable:
+def _error_table(key: str, runs: list[FilterRun]) -> TextTable:
     rows = tuple(
         (
             run.name,
@@ -167,7 +167,7 @@ def _error_table(key: str, runs: list[FilterRun]) -> StudyTable:
         )
         for run in runs
     )
-    return StudyTable(
+    return TextTable(
         key,
         "Errors over the second half of the run",
         (

@@ -7,6 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pcnav.evaluation.figures import CATEGORIES, INK, add_legend, style_axes, svg_bytes
+from pcnav.evaluation.text_table import TextTable
 from pcnav.observability.attitude import (
     ORDER,
     attitude_exact_rank,
@@ -16,7 +17,6 @@ from pcnav.observability.attitude import (
 from pcnav.observability.rank import ObservabilityRank
 from pcnav.studies.deng2024 import paper
 from pcnav.studies.folder import Chapter, StudyFigure
-from pcnav.studies.tables import StudyTable
 
 _ORDERS = (0, 1, 2, 3, 4, ORDER)
 _AT_REST = (0.0, 0.0, 0.0, 1.0)
@@ -104,7 +104,7 @@ def rank_chapter(cases: list[RankCase]) -> Chapter:
         rows.append((case.name, case.stated, *by_order, str(case.exact), kept, dropped))
     orders = tuple(f"Q_{order}" for order in _ORDERS)
     header = ("state", "paper", *orders, "Q_4 exact", "smallest kept", "largest dropped")
-    table = StudyTable(
+    table = TextTable(
         "ranks",
         "Rank of the observability matrix (20) after derivatives of order 0 to k",
         header,
@@ -114,7 +114,7 @@ def rank_chapter(cases: list[RankCase]) -> Chapter:
         "without tolerance: a spin about an axis that doubles cannot hold exactly is none there.",
         text_columns=2,
     )
-    words = StudyTable(
+    words = TextTable(
         "unobservable",
         "What no derivative sees",
         ("state", "rank and directions that are not observable"),

@@ -7,6 +7,7 @@ from pcnav.batch.engine import run_all
 from pcnav.config import BodyTable, Pipeline, ScenarioTable
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.studies.deng2024 import paper
 from pcnav.studies.deng2024.arcs import ARC_S, arc_cases, arc_chapter
 from pcnav.studies.deng2024.chapters import consistency_chapter, filter_chapter, spin_chapter
@@ -15,7 +16,6 @@ from pcnav.studies.deng2024.filters import FilterRun, fitted_run, measured, prin
 from pcnav.studies.deng2024.ranks import RankCase, rank_cases, rank_chapter
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.progress import OnProgress, Progress
-from pcnav.studies.tables import StudyTable
 
 RUNS = 100
 _FEWEST_FOR_LONG = 10
@@ -90,7 +90,7 @@ def _filter_runs(motion: paper.Motion) -> list[FilterRun]:
     ]
 
 
-def _verdict(ranks: list[RankCase], spin: list[FilterRun], results: list[CaseResult]) -> StudyTable:
+def _verdict(ranks: list[RankCase], spin: list[FilterRun], results: list[CaseResult]) -> TextTable:
     rows = []
     for case in ranks[:5]:
         expected = "11" if case.stated == "11" else "below 11; 8 by an independent computation"
@@ -117,7 +117,7 @@ def _verdict(ranks: list[RankCase], spin: list[FilterRun], results: list[CaseRes
             )
         )
     header = ("quantity", "expected", "ours", "met")
-    return StudyTable("verdict", "Expected against ours", header, tuple(rows), text_columns=4)
+    return TextTable("verdict", "Expected against ours", header, tuple(rows), text_columns=4)
 
 
 def _headline(ranks: list[RankCase], results: list[CaseResult]) -> tuple[tuple[str, str], ...]:

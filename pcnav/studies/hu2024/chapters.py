@@ -7,12 +7,12 @@ import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.studies.folder import Chapter
 from pcnav.studies.hu2024 import paper
 from pcnav.studies.hu2024.figures import Errors, errors_figure, nees_figure, rmse_figure
 from pcnav.studies.hu2024.following import BLOCKS, JudgedRun
 from pcnav.studies.hu2024.identification import REPORT_S, IdentificationErrors, Method
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import MeanSquared, mean_squared
 
 
@@ -82,7 +82,7 @@ def identification_chapter(rmse: Rmse, runs: int) -> Chapter:
     )
 
 
-def _rmse_table(key: str, method: Method, rmse: Rmse, runs: int) -> StudyTable:
+def _rmse_table(key: str, method: Method, rmse: Rmse, runs: int) -> TextTable:
     rows = [
         (
             f"{level:g} rad",
@@ -93,7 +93,7 @@ def _rmse_table(key: str, method: Method, rmse: Rmse, runs: int) -> StudyTable:
         for level, curves in rmse.by_level.items()
     ]
     header = ("resolution", *(f"{t:g} s" for t in REPORT_S), "ours over time", "paper (Fig. 5)")
-    return StudyTable(
+    return TextTable(
         key,
         f"Fig. 5: RMSE of the attitude, deg ({method})",
         header,
@@ -173,7 +173,7 @@ _PAPER_SAYS = (
 
 def last_table(
     key: str, title: str, ours: list[JudgedRun], other: list[JudgedRun] | None = None
-) -> StudyTable:
+) -> TextTable:
     """RMS errors over the last 50 s, all runs together."""
     columns = [ours] if other is None else [ours, other]
     rows = []
@@ -190,7 +190,7 @@ def last_table(
             *("error norm", "unique: RMS", "unique: largest", "paper shows"),
             *("free: RMS", "free: largest", "paper shows"),
         )
-    return StudyTable(
+    return TextTable(
         key,
         title,
         header,
@@ -228,7 +228,7 @@ def point_rms(run: JudgedRun) -> FloatArray:
     return np.asarray(np.sqrt(mean), np.float64)
 
 
-def blackout_table(runs: list[JudgedRun]) -> StudyTable:
+def blackout_table(runs: list[JudgedRun]) -> TextTable:
     """How far the attitude drifts in the dark, and whether it returns."""
     where, scale = BLOCKS["attitude, deg"]
     rows = []
@@ -243,14 +243,14 @@ def blackout_table(runs: list[JudgedRun]) -> StudyTable:
         rows.append((f"{start:g} to {end:g} s", *cells, "returns"))
     header = ("blackout", "before", "at its end", "1 s after", "5 s after", "paper")
     note = f"Attitude error / three stated deviations (norms, deg), medians of {len(runs)} runs."
-    return StudyTable("blackouts", "Through the blackouts", header, tuple(rows), note)
+    return TextTable("blackouts", "Through the blackouts", header, tuple(rows), note)
 
 
 def _frame_at(run: JudgedRun, time_s: float) -> int:
     return min(int(np.searchsorted(run.time_s, time_s)), len(run.time_s) - 1)
 
 
-def _inside_table(unique: list[JudgedRun], free: list[JudgedRun]) -> StudyTable:
+def _inside_table(unique: list[JudgedRun], free: list[JudgedRun]) -> TextTable:
     rows = [
         (
             name,
@@ -259,7 +259,7 @@ def _inside_table(unique: list[JudgedRun], free: list[JudgedRun]) -> StudyTable:
         )
         for name, (where, _) in BLOCKS.items()
     ]
-    return StudyTable(
+    return TextTable(
         "inside",
         "Share of the errors inside three stated deviations",
         ("quantity", "unique axes", "axes as they come", "expected"),
@@ -359,13 +359,13 @@ def consistency_chapter(
 
 def _nees_table(
     consistent: Consistency, twice: Consistency, runs: int, runs_twice: int
-) -> StudyTable:
+) -> TextTable:
     rows = []
     for time in _TABLE_TIMES_S:
         whole, motion = consistent.at(time)
         rows.append((f"{time:g} s", str(whole), str(motion), number(twice.at(time)[0].mean)))
     header = ("time", "whole state", "motion and inertia", "pixels used twice")
-    return StudyTable(
+    return TextTable(
         "nees",
         "Mean NEES per degree of freedom (95 % bounds)",
         header,
@@ -374,7 +374,7 @@ def _nees_table(
     )
 
 
-def _match_table(runs: list[JudgedRun]) -> StudyTable:
+def _match_table(runs: list[JudgedRun]) -> TextTable:
     right, wrong = sum(run.right for run in runs), sum(run.wrong for run in runs)
     used = sum(run.accepted_wrong for run in runs)
     refused = sum(run.rejected_right for run in runs)
@@ -385,7 +385,7 @@ def _match_table(runs: list[JudgedRun]) -> StudyTable:
         ("mean NEES of the whole state, last frame", str(consistent.whole[-1])),
         ("runs that lost the target", str(sum("lost" in run.status for run in runs))),
     )
-    return StudyTable(
+    return TextTable(
         "matches",
         "10 points, 10 % wrong matches",
         ("what", "ours"),

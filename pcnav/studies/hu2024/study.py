@@ -4,6 +4,7 @@ from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, run_seed, runs_of
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.hu2024 import paper
 from pcnav.studies.hu2024.chapters import (
@@ -24,7 +25,6 @@ from pcnav.studies.hu2024.identification import (
     run_identification,
 )
 from pcnav.studies.progress import OnProgress, Progress
-from pcnav.studies.tables import StudyTable
 
 _BATCH = 125
 """Identification runs at once."""
@@ -116,9 +116,7 @@ def _headline(
     )
 
 
-def _verdict(
-    rmse: Rmse, by_case: dict[str, list[JudgedRun]], consistent: Consistency
-) -> StudyTable:
+def _verdict(rmse: Rmse, by_case: dict[str, list[JudgedRun]], consistent: Consistency) -> TextTable:
     unique, free = by_case["unique axes"], by_case["free axes"]
     wrong = by_case["wrong matches"]
     least = min(inside_share(unique, where) for where, _ in BLOCKS.values())
@@ -152,7 +150,7 @@ def _verdict(
         ),
         ("wrong matches used", "not printed", f"{100.0 * used:.2f} %", _yes(used < 0.01)),
     )
-    return StudyTable(
+    return TextTable(
         "verdict",
         "What the paper claims, and what was asked beyond",
         ("quantity", "paper", "ours", "met"),
@@ -169,7 +167,7 @@ def _yes(met: bool) -> str:
     return "yes" if met else "no"
 
 
-def _settings() -> StudyTable:
+def _settings() -> TextTable:
     dark = ", ".join(f"{start:g} to {end:g} s" for start, end in paper.blackouts_s())
     rows = (
         ("baseline of the rig", "not printed", f"{paper.pipeline().stereo.baseline_m:g} m"),
@@ -203,7 +201,7 @@ def _settings() -> StudyTable:
             "x and y axes: with one sign two frames are left",
         ),
     )
-    return StudyTable(
+    return TextTable(
         "settings",
         "Settings that are open or changed",
         ("setting", "paper", "ours"),

@@ -4,11 +4,11 @@ import numpy as np
 
 from pcnav.arrays import FloatArray, IntArray
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.segal2011.campaign import CaseResult
 from pcnav.studies.segal2011.figures import Panel, panels_figure, percentile_curves
 from pcnav.studies.segal2011.monte_carlo import QUANTITIES
-from pcnav.studies.tables import StudyTable
 
 PLAIN, BANK = (50, 70, 90), (45, 50, 70, 90, 95)
 """Percentiles of Figs. 2, 3, 5, 6 and of Fig. 4."""
@@ -32,7 +32,7 @@ def plain_chapter(result: CaseResult, hypothesis: int, runs: int) -> Chapter:
         for k in _some_frames(time)
     ]
     header = ("time, s", *(f"{name}: {p} %" for name in QUANTITIES for p in PLAIN), "mean NEES")
-    table = StudyTable(
+    table = TextTable(
         "plain",
         "Figs. 2 and 3: errors with the true inertia",
         header,
@@ -111,13 +111,13 @@ def bank_chapter(physical: CaseResult, printed: CaseResult, share: dict[str, flo
     )
 
 
-def _bank_table(key: str, draws: str, result: CaseResult) -> StudyTable:
+def _bank_table(key: str, draws: str, result: CaseResult) -> TextTable:
     rows = []
     for name, errors in estimates_of(result).items():
         for q, quantity in enumerate(QUANTITIES):
             values = np.percentile(errors[-1, :, q], BANK)
             rows.append((name, quantity, *(number(float(v)) for v in values)))
-    return StudyTable(
+    return TextTable(
         key,
         f"Fig. 4: errors at the end of the arc, hypotheses drawn {draws}",
         ("estimate", "quantity", *(f"{p} %" for p in BANK)),
@@ -156,7 +156,7 @@ def coupling_chapter(
             rows.append((name, quantity, *(number(float(v)) for v in values)))
         mean = float(np.mean(nees[name][-1]))
         rows.append((name, "mean NEES (12 expected)", number(mean), "", ""))
-    table = StudyTable(
+    table = TextTable(
         "coupling",
         "Figs. 5 and 6: errors at the end of the arc with and without the coupling",
         ("filter", "quantity", *(f"{p} %" for p in PLAIN)),

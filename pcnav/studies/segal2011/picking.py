@@ -6,6 +6,7 @@ import numpy as np
 
 from pcnav.arrays import BoolArray, IntArray
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.studies.folder import Chapter
 from pcnav.studies.segal2011 import paper
 from pcnav.studies.segal2011.campaign import CaseResult
@@ -15,7 +16,6 @@ from pcnav.studies.segal2011.observability import (
     arc_information,
 )
 from pcnav.studies.segal2011.paper import Motion
-from pcnav.studies.tables import StudyTable
 
 SEPARATED = 5.0
 """Standard deviations between the truth and every other hypothesis from which a run counts as one
@@ -102,7 +102,7 @@ def picking_chapter(picks: list[Picks]) -> Chapter:
         "picked, %",
         "picked by (12), %",
     )
-    table = StudyTable(
+    table = TextTable(
         "picking",
         "The true inertia among the hypotheses: how often it is picked",
         header,

@@ -7,6 +7,7 @@ from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.errors import InputError
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.shipped import shipped_pipeline
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.progress import OnProgress, Progress
@@ -21,7 +22,6 @@ from pcnav.studies.segal2011.chapters import (
 )
 from pcnav.studies.segal2011.draws import Draw, physical_share
 from pcnav.studies.segal2011.picking import Picks, picking_chapter, picks_of
-from pcnav.studies.tables import StudyTable
 
 RUNS = 1000
 """Of Fig. 4; a tenth of them make Figs. 2, 3, 5 and 6 and the motions that are not printed."""
@@ -107,7 +107,7 @@ def _by_coupling(
 
 def _verdict(
     physical: CaseResult, printed: CaseResult, picks: list[Picks], coupled: dict[str, FloatArray]
-) -> StudyTable:
+) -> TextTable:
     rows: list[tuple[str, ...]] = []
     for draws, result in (("physical draws", physical), ("draws as printed", printed)):
         estimates = estimates_of(result)
@@ -136,7 +136,7 @@ def _verdict(
             )
         )
     header = ("quantity", "expected", "ours", "met")
-    return StudyTable("verdict", "Expected against ours", header, tuple(rows), text_columns=4)
+    return TextTable("verdict", "Expected against ours", header, tuple(rows), text_columns=4)
 
 
 def _pick_row(picks: Picks) -> tuple[str, ...]:
@@ -164,7 +164,7 @@ def _headline(physical: CaseResult, picks: list[Picks]) -> tuple[tuple[str, str]
     return (*shown, ("true inertia picked where observable", share))
 
 
-def _settings() -> StudyTable:
+def _settings() -> TextTable:
     table, motion_s = paper.BANK, paper.DURATION_S
     rows = (
         ("chaser's orbit", "a = 7170 km, e = 0.05", "the same"),
@@ -200,7 +200,7 @@ def _settings() -> StudyTable:
         ),
         ("weights of hypotheses", "noise covariance alone (12)", "innovation covariance, and (12)"),
     )
-    return StudyTable("settings", "Settings", ("setting", "paper", "here"), rows, text_columns=3)
+    return TextTable("settings", "Settings", ("setting", "paper", "here"), rows, text_columns=3)
 
 
 def _text(quick: bool) -> tuple[str, ...]:

@@ -10,12 +10,12 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, runs_of
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 from pcnav.state import COM_MODEL, INERTIA_RATIOS
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, at, joined, mean_squared
 from pcnav.studies.tracking.figures import coasting_figure
 from pcnav.studies.tracking.following import JudgedRun, follow, status_sequence
@@ -167,7 +167,7 @@ def _last_nees(blackouts: list[Blackout]) -> FloatArray:
     return np.array([blackout.run.pose_nees[blackout.last_blind] for blackout in blackouts])
 
 
-def _summary_table(of: dict[int, list[Blackout]]) -> StudyTable:
+def _summary_table(of: dict[int, list[Blackout]]) -> TextTable:
     rows = []
     for duration_s, blackouts in of.items():
         ends = np.array([_end(blackout) for blackout in blackouts])
@@ -194,7 +194,7 @@ def _summary_table(of: dict[int, list[Blackout]]) -> StudyTable:
         "frames",
         "sd after over before",
     )
-    return StudyTable(
+    return TextTable(
         "blackouts",
         "Coasting through blackouts",
         header,
@@ -220,7 +220,7 @@ def _end(blackout: Blackout) -> tuple[float, float, float, float]:
     )
 
 
-def _run_table(blackouts: list[Blackout]) -> StudyTable:
+def _run_table(blackouts: list[Blackout]) -> TextTable:
     rows = []
     for blackout in blackouts:
         run, end = blackout.run, _end(blackout)
@@ -255,7 +255,7 @@ def _run_table(blackouts: list[Blackout]) -> StudyTable:
         "ratios",
         "statuses",
     )
-    return StudyTable(
+    return TextTable(
         "blackout_runs",
         "Every blackout",
         header,

@@ -12,6 +12,7 @@ from pcnav.batch.runs import Run, runs_of
 from pcnav.evaluation.bound import bound_of
 from pcnav.evaluation.metrics import chi_square_bounds
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.sequences.sequence import Frame
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
@@ -26,7 +27,6 @@ from pcnav.state import (
 )
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, MeanSquared, mean_squared, numbers
 from pcnav.studies.tracking.figures import BlockCurve, block_figure
 from pcnav.studies.tracking.following import JudgedRun, follow
@@ -173,7 +173,7 @@ def _nees_table(
     judged: dict[tuple[str, int], MeanSquared],
     nis: dict[int, MeanSquared],
     times: dict[str, int],
-) -> StudyTable:
+) -> TextTable:
     rows = [
         (
             f"NEES of {block.name}",
@@ -189,7 +189,7 @@ def _nees_table(
     over_all = str(_nis(found, slice(None)))
     rows.append(("NIS over all frames", "varies", NONE, NONE, over_all))
     runs = max(each.values for each in judged.values())
-    return StudyTable(
+    return TextTable(
         "consistency",
         "NEES and NIS over dof (95 % bounds): 1 where the stated covariance is right",
         ("", "dof", *times),
@@ -202,7 +202,7 @@ def _nees_table(
     )
 
 
-def _bound_table(runs: list[ConsistencyRun], times: dict[str, int]) -> StudyTable:
+def _bound_table(runs: list[ConsistencyRun], times: dict[str, int]) -> TextTable:
     rows = []
     for block in BLOCKS[:-1]:
         cells: list[float] = []
@@ -218,7 +218,7 @@ def _bound_table(runs: list[ConsistencyRun], times: dict[str, int]) -> StudyTabl
             cells += [float(rmse), float(bound), float(rmse / bound)]
         rows.append((block.name, block.unit, *numbers(cells)))
     columns = [column for when in times for column in (f"RMSE {when}", "bound", "ratio")]
-    return StudyTable(
+    return TextTable(
         "cramer_rao",
         "Errors beside the posterior Cramer-Rao bound",
         ("block", "unit", *columns),
@@ -231,7 +231,7 @@ def _bound_table(runs: list[ConsistencyRun], times: dict[str, int]) -> StudyTabl
     )
 
 
-def _worst_table(runs: list[ConsistencyRun], nees: FloatArray) -> StudyTable:
+def _worst_table(runs: list[ConsistencyRun], nees: FloatArray) -> TextTable:
     _, limit = chi_square_bounds(STATE_SIZE)
     last = np.where(np.isfinite(nees[:, -1]), nees[:, -1], np.inf)
     order = [k for k in np.argsort(-last).tolist() if last[k] > limit][:_WORST_SHOWN]
@@ -246,7 +246,7 @@ def _worst_table(runs: list[ConsistencyRun], nees: FloatArray) -> StudyTable:
         for k in order
     ]
     outside = int(np.count_nonzero(last > limit))
-    return StudyTable(
+    return TextTable(
         "consistency_worst",
         "Runs that end beyond their own bound",
         ("seed", "status", "NEES over dof", "position error, mm", "attitude error, deg"),

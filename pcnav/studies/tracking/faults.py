@@ -13,12 +13,12 @@ from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, runs_of
 from pcnav.config import NoiseTable
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 from pcnav.spatial import exp_rotation, make_transform
 from pcnav.studies.folder import Chapter
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, at, joined
 from pcnav.studies.tracking.following import JudgedRun, follow, status_shares
 from pcnav.target import Rectangle, Target
@@ -199,7 +199,7 @@ def _bars(of: dict[str, list[FaultRun]]) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def _table(of: dict[str, list[FaultRun]]) -> StudyTable:
+def _table(of: dict[str, list[FaultRun]]) -> TextTable:
     rows = []
     for fault, own in of.items():
         runs = [each.run for each in own]
@@ -234,7 +234,7 @@ def _table(of: dict[str, list[FaultRun]]) -> StudyTable:
         "silent wrong",
         "in a row",
     )
-    return StudyTable(
+    return TextTable(
         "faults",
         "The tracker under faults it is not told of",
         header,
@@ -247,7 +247,7 @@ def _table(of: dict[str, list[FaultRun]]) -> StudyTable:
     )
 
 
-def _silent_table(runs: list[FaultRun]) -> StudyTable:
+def _silent_table(runs: list[FaultRun]) -> TextTable:
     rows = []
     for each in runs:
         wrong = np.flatnonzero(each.silent)
@@ -255,7 +255,7 @@ def _silent_table(runs: list[FaultRun]) -> StudyTable:
             rows.append(
                 (each.fault, str(each.seed), str(wrong.size), str(wrong[0]), str(wrong[-1]))
             )
-    return StudyTable(
+    return TextTable(
         "silent_wrong",
         "Runs with silent wrong frames",
         ("fault", "seed", "frames", "first", "last"),

@@ -10,11 +10,11 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, runs_of
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 from pcnav.studies.folder import Chapter
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking.bars import NONE, Bar, at, joined, numbers, share
 from pcnav.studies.tracking.figures import StartCurve, start_figures
 from pcnav.studies.tracking.following import follow
@@ -169,7 +169,7 @@ def _bars(name: str, starts: list[Start]) -> tuple[Bar, ...]:
     )
 
 
-def _share_table(of: dict[str, list[Start]]) -> StudyTable:
+def _share_table(of: dict[str, list[Start]]) -> TextTable:
     rows = []
     for name, starts in of.items():
         locks = [start for start in starts if start.outcome is not Outcome.NOT_YET]
@@ -195,7 +195,7 @@ def _share_table(of: dict[str, list[Start]]) -> StudyTable:
         "frames",
         "seconds",
     )
-    return StudyTable(
+    return TextTable(
         "cold_starts",
         f"Locks within {FRAMES} frames at {_FRAME_RATE_HZ:g} Hz",
         header,
@@ -208,7 +208,7 @@ def _share_table(of: dict[str, list[Start]]) -> StudyTable:
     )
 
 
-def _failure_table(starts: list[Start]) -> StudyTable:
+def _failure_table(starts: list[Start]) -> TextTable:
     failed = [start for start in starts if start.outcome is not Outcome.RIGHT]
     rows = [
         (
@@ -239,7 +239,7 @@ def _failure_table(starts: list[Start]) -> StudyTable:
         "range, m",
         "rate, deg/s",
     )
-    return StudyTable(
+    return TextTable(
         "cold_start_failures",
         "Starts that were not right",
         header,

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 from pcnav.batch.cluster import EVERY_CORE, Workers
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.random_truth import satellite
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.progress import OnProgress, Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.tracking import consistency, faults, starts
 from pcnav.studies.tracking.bars import Bar
 from pcnav.studies.tracking.blackouts import (
@@ -86,12 +86,12 @@ def study_tracking(
     )
 
 
-def _verdict(bars: tuple[Bar, ...]) -> StudyTable:
+def _verdict(bars: tuple[Bar, ...]) -> TextTable:
     rows = tuple(
         (bar.chapter, bar.quantity, bar.bar, bar.ours, "yes" if bar.met else "no") for bar in bars
     )
     header = ("chapter", "quantity", "bar", "ours", "met")
-    return StudyTable("verdict", "Every bar", header, rows, text_columns=2)
+    return TextTable("verdict", "Every bar", header, rows, text_columns=2)
 
 
 def _headline(

@@ -13,6 +13,7 @@ from pcnav.errors import InputError
 from pcnav.estimation.single_frame import single_frame_pose
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.perception.reading import FrameReader
 from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame, SequenceInfo
@@ -30,7 +31,6 @@ from pcnav.state import (
     V_HILL,
 )
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.target import Target, load_target
 from pcnav.tracking import Tracker
 
@@ -166,7 +166,7 @@ def _random_poses(count: int, pipeline: Pipeline) -> list[FloatArray]:
     ]
 
 
-def pose_table(errors: list[PoseErrors]) -> StudyTable:
+def pose_table(errors: list[PoseErrors]) -> TextTable:
     """Median and RMS errors by noise and mode."""
     rows = []
     for each in errors:
@@ -194,7 +194,7 @@ def pose_table(errors: list[PoseErrors]) -> StudyTable:
         "attitude RMS, deg",
         "faces used",
     )
-    return StudyTable(
+    return TextTable(
         "boxsat_single_frame",
         "The whole satellite at 25 m, one ray-cast frame, no prediction",
         header,
@@ -257,7 +257,7 @@ def _sequence_errors(setting: _Setting) -> SequenceErrors:
     )
 
 
-def sequence_table(sequences: list[SequenceErrors]) -> StudyTable:
+def sequence_table(sequences: list[SequenceErrors]) -> TextTable:
     """Median error norms over the last third, and how the track went."""
     rows = []
     for each in sequences:
@@ -291,7 +291,7 @@ def sequence_table(sequences: list[SequenceErrors]) -> StudyTable:
         *(f"{name}, {unit}" if unit != "1" else name for name, unit, _, _ in _BLOCKS),
         "NEES",
     )
-    return StudyTable(
+    return TextTable(
         "boxsat_filter",
         "The filter on ray-cast frames of the whole satellite: median error, last third",
         header,

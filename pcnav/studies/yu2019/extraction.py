@@ -8,11 +8,11 @@ from scipy.stats import binom
 
 from pcnav.arrays import FloatArray
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.perception.planes import ransac_plane
 from pcnav.perception.rectangles import distribution
 from pcnav.studies.folder import Chapter
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.yu2019 import paper
 from pcnav.studies.yu2019.clouds import Spread, rectangle_cloud
 
@@ -133,7 +133,7 @@ def extraction_units(runs: int) -> float:
 
 def _table_1(
     runs: int, generator: np.random.Generator, progress: Progress
-) -> tuple[StudyTable, bool]:
+) -> tuple[TextTable, bool]:
     rows, as_printed = [], True
     for printed in paper.TABLE_1:
         counts, loose, times = [], [], []
@@ -172,7 +172,7 @@ def _table_1(
         "machine that made this page; the paper names none."
     )
     title = "Table 1: points extracted with a threshold of 0.005 cm"
-    return StudyTable("table_1", title, header, tuple(rows), note), as_printed
+    return TextTable("table_1", title, header, tuple(rows), note), as_printed
 
 
 def _cloud_with_outliers(outliers: int, generator: np.random.Generator) -> FloatArray:
@@ -225,7 +225,7 @@ def _draw(row: paper.MomentsRow, spread: Spread, generator: np.random.Generator)
     return np.concatenate([moments.centroid, moments.eigenvalues])
 
 
-def _comparison_table(key: str, title: str, comparisons: list[_Comparison]) -> StudyTable:
+def _comparison_table(key: str, title: str, comparisons: list[_Comparison]) -> TextTable:
     header = ("points", "noise, cm", "quantity", *_HEADER)
     note = (
         "x, y, z in cm, eigenvalues lambda in cm2: theory is a2/12 + sigma2 (17). Inside: "
@@ -234,7 +234,7 @@ def _comparison_table(key: str, title: str, comparisons: list[_Comparison]) -> S
         "exact and left out."
     )
     rows = tuple(comparison.row() for comparison in comparisons if comparison.is_random)
-    return StudyTable(key, title, header, rows, note, text_columns=3)
+    return TextTable(key, title, header, rows, note, text_columns=3)
 
 
 def _text(inside: int, compared: int) -> tuple[str, ...]:

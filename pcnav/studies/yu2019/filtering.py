@@ -10,6 +10,7 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.config import Pipeline
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.scenario import true_motion
 from pcnav.state import (
     COM_MODEL,
@@ -23,7 +24,6 @@ from pcnav.state import (
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.plots import Series, band_figure, series_figure
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.yu2019 import paper
 from pcnav.studies.yu2019.filter_run import (
     BLOCKS,
@@ -156,7 +156,7 @@ def _at_1_hz(pipeline: Pipeline) -> Pipeline:
     return pipeline.model_copy(update={"scenario": scenario, "filter": filtering})
 
 
-def _error_table(printed: FilterRun, slow: FilterRun, tumble: FilterRun) -> StudyTable:
+def _error_table(printed: FilterRun, slow: FilterRun, tumble: FilterRun) -> TextTable:
     rows = []
     for each in PRINTED:
         columns = [each.scale * run.last_third[each.block] for run in (printed, slow, tumble)]
@@ -195,10 +195,10 @@ def _error_table(printed: FilterRun, slow: FilterRun, tumble: FilterRun) -> Stud
         "ours, tumble",
     )
     title = "Figs. 11-15: largest errors after convergence"
-    return StudyTable("figs_11_15", title, header, tuple(rows), note, text_columns=2)
+    return TextTable("figs_11_15", title, header, tuple(rows), note, text_columns=2)
 
 
-def _ratio_table(printed: FilterRun, tumble: FilterRun) -> StudyTable:
+def _ratio_table(printed: FilterRun, tumble: FilterRun) -> TextTable:
     rows = []
     for k, name in enumerate(_RATIOS):
         index = INERTIA_RATIOS.start + k
@@ -214,7 +214,7 @@ def _ratio_table(printed: FilterRun, tumble: FilterRun) -> StudyTable:
         rows.append(tuple(row))
     columns = ("first error", "last error", "stated sd over prior", "converged")
     header = ("ratio", *(f"spin: {c}" for c in columns), *(f"tumble: {c}" for c in columns))
-    return StudyTable(
+    return TextTable(
         "fig_16",
         "Fig. 16: what becomes of the inertia ratios",
         header,
@@ -224,7 +224,7 @@ def _ratio_table(printed: FilterRun, tumble: FilterRun) -> StudyTable:
     )
 
 
-def _nees_table(printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun]) -> StudyTable:
+def _nees_table(printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun]) -> TextTable:
     rows = []
     for name, block in BLOCKS.items():
         size = block.stop - block.start
@@ -240,7 +240,7 @@ def _nees_table(printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun
                 f"{low:.2f} to {high:.2f}",
             )
         )
-    return StudyTable(
+    return TextTable(
         "nees",
         "NEES per degree of freedom: 1 where the stated covariance is right",
         ("block", "printed spin", "tumble", f"disturbed tumble, {len(disturbed)} runs", "95 %"),

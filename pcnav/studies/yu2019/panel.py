@@ -12,6 +12,7 @@ from pcnav.batch.engine import run_all
 from pcnav.catalogue import Rectangle
 from pcnav.config import NoiseTable, PerceptionMode, PerceptionTable, Pipeline
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.perception.association import as_rectangle
 from pcnav.perception.perceive import perceive
 from pcnav.rendering import DepthRenderer
@@ -20,7 +21,6 @@ from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.scenario import pinhole_camera
 from pcnav.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 
 LENGTH_M, WIDTH_M = 4.0, 1.5
 LARGEST_INCIDENCE_DEG = 70.0
@@ -142,7 +142,7 @@ def _poses(count: int, pipeline: Pipeline) -> list[FloatArray]:
     return poses
 
 
-def panel_table(errors: list[PanelErrors]) -> StudyTable:
+def panel_table(errors: list[PanelErrors]) -> TextTable:
     """RMS errors by noise and mode."""
     rows = []
     for each in errors:
@@ -174,7 +174,7 @@ def panel_table(errors: list[PanelErrors]) -> StudyTable:
         "wrong case",
         "missed",
     )
-    return StudyTable(
+    return TextTable(
         "panel",
         "An isolated panel of 4.0 x 1.5 m at 25 m, one ray-cast frame",
         header,

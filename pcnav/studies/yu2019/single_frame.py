@@ -9,12 +9,12 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.config import Pipeline
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.simulation.scenario import TrueMotion, true_motion
 from pcnav.spatial import exp_rotation, log_rotation
 from pcnav.studies.folder import Chapter, StudyFigure
 from pcnav.studies.plots import Series, series_figure
 from pcnav.studies.progress import Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.yu2019 import paper
 from pcnav.studies.yu2019.clouds import Spread, centroid_sd, rotation_sd
 from pcnav.studies.yu2019.sensor import CloudSensor, resolved
@@ -137,7 +137,7 @@ def single_frame_chapter(
             flips = sum(int(e.flipped.sum()) for e in errors)
             raw_flips = sum(int(e.raw_flipped.sum()) for e in errors)
     assert shown is not None
-    table = StudyTable(
+    table = TextTable(
         "figs_8_10",
         "Figs. 8 and 10: largest error on each axis over half a turn (180 frames)",
         (
@@ -222,8 +222,8 @@ def _rows(spread: Spread, errors: list[FrameErrors]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _flip_table(flips: int, raw_flips: int, frames: int) -> StudyTable:
-    return StudyTable(
+def _flip_table(flips: int, raw_flips: int, frames: int) -> TextTable:
+    return TextTable(
         "fig_9",
         "Figs. 9 and 10: attitudes wrong by 180 degrees (even clouds)",
         ("ambiguity", "frames", "wrong case", "share"),
@@ -236,7 +236,7 @@ def _flip_table(flips: int, raw_flips: int, frames: int) -> StudyTable:
     )
 
 
-def _bound_table() -> StudyTable:
+def _bound_table() -> TextTable:
     rows = []
     ratio = paper.SHORT_CM / paper.LONG_CM
     for length in _BOUND_SIDES_M:
@@ -247,7 +247,7 @@ def _bound_table() -> StudyTable:
             row.append(number(1e3 * max(centroid_sd(*args))))
             row.append(number(float(np.rad2deg(max(rotation_sd(*args))))))
         rows.append(tuple(row))
-    return StudyTable(
+    return TextTable(
         "cloud_bound",
         "What 1800 points with 0.1 m noise can give, by the size of the rectangle (closed form)",
         (

@@ -6,10 +6,10 @@ from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.errors import InputError
 from pcnav.evaluation.summary import number
+from pcnav.evaluation.text_table import TextTable
 from pcnav.shipped import shipped_pipeline
 from pcnav.studies.folder import Chapter, Study
 from pcnav.studies.progress import OnProgress, Progress
-from pcnav.studies.tables import StudyTable
 from pcnav.studies.yu2019 import paper
 from pcnav.studies.yu2019.extraction import ExtractionResult, extraction_tables, extraction_units
 from pcnav.studies.yu2019.filtering import PRINTED, FilterResult, filter_chapter
@@ -94,7 +94,7 @@ def _verdict(
     filtered: FilterResult,
     ray_cast: RayCastResult,
     complete: bool,
-) -> StudyTable:
+) -> TextTable:
     """Every printed figure, ours, and whether ours is as good."""
     rows: list[tuple[str, ...]] = [
         (
@@ -167,7 +167,7 @@ def _verdict(
         )
     )
     note = "" if complete else "A quick look with cut motions: the filter has not converged."
-    return StudyTable(
+    return TextTable(
         "verdict",
         "Every printed figure and ours",
         ("figure", "quantity", "printed", "ours", "met"),
@@ -203,7 +203,7 @@ def _met(yes: bool) -> str:
 
 
 def _headline(
-    verdict: StudyTable,
+    verdict: TextTable,
     single: SingleFrameResult,
     filtered: FilterResult,
     ray_cast: RayCastResult,
