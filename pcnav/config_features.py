@@ -24,6 +24,8 @@ class EstimatorKind(StrEnum):
     """Feature tracks under several hypotheses of the inertia (Segal 2011)."""
     IMAGE_MOTION = "image_motion"
     """Images of one camera, or feature tracks of them (Appl. Sci. 2022)."""
+    ATTITUDE_INERTIA = "attitude_inertia"
+    """Attitudes alone, recorded or from images of one camera (Deng 2024)."""
 
 
 class EstimatorTable(Table):

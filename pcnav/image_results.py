@@ -19,9 +19,10 @@ from pcnav.results import STATES_FILE
 
 ACQUIRING, LOCKED, COASTING = "acquiring", "locked", "coasting"
 
+SD_COLUMNS = ("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad")
 IMAGE_STATES_COLUMNS = (
     *("time_s", "q_x", "q_y", "q_z", "q_w", "w_x_rad_s", "w_y_rad_s", "w_z_rad_s"),
-    *("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad"),
+    *SD_COLUMNS,
     *("status", "outcome", "segment", "reference", "features", "matches", "agreeing"),
 )
 
@@ -107,7 +108,7 @@ def image_track(
         omega_body=omega,
         covariance=P,
         status=_status(frames),
-        outcome=tuple(_told(frame.outcome, settings) for frame in frames),
+        outcome=tuple(outcome_in_words(frame.outcome, settings) for frame in frames),
         is_first=np.array([frame.outcome is Outcome.FIRST for frame in frames]),
         segment=np.array([frame.segment for frame in frames], dtype=np.intp),
         reference=tuple(frame.reference for frame in frames),
@@ -150,7 +151,8 @@ def _status(frames: Sequence[ChainFrame]) -> tuple[str, ...]:
     return tuple(statuses)
 
 
-def _told(outcome: Outcome, settings: ImageMotionTable) -> str:
+def outcome_in_words(outcome: Outcome, settings: ImageMotionTable) -> str:
+    """What became of a frame."""
     if outcome is Outcome.FEW_MATCHES:
         return f"fewer than {settings.fewest_matches} matches"
     return _WORDS[outcome]

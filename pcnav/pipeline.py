@@ -18,8 +18,10 @@ from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_know
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.overlay import frame_picture
 from pcnav.evaluation.report import ReportContent, write_report
+from pcnav.evaluation.text_table import TextTable
 from pcnav.evaluation.truth import read_truth
 from pcnav.mesh import wireframe_edges
+from pcnav.observability.sources import observability_of_depth
 from pcnav.prior import PriorMass
 from pcnav.provenance import library_versions, pipeline_toml
 from pcnav.result_writer import ResultWriter
@@ -130,6 +132,7 @@ def run(
             versions=library_versions(),
             symmetry=group_name(target.symmetry_rotations),
             knowledge=knowledge,
+            observability=_observability(as_run, sequence, target, track),
             picture=picture,
             picture_caption=caption,
         )
@@ -169,6 +172,15 @@ def _knowledge(
     last = known[-1]
     R_hill_body = R_hill_world(track.time_s[last], mean_motion_rad_s) @ track.R_world_body[last]
     return what_is_known(prior, track.covariance[last], R_hill_body, track.omega_body[last])
+
+
+def _observability(
+    pipeline: Pipeline, sequence: Sequence, target: Target, track: Track
+) -> tuple[TextTable, ...]:
+    """What the motion of a run makes observable; nothing is told without an estimate."""
+    if not track.has_estimate.any():
+        return ()
+    return observability_of_depth(sequence.info.name, pipeline, sequence, target, track).tables()
 
 
 def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:

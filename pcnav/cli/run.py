@@ -57,13 +57,22 @@ def run_into(
     from pcnav.config import Pipeline
     from pcnav.config_features import EstimatorKind
     from pcnav.evaluation.summary import summary_table
-    from pcnav.image_pipeline import is_seen_by_one_camera
+    from pcnav.image_source import is_seen_by_one_camera
+    from pcnav.sequences.attitudes import ATTITUDES_FILE, is_attitude_recording
     from pcnav.sequences.monocular import CAMERA_FILE
     from pcnav.sequences.track_files import TRACKS_FILE, is_track_recording
 
     path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:
         path, content = named_pipeline(pipeline)
+    if content.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
+        if target_mesh is not None:
+            raise InputError(sequence, "--target", "expected none: attitudes need no mesh")
+        if not (is_seen_by_one_camera(sequence) or is_attitude_recording(sequence)):
+            expected = f"expected a table of attitudes, a folder with {ATTITUDES_FILE}, or images"
+            raise InputError(sequence, "recording", expected)
+        _run_attitudes(sequence, content, out, overwrite)
+        return
     by_images = content.estimator.kind is EstimatorKind.IMAGE_MOTION
     if by_images or is_seen_by_one_camera(sequence):
         if pipeline is not None and not by_images:
@@ -142,5 +151,17 @@ def _run_images(recording: Path, pipeline: "Pipeline", out: Path, overwrite: boo
             overwrite=overwrite,
             on_frame=lambda _, done, total: advance(done, total),
         )
+    Console().print(summary_table(summary.metrics))
+    typer.echo(f"report: {summary.report}")
+
+
+def _run_attitudes(recording: Path, pipeline: "Pipeline", out: Path, overwrite: bool) -> None:
+    from rich.console import Console
+
+    from pcnav.attitude_pipeline import run_attitudes
+    from pcnav.evaluation.summary import summary_table
+
+    with progress("run") as advance:
+        summary = run_attitudes(recording, out, pipeline, overwrite=overwrite, on_frame=advance)
     Console().print(summary_table(summary.metrics))
     typer.echo(f"report: {summary.report}")

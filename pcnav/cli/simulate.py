@@ -35,6 +35,11 @@ def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
     if content.estimator.kind is EstimatorKind.IMAGE_MOTION:
         _simulate_images(path, content, out, overwrite)
         return
+    if content.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
+        from pcnav.simulation.attitude_recording import simulate_attitudes
+
+        typer.echo(simulate_attitudes(content, out, overwrite, path))
+        return
     if content.estimator.kind is not EstimatorKind.DEPTH:
         from pcnav.simulation.feature_recording import simulate_tracks
 

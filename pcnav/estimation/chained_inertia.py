@@ -19,7 +19,7 @@ from pcnav.estimation.attitude_inertia import initial_belief
 from pcnav.estimation.image_motion.chain import ChainFrame
 from pcnav.estimation.image_motion.chain_errors import ChainErrors
 from pcnav.estimation.rotation_fit import AttitudeArc, RotationPrior, fit_rotations
-from pcnav.estimation.rotation_model import THETA, RotationState, TorqueFreeModel
+from pcnav.estimation.rotation_model import THETA, RotationState, TorqueFreeModel, carry
 from pcnav.spatial import log_rotation
 
 _FIRST_FIT = 4
@@ -111,12 +111,8 @@ class ChainedInertiaEstimator:
         self._errors.begin(self._number, frame.link, own)
 
     def _carried(self, now: ChainedEstimate, time_s: float) -> ChainedEstimate:
-        step_s = time_s - now.time_s
-        if step_s <= 0.0:
-            return now
-        state, transition, noise = self._model.propagate(now.state, now.time_s, step_s)
-        covariance = transition[0] @ now.covariance @ transition[0].T + noise[0]
-        return ChainedEstimate(time_s, state, 0.5 * (covariance + covariance.T), False)
+        state, covariance = carry(self._model, now.state, now.covariance[None], time_s - now.time_s)
+        return ChainedEstimate(time_s, state, covariance[0], False)
 
     def _fitted(self) -> ChainedEstimate | None:
         """The whole arc as one; None where the fit does not settle."""

@@ -197,6 +197,17 @@ class TorqueFreeModel(MotionModel[RotationState]):
         return noise
 
 
+def carry(
+    model: TorqueFreeModel, state: RotationState, covariance: FloatArray, step_s: float
+) -> tuple[RotationState, FloatArray]:
+    """A state and the covariance (..., 11, 11) of its errors, a time later."""
+    if step_s <= 0.0:
+        return state, covariance
+    moved, transition, noise = model.propagate(state, 0.0, step_s)
+    P = transition @ covariance @ np.swapaxes(transition, -1, -2) + noise
+    return moved, np.asarray(0.5 * (P + np.swapaxes(P, -1, -2)))
+
+
 def _euler(state: RotationState, step_s: float) -> tuple[RotationState, FloatArray]:
     """One step of ``x + f dT`` with the quaternion normalised, and ``1 + C dT`` ((33), (36))."""
     half = 0.5 * step_s * state.omega_body

@@ -26,9 +26,16 @@ from pcnav.evaluation.figures import (
     time_spans,
 )
 from pcnav.evaluation.metrics import Metrics
-from pcnav.evaluation.report import headline, provenance, truth_section, vector_figure
+from pcnav.evaluation.report import (
+    headline,
+    observability_section,
+    provenance,
+    truth_section,
+    vector_figure,
+)
 from pcnav.evaluation.status import status_section
 from pcnav.evaluation.summary import display_unit, number, run_facts
+from pcnav.evaluation.text_table import TextTable
 from pcnav.feature_results import (
     ERROR_SIZE,
     INERTIA_RATIOS,
@@ -66,6 +73,8 @@ class FeatureReport:
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
+    observability: tuple[TextTable, ...] = ()
+    """What the motion makes observable; empty without an estimate."""
 
 
 def write_feature_report(path: Path, content: FeatureReport) -> None:
@@ -88,6 +97,8 @@ def feature_report_html(content: FeatureReport) -> str:
         body.append(truth_section(metrics))
     if track.has_estimate.any():
         body.append(page.section("States over time", page.grid(_state_figures(content))))
+    if content.observability:
+        body.append(observability_section(content.observability))
     body.append(page.section("Features", *_features(content)))
     if track.notes:
         caption = "What the estimator tells of itself."

@@ -25,9 +25,16 @@ from pcnav.evaluation.figures import (
 )
 from pcnav.evaluation.image_metrics import ImageErrors
 from pcnav.evaluation.metrics import Metrics
-from pcnav.evaluation.report import headline, provenance, truth_section, vector_figure
+from pcnav.evaluation.report import (
+    headline,
+    observability_section,
+    provenance,
+    truth_section,
+    vector_figure,
+)
 from pcnav.evaluation.status import STATUS_COLOURS
 from pcnav.evaluation.summary import number, run_facts
+from pcnav.evaluation.text_table import TextTable
 from pcnav.image_results import ImageTrack
 
 _XYZ = ("x", "y", "z")
@@ -47,6 +54,8 @@ class ImageReport:
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
+    observability: tuple[TextTable, ...] = ()
+    """What the motion makes observable; empty without an estimate."""
 
 
 def write_image_report(path: Path, content: ImageReport) -> None:
@@ -68,6 +77,8 @@ def image_report_html(content: ImageReport) -> str:
         body.append(truth_section(metrics))
     if track.has_attitude.any():
         body.append(page.section("Attitude and rate over time", page.grid(_motion(content))))
+    if content.observability:
+        body.append(observability_section(content.observability))
     made = provenance(content.command, content.configuration, content.versions)
     body.append(page.section("How the run was made", *made))
     return page.page(content.title, body)

@@ -30,6 +30,7 @@ from pcnav.evaluation.knowledge import (
 from pcnav.evaluation.metrics import Consistency, Metrics
 from pcnav.evaluation.status import status_section
 from pcnav.evaluation.summary import ERROR_HEADINGS, display_unit, error_row, number, run_facts
+from pcnav.evaluation.text_table import TextTable
 from pcnav.results import ACCEPTED, Track
 from pcnav.state import (
     COM_MODEL,
@@ -93,6 +94,8 @@ class ReportContent:
     """Name of the target's symmetry group; C1 is none."""
     knowledge: RunKnowledge | None = None
     """None without an estimate."""
+    observability: tuple[TextTable, ...] = ()
+    """What the motion makes observable; empty without an estimate."""
     picture: Figure | None = None
     """A frame drawn by `frame_picture`."""
     picture_caption: str = ""
@@ -115,6 +118,8 @@ def report_html(content: ReportContent) -> str:
         body.append(truth_section(metrics))
     if content.knowledge is not None:
         body.append(page.section("Known from data, or prior only", *_known(content.knowledge)))
+    if content.observability:
+        body.append(observability_section(content.observability))
     if content.track.has_estimate.any():
         body.append(page.section("States over time", page.grid(_state_figures(content))))
     if len(content.track):
@@ -344,6 +349,17 @@ def _rectangle_table(outcomes: Counter[tuple[str, str]]) -> str:
         for name, count in seen.most_common()
     ]
     return page.table(("rectangle", "seen", "used", "share used"), rows)
+
+
+def observability_section(tables: tuple[TextTable, ...]) -> str:
+    """What the motion of the run lets its estimator know, how well, and how soon."""
+    pieces = []
+    for table in tables:
+        shown = page.table(table.header, table.rows, table.text_columns)
+        pieces += [page.subheading(table.title), shown]
+        if table.note:
+            pieces.append(page.paragraph(table.note))
+    return page.section("Observability of this motion", *pieces)
 
 
 def provenance(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.config_features import EstimatorKind
@@ -13,31 +13,44 @@ from pcnav.csv_table import read_csv
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.errors import InputError
+from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator
+from pcnav.estimation.image_motion.chain import run_chain
 from pcnav.estimation.rotation_arc import parameters_of
-from pcnav.estimation.rotation_model import RotationState
+from pcnav.estimation.rotation_model import RotationState, TorqueFreeModel
 from pcnav.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS
+from pcnav.image_results import SD_COLUMNS as IMAGE_SD_COLUMNS
+from pcnav.image_results import ImageTrack
+from pcnav.image_source import is_seen_by_one_camera
+from pcnav.mesh import read_mesh
 from pcnav.observability.depth import Views, depth_subject
 from pcnav.observability.report import ObservabilityReport, judge
 from pcnav.observability.subjects import (
     FeatureMotion,
     attitude_subject,
     bank_subject,
+    carried,
+    measured_attitudes_subject,
     principal_subject,
 )
-from pcnav.results import PIPELINE_FILE, STATES_FILE, read_track
+from pcnav.results import PIPELINE_FILE, STATES_FILE, Track, read_track
 from pcnav.sequences.opening import open_sequence
+from pcnav.sequences.sequence import Sequence
 from pcnav.sequences.track_files import read_tracks
 from pcnav.sequences.tracks import Tracks
 from pcnav.simulation.features import feature_scenario, simulate_features
+from pcnav.simulation.image_recording import simulated_tracks
 from pcnav.simulation.recording import stated_range_sigma
 from pcnav.simulation.scenario import camera_rotation, pinhole_camera, true_motion
 from pcnav.spatial import exp_rotation, rotation_from_xyzw
-from pcnav.target import load_target
+from pcnav.target import Target, load_target
 from pcnav.tracking.mass import prior_belief
 
 Wanted = Mapping[str, float] | None
 """See `judge`."""
-_ATTITUDE_KIND = "attitude_inertia"
+_FEWEST = 6
+"""Attitudes that a motion is fitted to."""
+_LEAST_NOISE_RAD2 = 1e-8
+"""Of an attitude, beside what the chain states."""
 
 
 def observability_of_run(folder: Path, wanted: Wanted = None) -> ObservabilityReport:
@@ -52,6 +65,10 @@ def observability_of_run(folder: Path, wanted: Wanted = None) -> ObservabilityRe
         raise InputError(folder / PIPELINE_FILE, "sequence", expected)
     if pipeline.estimator.kind is EstimatorKind.DEPTH:
         return _of_depth_run(folder, pipeline, Path(pipeline.sequence), wanted)
+    if pipeline.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
+        return _of_attitude_run(folder, pipeline, wanted)
+    if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
+        return _of_image_run(folder, pipeline, wanted)
     tracks = read_tracks(Path(pipeline.sequence))
     return _of_features(folder.resolve().name, pipeline, tracks, _last_motion(folder), wanted)
 
@@ -75,6 +92,10 @@ def observability_of_pipeline(
     title = Path(source).stem
     if attitude is not None:
         return _of_attitudes(title, pipeline, attitude, wanted)
+    if pipeline.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
+        return _of_attitudes(title, pipeline, pipeline.attitude_inertia, wanted)
+    if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
+        return _of_image_pipeline(title, pipeline, source, mesh, wanted)
     if pipeline.estimator.kind is EstimatorKind.DEPTH:
         if mesh is None:
             raise InputError(source, "target_mesh", "expected the mesh that depth frames show")
@@ -93,6 +114,19 @@ def observability_of_pipeline(
     return _of_features(title, pipeline, tracks, motion, wanted)
 
 
+def can_be_judged(track: ImageTrack) -> bool:
+    """Whether a run on images has attitudes enough to tell a motion."""
+    return int(np.count_nonzero(_of_longest_segment(track.segment, track.has_attitude))) >= _FEWEST
+
+
+def _of_longest_segment(segment: IntArray, known: BoolArray) -> BoolArray:
+    """(n,) frames with an attitude in the segment that has most of them."""
+    if not known.any():
+        return known
+    numbers, counts = np.unique(segment[known], return_counts=True)
+    return np.asarray(known & (segment == numbers[np.argmax(counts)]))
+
+
 def _of_attitudes(
     title: str, pipeline: Pipeline, table: AttitudeInertiaTable, wanted: Wanted
 ) -> ObservabilityReport:
@@ -104,6 +138,80 @@ def _of_attitudes(
     )
     times_s = np.arange(scenario.frames) / scenario.frame_rate_hz
     return judge(attitude_subject(title, table, start, times_s), wanted)
+
+
+def _of_image_pipeline(
+    title: str, pipeline: Pipeline, source: Path | str, mesh: Path | None, wanted: Wanted
+) -> ObservabilityReport:
+    """The attitudes are those of the chain on simulated tracks, in the target's own axes."""
+    truth = true_motion(pipeline, source)
+    shown = None if mesh is None else read_mesh(mesh)
+    tracks = simulated_tracks(pipeline, truth, shown, title)
+    frames = run_chain(tracks, pipeline.image_motion)
+    known = [frame.covariance for frame in frames if frame.reference is not None]
+    noise = [each for each in known if each is not None]
+    if not noise:
+        raise InputError(source, "image_motion", "expected a motion whose attitude images tell")
+    state = truth.states[0]
+    start = RotationState(
+        state.R_world_body,
+        state.omega_body,
+        parameters_of(inertia_from_ratios(state.inertia_ratios)),
+    )
+    subject = measured_attitudes_subject(
+        title, pipeline.attitude_inertia, start, truth.times_s, np.stack(noise), True
+    )
+    return judge(subject, wanted)
+
+
+def _of_image_run(folder: Path, pipeline: Pipeline, wanted: Wanted) -> ObservabilityReport:
+    """The motion is the one that fits the attitudes of the longest segment."""
+    names = ("time_s", "q_x", "q_y", "q_z", "q_w", "segment", *IMAGE_SD_COLUMNS)
+    rows = read_csv(folder / STATES_FILE, names).numbers(names)
+    has_attitude = np.isfinite(rows[:, 1])
+    at = _of_longest_segment(rows[:, 5].astype(np.intp), has_attitude)
+    if np.count_nonzero(at) < _FEWEST:
+        raise InputError(folder / STATES_FILE, "rows", f"expected at least {_FEWEST} attitudes")
+    times_s, R, sd = rows[at, 0], rotation_from_xyzw(rows[at, 1:5]), rows[at, 6:9]
+    # The first attitude of a segment defines its axes and has no error.
+    noise = np.einsum("ni,ij->nij", sd[1:] ** 2, np.eye(3))
+    table = pipeline.attitude_inertia
+    estimator = AttitudeInertiaEstimator(table)
+    floor = _LEAST_NOISE_RAD2 * np.eye(3)
+    estimate = estimator.step(float(times_s[0]), R[0], floor)
+    for k in range(1, len(times_s)):
+        estimate = estimator.step(float(times_s[k]), R[k], noise[k - 1] + floor)
+    model = TorqueFreeModel(0.0, table.propagation)
+    last = estimate.state
+    end = RotationState(last.R_world_body[0], last.omega_body[0], last.parameters[0])
+    start = carried(model, end, estimate.time_s, float(rows[0, 0]))
+    title = folder.resolve().name
+    subject = measured_attitudes_subject(title, table, start, rows[:, 0], noise, True)
+    return judge(subject, wanted)
+
+
+def _of_attitude_run(folder: Path, pipeline: Pipeline, wanted: Wanted) -> ObservabilityReport:
+    """The motion is the one that leads to the last estimate."""
+    names = (*MOTION_COLUMNS[:1], *MOTION_COLUMNS[7:], "sd_measured_rad")
+    rows = read_csv(folder / STATES_FILE, names).numbers(names)
+    known = np.flatnonzero(np.isfinite(rows[:, 1:-1]).all(axis=1))
+    measured = rows[np.isfinite(rows[:, -1]), -1]
+    if not known.size or not measured.size:
+        raise InputError(folder / STATES_FILE, "rows", "expected at least one estimate")
+    last = rows[known[-1]]
+    table = pipeline.attitude_inertia
+    end = RotationState(
+        rotation_from_xyzw(last[1:5]),
+        last[5:8],
+        parameters_of(inertia_from_ratios(last[8:13])),
+    )
+    model = TorqueFreeModel(0.0, table.propagation)
+    start = carried(model, end, float(last[0]), float(rows[0, 0]))
+    noise = measured[:, None, None] ** 2 * np.eye(3)
+    title = folder.resolve().name
+    chained = is_seen_by_one_camera(Path(pipeline.sequence or ""))
+    subject = measured_attitudes_subject(title, table, start, rows[:, 0], noise, chained)
+    return judge(subject, wanted)
 
 
 def _of_depth_pipeline(
@@ -132,25 +240,42 @@ def _of_depth_run(
     shown = mesh or sequence.info.target_mesh
     if shown is None:
         raise InputError(folder / PIPELINE_FILE, "target_mesh", "expected the target's mesh")
-    target, track, info = load_target(shown), read_track(folder), sequence.info
-    known = np.flatnonzero(track.has_estimate)
+    title = folder.resolve().name
+    try:
+        return observability_of_depth(
+            title, pipeline, sequence, load_target(shown), read_track(folder), wanted
+        )
+    except ValueError as error:
+        raise InputError(folder / STATES_FILE, "rows", str(error)) from error
+
+
+def observability_of_depth(
+    title: str,
+    pipeline: Pipeline,
+    sequence: Sequence,
+    target: Target,
+    track: Track,
+    wanted: Wanted = None,
+) -> ObservabilityReport:
+    """As `observability_of_run`, of a run on depth frames that is at hand.
+
+    Raises ``ValueError`` for a track without an estimate.
+    """
+    known, info = np.flatnonzero(track.has_estimate), sequence.info
     if not known.size:
-        raise InputError(folder / STATES_FILE, "rows", "expected at least one estimate")
+        raise ValueError("expected at least one estimate")
     first, last = int(known[0]), int(known[-1])
     state = track.state(last)
     assert state is not None, "the frame has an estimate"
     hill = R_hill_world(float(track.time_s[last]), info.mean_motion_rad_s)
     # The pose is that of the model in the camera; the camera's own attitude is what is left.
     R_cam_world = track.T_cam_model[last, :3, :3] @ state.R_world_body.T
+    range_sigma_m = pipeline.perception.range_sigma_m or info.range_sigma_m
     subject = depth_subject(
-        folder.resolve().name,
+        title,
         pipeline.filter,
         prior_belief(target, info.initial, pipeline.filter),
-        Views(
-            target,
-            sequence.frame(last).camera,
-            pipeline.perception.range_sigma_m or info.range_sigma_m,
-        ),
+        Views(target, sequence.frame(last).camera, range_sigma_m),
         info.mean_motion_rad_s,
         (float(track.time_s[last]), state),
         track.time_s[first : last + 1],

@@ -6,7 +6,7 @@ thinned arc then stands for several.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -141,6 +141,36 @@ def attitude_subject(
         inertia=inertia_of(start.parameters),
         note=f"An attitude of {np.degrees(np.sqrt(np.trace(noise) / 3.0)):.3g} deg in every frame.",
     )
+
+
+def measured_attitudes_subject(
+    title: str,
+    table: AttitudeInertiaTable,
+    start: RotationState,
+    times_s: FloatArray,
+    noise: FloatArray,
+    chained: bool,
+) -> Subject[RotationState]:
+    """Of attitudes found in frames at times (n,), of covariances (m, 3, 3) with m <= n, rad^2.
+
+    Each is given the geometric mean of the variances. Frames that are not measured are made up for
+    by weight. ``chained`` says whether they come from images of one camera.
+    """
+    typical = float(np.exp(np.mean(np.log(np.trace(noise, axis1=1, axis2=2) / 3.0))))
+    share = min(1.0, len(noise) / max(len(times_s) - 1, 1))
+    subject = attitude_subject(title, table, start, times_s, typical / share * np.eye(3))
+    sd_deg = float(np.degrees(np.sqrt(typical)))
+    note = (
+        f"An attitude of {sd_deg:.3g} deg about an axis in {share:.0%} of the frames, each with an "
+        "error of its own."
+    )
+    if not chained:
+        return replace(subject, note=note)
+    note += (
+        " Those of a chain of images share the errors of its key frames: together they tell more "
+        "of the rate, and less of the attitude."
+    )
+    return replace(subject, note=note, estimator="image_motion, its attitudes to attitude_inertia")
 
 
 @dataclass(frozen=True)

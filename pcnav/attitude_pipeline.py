@@ -1,0 +1,175 @@
+"""A run on attitudes as a list of verbs: open, estimate, write, evaluate, report.
+
+The attitudes are recorded, or those of a chain of images of one camera.
+"""
+
+import json
+import shlex
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.attitude_results import AttitudeCollector, AttitudeTrack, write_states
+from pcnav.config import Pipeline
+from pcnav.config_features import EstimatorKind
+from pcnav.errors import InputError
+from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator, RotationEstimate
+from pcnav.estimation.chained_inertia import ChainedInertiaEstimator
+from pcnav.estimation.image_motion.chain import ChainFrame
+from pcnav.estimation.rotation_model import TorqueFreeModel, carry
+from pcnav.evaluation.attitude_metrics import evaluate_attitudes
+from pcnav.evaluation.attitude_report import AttitudeReport, write_attitude_report
+from pcnav.evaluation.metrics import Metrics
+from pcnav.evaluation.truth import read_truth
+from pcnav.image_results import outcome_in_words
+from pcnav.image_source import ImageSource, chain_of, is_seen_by_one_camera, open_source
+from pcnav.new_folder import new_folder
+from pcnav.observability.sources import observability_of_run
+from pcnav.provenance import library_versions, pipeline_toml
+from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
+from pcnav.sequences.attitudes import AttitudeRecording, read_attitudes
+from pcnav.sequences.monocular import write_monocular_files
+
+OnFrame = Callable[[int, int], None]
+"""Told how many frames are done, and of how many."""
+
+
+@dataclass(frozen=True)
+class AttitudeRunSummary:
+    """What a run leaves behind."""
+
+    folder: Path
+    metrics: Metrics
+    """Errors in it only where the recording carries a truth."""
+
+    @property
+    def report(self) -> Path:
+        """The report page."""
+        return self.folder / REPORT_FILE
+
+
+@dataclass(frozen=True)
+class _Estimated:
+    """A recording run through."""
+
+    track: AttitudeTrack
+    outcomes: list[tuple[str, int]]
+    """What became of frames of images, in words."""
+
+
+def run_attitudes(
+    recording: Path,
+    out: Path,
+    pipeline: Pipeline,
+    *,
+    overwrite: bool = False,
+    on_frame: OnFrame | None = None,
+) -> AttitudeRunSummary:
+    """Estimate rotation and inertia ratios from attitudes or images and write the result folder.
+
+    Raises `InputError` for a bad recording, truth or existing result folder and without the extra
+    `images` where it is needed; nothing is then left, and an earlier result stays as it was.
+    """
+    place = recording.parent if recording.is_file() else recording
+    if place.resolve().is_relative_to(out.resolve()):
+        raise InputError(out, "folder", f"expected a result folder that does not hold {recording}")
+    images = open_source(recording, pipeline) if is_seen_by_one_camera(recording) else None
+    attitudes = read_attitudes(recording) if images is None else None
+    folder = place if attitudes is None else attitudes.folder
+    # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
+    truth = read_truth(folder)
+    as_run = pipeline.model_copy(update={"sequence": str(recording.resolve())})
+    with new_folder(out, overwrite, STATES_FILE) as staging:
+        if images is not None:
+            found = _from_images(images, pipeline, staging, on_frame)
+        else:
+            assert attitudes is not None
+            found = _from_attitudes(attitudes, pipeline, on_frame)
+        write_states(staging, found.track)
+        metrics, errors = evaluate_attitudes(found.track, truth)
+        if errors is not None:
+            text = json.dumps(metrics.to_json(), indent=2, allow_nan=False) + "\n"
+            (staging / METRICS_FILE).write_text(text, encoding="utf-8")
+        versions = library_versions()
+        (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
+        known = found.track.has_estimate.any()
+        tables = observability_of_run(staging).tables() if known else ()
+        report = AttitudeReport(
+            title=folder.resolve().name,
+            command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+            track=found.track,
+            metrics=metrics,
+            errors=errors,
+            outcomes=found.outcomes,
+            observability=tables,
+            configuration=as_run.model_dump(mode="json", include=_used_tables(images)),
+            versions=versions,
+        )
+        write_attitude_report(staging / REPORT_FILE, report)
+    return AttitudeRunSummary(out, metrics)
+
+
+def _from_attitudes(
+    recording: AttitudeRecording, pipeline: Pipeline, on_frame: OnFrame | None
+) -> _Estimated:
+    """The filter of Deng 2024, carried on where there is no attitude."""
+    table, collector = pipeline.attitude_inertia, AttitudeCollector()
+    estimator = AttitudeInertiaEstimator(table)
+    model = TorqueFreeModel(table.angular_acceleration_psd_rad2_s3, table.propagation)
+    last: RotationEstimate | None = None
+    default = np.radians(table.attitude_sd_deg) ** 2 * np.eye(3)
+    count = len(recording.times_s)
+    for k, time_s in enumerate(recording.times_s.tolist()):
+        if recording.has_attitude[k]:
+            noise = default if recording.sd is None else np.diag(recording.sd[k] ** 2)
+            if not noise.any():
+                noise = default
+            last = estimator.step(time_s, recording.R_world_body[k], noise)
+            accepted, nis = bool(last.accepted[0]), float(last.nis[0])
+            collector.add(time_s, (last.state, last.covariance[0]), noise, nis, accepted)
+        elif last is not None:
+            state, P = carry(model, last.state, last.covariance, time_s - last.time_s)
+            collector.add(time_s, (state, P[0]), None)
+        else:
+            collector.add(time_s, None, None)
+        if on_frame is not None:
+            on_frame(k + 1, count)
+    return _Estimated(collector.track(), [])
+
+
+def _from_images(
+    source: ImageSource, pipeline: Pipeline, staging: Path, on_frame: OnFrame | None
+) -> _Estimated:
+    """The chain, and the whole arc of its attitudes fitted as it grows."""
+    estimator, collector = ChainedInertiaEstimator(pipeline.attitude_inertia), AttitudeCollector()
+    first: list[FloatArray] = []
+
+    def take(frame: ChainFrame, done: int, count: int) -> None:
+        found = estimator.step(frame)
+        estimate = None if found is None else (found.state, found.covariance)
+        if frame.R_world_body is not None and not first:
+            first.append(frame.R_world_body)
+        measured = frame.covariance if frame.reference is not None else None
+        collector.add(frame.time_s, estimate, measured)
+        if on_frame is not None:
+            on_frame(done, count)
+
+    tracks, chained = chain_of(source, pipeline, take)
+    if source.is_images:
+        write_monocular_files(staging, tracks)
+    words = Counter(outcome_in_words(frame.outcome, pipeline.image_motion) for frame in chained)
+    track = collector.track(first[0] if first else None)
+    return _Estimated(track, words.most_common())
+
+
+def _used_tables(images: ImageSource | None) -> set[str]:
+    """What of a pipeline a run reads or adds; the rest of the file describes a simulation."""
+    tables = {"sequence", "estimator", str(EstimatorKind.ATTITUDE_INERTIA)}
+    if images is None:
+        return tables
+    return tables | {"image_motion"} | ({"feature_tracker"} if images.is_images else set())

@@ -1,0 +1,131 @@
+"""How good a run on attitudes is: errors of attitude, rate and inertia ratios, and NEES.
+
+From images of one camera the body axes are the run's own, the camera's at the first frame; the
+constant rotation between them and the target's is then taken out of the truth at that frame.
+Attitudes that come from elsewhere are in the axes that they came in.
+"""
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.attitude_results import AttitudeTrack
+from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
+from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
+from pcnav.errors import InputError
+from pcnav.estimation.rotation_model import INERTIA, OMEGA, SIZE, THETA
+from pcnav.evaluation.metrics import (
+    Consistency,
+    Metrics,
+    QuantityErrors,
+    consistency,
+    distribution,
+    squared_normalised_errors,
+)
+from pcnav.evaluation.track_errors import match_times
+from pcnav.evaluation.truth import Truth
+from pcnav.spatial import log_rotation
+
+_TIME_TOLERANCE_S = 1e-6
+_BLOCKS = {
+    "theta_body": THETA,
+    "omega_body": OMEGA,
+    "inertia_ratios": INERTIA,
+    "all": slice(0, SIZE),
+}
+
+
+def evaluate_attitudes(
+    track: AttitudeTrack, truth: Truth | None
+) -> tuple[Metrics, FloatArray | None]:
+    """Numbers of a run, and true minus estimated (n, 11); None without a truth.
+
+    Raises `InputError` when the truth shares no time with the run.
+    """
+    errors = None if truth is None else attitude_errors(track, truth)
+    known = np.flatnonzero(track.has_estimate)
+    first = track.time_s[known[0]] - track.time_s[0] if known.size else math.nan
+    judged = np.isfinite(track.nis)
+    metrics = Metrics(
+        frames=len(track),
+        frames_with_estimate=len(known),
+        duration_s=float(np.ptp(track.time_s)),
+        first_estimate_after_s=float(first),
+        status_share={
+            status: count / len(track) for status, count in Counter(track.status).most_common()
+        },
+        nis=consistency("nis", track.nis[judged], np.full(int(judged.sum()), 3, dtype=np.intp)),
+        frames_compared=0 if errors is None else int(_compared(errors).sum()),
+        symmetry=0,
+        quantities=() if errors is None else _quantities(track.time_s, errors),
+        nees=() if errors is None else _nees(track, errors),
+    )
+    return metrics, errors
+
+
+def attitude_errors(track: AttitudeTrack, truth: Truth) -> FloatArray:
+    """(n, 11) true minus estimated: theta (body axes, rad), rate, ratios; nan where unknown."""
+    rows = match_times(track.time_s, truth.time_s, _TIME_TOLERANCE_S)
+    if not (rows >= 0).any():
+        raise InputError("truth", "time_s", "expected times that the run shares; none match")
+    errors = np.full((len(track), SIZE), np.nan)
+    both: IntArray = np.flatnonzero((rows >= 0) & track.has_estimate)
+    if not both.size or truth.R_world_body is None:
+        return errors
+    true = rows[both]
+    R_true_body = np.eye(3)
+    if track.first_attitude is not None:
+        first = int(np.argmin(np.abs(truth.time_s - track.time_s[0])))
+        R_true_body = truth.R_world_body[first].T @ track.first_attitude
+    turned = np.swapaxes(track.R_world_body[both], 1, 2) @ truth.R_world_body[true] @ R_true_body
+    errors[both, THETA] = log_rotation(turned)
+    if truth.omega_body is not None:
+        errors[both, OMEGA] = truth.omega_body[true] @ R_true_body - track.omega_body[both]
+    if truth.inertia_ratios is not None:
+        inertia = np.stack([inertia_from_ratios(row) for row in truth.inertia_ratios[true]])
+        inertia = R_true_body.T @ inertia @ R_true_body
+        ratios = np.stack([ratios_from_inertia(each) for each in inertia])
+        errors[both, INERTIA] = ratios - track.inertia_ratios[both]
+    return errors
+
+
+def _compared(errors: FloatArray) -> BoolArray:
+    return np.asarray(np.isfinite(errors[:, THETA]).all(axis=1))
+
+
+def _nees(track: AttitudeTrack, errors: FloatArray) -> tuple[Consistency, ...]:
+    """Of the inertia in its entries over the trace: in ratios a wide distribution is a bent one."""
+    judged = np.flatnonzero(np.isfinite(errors).all(axis=1))
+    if not judged.size:
+        return ()
+    flat, covariance = errors[judged], track.covariance[judged]
+    for k, row in enumerate(judged):
+        ratios = track.inertia_ratios[row]
+        parameters = parameters_from_ratios(ratios)
+        flat[k, INERTIA] = parameters_from_ratios(ratios + errors[row, INERTIA]) - parameters
+        change = np.eye(SIZE)
+        change[INERTIA, INERTIA] = np.linalg.inv(ratios_jacobian(parameters))
+        covariance[k] = change @ covariance[k] @ change.T
+    found = []
+    for name, block in _BLOCKS.items():
+        values = squared_normalised_errors(flat[:, block], covariance[:, block, block])
+        found.append(consistency(name, values, np.full(len(values), block.stop - block.start)))
+    return tuple(found)
+
+
+def _quantities(time_s: FloatArray, errors: FloatArray) -> tuple[QuantityErrors, ...]:
+    series = (
+        ("attitude", "attitude", "deg", np.rad2deg(errors[:, THETA])),
+        ("omega_body", "angular rate", "deg/s", np.rad2deg(errors[:, OMEGA])),
+        ("inertia_ratios", "inertia ratios", "1", errors[:, INERTIA]),
+    )
+    elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
+    quantities = []
+    for key, title, unit, vectors in series:
+        norms = np.asarray(np.linalg.norm(vectors, axis=1))
+        if np.isfinite(norms).any():
+            parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
+            quantities.append(QuantityErrors(key, title, unit, *parts))
+    return tuple(quantities)
