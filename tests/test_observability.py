@@ -7,6 +7,7 @@ import pytest
 
 from pcnav.config import Pipeline, ScenarioTable, read_pipeline
 from pcnav.config_attitude import AttitudeInertiaTable
+from pcnav.config_features import EstimatorKind, EstimatorTable
 from pcnav.errors import InputError
 from pcnav.feature_pipeline import run_features
 from pcnav.observability.sources import observability_of_pipeline, observability_of_run
@@ -42,9 +43,11 @@ def test_depth_pipeline_in_a_spin_and_in_a_tumble():
 
 def test_attitudes_of_a_pipeline_with_a_wanted_value():
     path, pipeline = _short("demo", 200)
+    estimator = EstimatorTable(kind=EstimatorKind.ATTITUDE_INERTIA)
     table = AttitudeInertiaTable(attitude_sd_deg=0.2)
+    judged = pipeline.model_copy(update={"estimator": estimator, "attitude_inertia": table})
     easy, hard = (
-        observability_of_pipeline(pipeline, path, attitude=table, wanted={"inertia ratios": sd})
+        observability_of_pipeline(judged, path, wanted={"inertia ratios": sd})
         for sd in (0.05, 0.002)
     )
     assert easy.estimator == "attitude_inertia"

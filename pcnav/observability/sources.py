@@ -77,7 +77,6 @@ def observability_of_pipeline(
     pipeline: Pipeline,
     source: Path | str = "pipeline",
     mesh: Path | None = None,
-    attitude: AttitudeInertiaTable | None = None,
     wanted: Wanted = None,
 ) -> ObservabilityReport:
     """What the simulated motion of a pipeline makes observable to its estimator.
@@ -86,12 +85,9 @@ def observability_of_pipeline(
         pipeline: its scenario and estimator.
         source: its file, which an `InputError` names.
         mesh: of the target, for depth frames.
-        attitude: settings of the filter on attitudes; given, it is the estimator that is judged.
         wanted: see `judge`.
     """
     title = Path(source).stem
-    if attitude is not None:
-        return _of_attitudes(title, pipeline, attitude, wanted)
     if pipeline.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
         return _of_attitudes(title, pipeline, pipeline.attitude_inertia, wanted)
     if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
