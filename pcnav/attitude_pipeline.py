@@ -98,9 +98,11 @@ def run_attitudes(
         versions = library_versions()
         (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
         known = found.track.has_estimate.any()
-        tables = observability_of_run(staging).tables() if known else ()
+        tables = (
+            observability_of_run(staging, title=folder.resolve().name).tables() if known else ()
+        )
         report = AttitudeReport(
-            title=folder.resolve().name,
+            title=name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
             track=found.track,
             metrics=metrics,

@@ -80,7 +80,7 @@ def run_features(
         versions = library_versions()
         (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
         known = track.has_estimate.any() and bool(track.last_points)
-        told = observability_of_run(staging) if known else None
+        told = observability_of_run(staging, title=tracks.name) if known else None
         report = FeatureReport(
             title=tracks.name,
             estimator=str(pipeline.estimator.kind),

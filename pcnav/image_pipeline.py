@@ -72,7 +72,7 @@ def run_images(
             (staging / METRICS_FILE).write_text(text, encoding="utf-8")
         versions = library_versions()
         (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
-        told = observability_of_run(staging) if can_be_judged(track) else None
+        told = observability_of_run(staging, title=source.name) if can_be_judged(track) else None
         report = ImageReport(
             title=source.name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),

@@ -23,7 +23,7 @@ from pcnav.image_results import ImageTrack
 from pcnav.image_source import is_seen_by_one_camera
 from pcnav.mesh import read_mesh
 from pcnav.observability.depth import Views, depth_subject
-from pcnav.observability.report import ObservabilityReport, judge
+from pcnav.observability.report import ObservabilityReport, Subject, judge
 from pcnav.observability.subjects import (
     FeatureMotion,
     attitude_subject,
@@ -53,24 +53,28 @@ _LEAST_NOISE_RAD2 = 1e-8
 """Of an attitude, beside what the chain states."""
 
 
-def observability_of_run(folder: Path, wanted: Wanted = None) -> ObservabilityReport:
+def observability_of_run(
+    folder: Path, wanted: Wanted = None, title: str | None = None
+) -> ObservabilityReport:
     """What the motion of a run makes observable, as far as its estimates tell the motion.
 
-    The trajectory is the one that leads to the last estimate. Raises `InputError` when the folder,
+    The trajectory is the one that leads to the last estimate. The title is the folder's name where
+    none is given. Raises `InputError` when the folder,
     or what the run was made from, is missing or damaged, or when the run has no estimate.
     """
     pipeline = read_pipeline(folder / PIPELINE_FILE)
     if pipeline.sequence is None:
         expected = "expected the recording that the run was made from"
         raise InputError(folder / PIPELINE_FILE, "sequence", expected)
+    title = title or folder.resolve().name
     if pipeline.estimator.kind is EstimatorKind.DEPTH:
-        return _of_depth_run(folder, pipeline, Path(pipeline.sequence), wanted)
+        return _of_depth_run(title, folder, pipeline, wanted)
     if pipeline.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
-        return _of_attitude_run(folder, pipeline, wanted)
+        return judge(_attitude_run(title, folder, pipeline), wanted)
     if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
-        return _of_image_run(folder, pipeline, wanted)
+        return judge(_image_run(title, folder, pipeline), wanted)
     tracks = read_tracks(Path(pipeline.sequence))
-    return _of_features(folder.resolve().name, pipeline, tracks, _last_motion(folder), wanted)
+    return _of_features(title, pipeline, tracks, _last_motion(folder), wanted)
 
 
 def observability_of_pipeline(
@@ -160,7 +164,7 @@ def _of_image_pipeline(
     return judge(subject, wanted)
 
 
-def _of_image_run(folder: Path, pipeline: Pipeline, wanted: Wanted) -> ObservabilityReport:
+def _image_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[RotationState]:
     """The motion is the one that fits the attitudes of the longest segment."""
     names = ("time_s", "q_x", "q_y", "q_z", "q_w", "segment", *IMAGE_SD_COLUMNS)
     rows = read_csv(folder / STATES_FILE, names).numbers(names)
@@ -181,12 +185,10 @@ def _of_image_run(folder: Path, pipeline: Pipeline, wanted: Wanted) -> Observabi
     last = estimate.state
     end = RotationState(last.R_world_body[0], last.omega_body[0], last.parameters[0])
     start = carried(model, end, estimate.time_s, float(rows[0, 0]))
-    title = folder.resolve().name
-    subject = measured_attitudes_subject(title, table, start, rows[:, 0], noise, True)
-    return judge(subject, wanted)
+    return measured_attitudes_subject(title, table, start, rows[:, 0], noise, True)
 
 
-def _of_attitude_run(folder: Path, pipeline: Pipeline, wanted: Wanted) -> ObservabilityReport:
+def _attitude_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[RotationState]:
     """The motion is the one that leads to the last estimate."""
     names = (*MOTION_COLUMNS[:1], *MOTION_COLUMNS[7:], "sd_measured_rad")
     rows = read_csv(folder / STATES_FILE, names).numbers(names)
@@ -204,10 +206,8 @@ def _of_attitude_run(folder: Path, pipeline: Pipeline, wanted: Wanted) -> Observ
     model = TorqueFreeModel(0.0, table.propagation)
     start = carried(model, end, float(last[0]), float(rows[0, 0]))
     noise = measured[:, None, None] ** 2 * np.eye(3)
-    title = folder.resolve().name
     chained = is_seen_by_one_camera(Path(pipeline.sequence or ""))
-    subject = measured_attitudes_subject(title, table, start, rows[:, 0], noise, chained)
-    return judge(subject, wanted)
+    return measured_attitudes_subject(title, table, start, rows[:, 0], noise, chained)
 
 
 def _of_depth_pipeline(
@@ -229,14 +229,13 @@ def _of_depth_pipeline(
 
 
 def _of_depth_run(
-    folder: Path, pipeline: Pipeline, recording: Path, wanted: Wanted
+    title: str, folder: Path, pipeline: Pipeline, wanted: Wanted
 ) -> ObservabilityReport:
     mesh = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
-    sequence = open_sequence(recording, mesh)
+    sequence = open_sequence(Path(pipeline.sequence or ""), mesh)
     shown = mesh or sequence.info.target_mesh
     if shown is None:
         raise InputError(folder / PIPELINE_FILE, "target_mesh", "expected the target's mesh")
-    title = folder.resolve().name
     try:
         return observability_of_depth(
             title, pipeline, sequence, load_target(shown), read_track(folder), wanted
