@@ -102,7 +102,7 @@ def run_attitudes(
             observability_of_run(staging, title=folder.resolve().name).tables() if known else ()
         )
         report = AttitudeReport(
-            title=name,
+            title=folder.resolve().name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
             track=found.track,
             metrics=metrics,

@@ -51,12 +51,18 @@ def csv_text(table: PivotTable) -> str:
     return stream.getvalue()
 
 
+_TELLING = 1000.0
+"""An interval whose ends lie farther apart, as a factor, tells nothing in a table."""
+
+
 def estimate_text(estimate: Estimate, scale: float = 1.0, with_bounds: bool = True) -> str:
     """A number, its 95 % interval where there is one, and the verdict on consistency."""
     if not estimate.exists:
         return NONE
     text = number(scale * estimate.value)
-    if np.isfinite(estimate.low):
+    if estimate.low > 0.0 and estimate.high > _TELLING * estimate.low:
+        text += " [wide]"
+    elif np.isfinite(estimate.low):
         text += f" [{number(scale * estimate.low)}, {number(scale * estimate.high)}]"
     if estimate.bounds is not None:
         asked = f" in {_bounds_text(estimate.bounds)}:" if with_bounds else ""
@@ -149,7 +155,10 @@ def _csv_number(value: float) -> str:
 def _note(metrics: Sequence[Metric], window: Window) -> str:
     """What has to be known to read a table of these metrics."""
     families = {metric.quantity.family for metric in metrics}
-    text = "In brackets 95 % confidence intervals by drawing whole runs again, where runs differ."
+    text = (
+        "In brackets 95 % confidence intervals by drawing whole runs again, where runs differ; "
+        f"wide: more than a factor of {_TELLING:g} between their ends."
+    )
     if families & {Family.ERRORS, Family.CONSISTENCY, Family.BOUND}:
         text = f"Errors over the {window.text}. {text}"
     if any(metric.quantity.name in ("ate_rmse_m", *_RELATIVE) for metric in metrics):

@@ -1,10 +1,14 @@
 """From the records of a batch to its tables: read, group, count, write; nothing is run."""
 
+import shlex
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, BatchRun
+from pcnav.batch.document import batch_document
 from pcnav.batch.estimators.interface import FirstPose
 from pcnav.batch.figures import Drawing, figures
 from pcnav.batch.formats import csv_text, metric_label, text_tables
@@ -32,6 +36,7 @@ from pcnav.new_folder import new_folder
 TABLES_FOLDER = "tables"
 """Inside the folder of a batch."""
 INDEX_FILE = "index.html"
+DOCUMENT_FILE = "index.md"
 _FIGURES_FOLDER = "figures"
 _NOT_EVERYONES = (Family.CONSISTENCY, Family.BOUND)
 """What only a filter has: rows without any number say nothing there."""
@@ -93,6 +98,9 @@ def tabulate(
         _write_failures(staging, facts.failures)
         page = batch_page(facts, parts, drawings, window)
         (staging / INDEX_FILE).write_text(page, encoding="utf-8")
+        command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+        document = batch_document(facts, parts, command, date.today())
+        (staging / DOCUMENT_FILE).write_text(document, encoding="utf-8")
     first = parts[0].tables
     return TableSummary(first, folder / INDEX_FILE, len(runs), facts.failures, len(store.missing))
 

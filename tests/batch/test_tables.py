@@ -16,13 +16,14 @@ import pytest
 
 from pcnav import cli
 from pcnav.batch.case import BatchRun, Case, batch_runs
-from pcnav.batch.formats import csv_text, text_tables
+from pcnav.batch.formats import csv_text, estimate_text, text_tables
 from pcnav.batch.metrics import named_metrics
 from pcnav.batch.pivot import AxisOrder, Layout, pivot, shared_runs
 from pcnav.batch.record import RunRecord, write_record
 from pcnav.batch.row_heads import row_heads
 from pcnav.batch.samples import SETTLED, Window
 from pcnav.batch.standard_tables import Wanted, asked_layout
+from pcnav.batch.statistics import Estimate
 from pcnav.batch.store import RunStore, new_store
 from pcnav.batch.sweeps import sweeps
 from pcnav.batch.tabulate import KeptRecords, tabulate
@@ -237,6 +238,22 @@ def test_the_standard_tables_are_all_there(tables: Path, store: RunStore) -> Non
     failures = rows_of((tables / "failures.csv").read_text())
     assert [(row["run"], row["message"]) for row in failures] == [(str(RUNS[4]), FAILURE)]
     assert failures[0]["repeat"] == store.record(RUNS[4].key).command
+
+
+def test_one_document_holds_all_tables_with_what_they_were_made_by(tables: Path) -> None:
+    document = (tables / "index.md").read_text()
+    for part in ("summary", "errors", "locking", "consistency"):
+        for line in (tables / f"{part}.md").read_text().splitlines():
+            assert not line.startswith("|") or line in document
+    assert "36 runs of 12 cases, 1 of them failed. Tabulated on 20" in document
+    assert "## The grid as run" in document and 'name = "made up"' in document
+
+
+def test_an_interval_that_tells_nothing_is_called_wide() -> None:
+    assert estimate_text(Estimate(2.0, 1.0, 4.0, 5, 5)) == "2.00 [1.00, 4.00]"
+    assert estimate_text(Estimate(2.0, 1e-3, 4e3, 5, 5)) == "2.00 [wide]"
+    # A shift has ends of both signs.
+    assert estimate_text(Estimate(2.0, -1.0, 5.0, 5, 5)) == "2.00 [-1.00, 5.00]"
 
 
 def test_no_timing_is_in_any_table_but_that_of_the_cost(tables: Path) -> None:
