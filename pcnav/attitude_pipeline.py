@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
 from pcnav.attitude_results import AttitudeCollector, AttitudeTrack, write_states
 from pcnav.config import Pipeline
 from pcnav.config_features import EstimatorKind
@@ -149,13 +148,10 @@ def _from_images(
 ) -> _Estimated:
     """The chain, and the whole arc of its attitudes fitted as it grows."""
     estimator, collector = ChainedInertiaEstimator(pipeline.attitude_inertia), AttitudeCollector()
-    first: list[FloatArray] = []
 
     def take(frame: ChainFrame, done: int, count: int) -> None:
         found = estimator.step(frame)
         estimate = None if found is None else (found.state, found.covariance)
-        if frame.R_world_body is not None and not first:
-            first.append(frame.R_world_body)
         measured = frame.covariance if frame.reference is not None else None
         collector.add(frame.time_s, estimate, measured)
         if on_frame is not None:
@@ -165,7 +161,7 @@ def _from_images(
     if source.is_images:
         write_monocular_files(staging, tracks)
     words = Counter(outcome_in_words(frame.outcome, pipeline.image_motion) for frame in chained)
-    track = collector.track(first[0] if first else None)
+    track = collector.track(estimator.axes)
     return _Estimated(track, words.most_common())
 
 

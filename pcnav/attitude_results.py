@@ -4,6 +4,7 @@ Numbers are stored with all their digits; an empty field means "no value".
 """
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,9 +48,9 @@ class AttitudeTrack:
     """(n,) nan in frames without an innovation."""
     measured_sd: FloatArray
     """(n,) of the attitudes taken in, root mean square about an axis, rad; nan without one."""
-    first_attitude: FloatArray | None
-    """(3, 3) R_world_body at the first time, where it defines the body axes: those of images of
-    one camera are the run's own. None where the attitudes came with axes of their own."""
+    axes: tuple[tuple[int, FloatArray], ...] = ()
+    """Frames from which on the body axes are new, and R_world_body (3, 3) there: those of images of
+    one camera are the run's own. Empty where the attitudes came with axes of their own."""
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -103,8 +104,8 @@ class AttitudeCollector:
         self._measured_sd.append(rms)
         return str(status)
 
-    def track(self, first_attitude: FloatArray | None = None) -> AttitudeTrack:
-        """All frames so far; see `AttitudeTrack.first_attitude`."""
+    def track(self, axes: Sequence[tuple[int, FloatArray]] = ()) -> AttitudeTrack:
+        """All frames so far; see `AttitudeTrack.axes`."""
         n = len(self._time_s)
         R, omega = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
         ratios, P = np.full((n, 5), np.nan), np.full((n, SIZE, SIZE), np.nan)
@@ -117,7 +118,7 @@ class AttitudeCollector:
             tuple(self._status),
             np.array(self._nis),
             np.array(self._measured_sd),
-            first_attitude,
+            tuple(axes),
         )
 
 

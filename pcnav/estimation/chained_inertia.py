@@ -59,6 +59,8 @@ class ChainedInertiaEstimator:
         self._table = table
         self._model = TorqueFreeModel(table.angular_acceleration_psd_rad2_s3, table.propagation)
         self._number = -1
+        self.axes: list[tuple[int, FloatArray]] = []
+        """Frames at which body axes were begun with, and R_world_body (3, 3) there."""
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -103,6 +105,7 @@ class ChainedInertiaEstimator:
             now = None
         if now is None:
             self._begin_anew()
+            self.axes.append((self._number, frame.R_world_body))
         own = np.zeros((3, 3))
         if now is not None:
             own = _FREE_RAD2 * np.eye(3)

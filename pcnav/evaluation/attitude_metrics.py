@@ -71,14 +71,35 @@ def attitude_errors(track: AttitudeTrack, truth: Truth) -> FloatArray:
     if not (rows >= 0).any():
         raise InputError("truth", "time_s", "expected times that the run shares; none match")
     errors = np.full((len(track), SIZE), np.nan)
-    both: IntArray = np.flatnonzero((rows >= 0) & track.has_estimate)
-    if not both.size or truth.R_world_body is None:
+    if truth.R_world_body is None:
         return errors
+    known = (rows >= 0) & track.has_estimate
+    ends = [*(frame for frame, _ in track.axes[1:]), len(track)]
+    for (frame, R_world_body), end in zip(track.axes, ends, strict=False):
+        R_true_body = truth.R_world_body[_nearest(truth, track.time_s[frame])].T @ R_world_body
+        _compare(errors, track, truth, rows, known[:end] & (np.arange(end) >= frame), R_true_body)
+    if not track.axes:
+        _compare(errors, track, truth, rows, known, np.eye(3))
+    return errors
+
+
+def _nearest(truth: Truth, time_s: float) -> int:
+    return int(np.argmin(np.abs(truth.time_s - time_s)))
+
+
+def _compare(
+    errors: FloatArray,
+    track: AttitudeTrack,
+    truth: Truth,
+    rows: IntArray,
+    which: BoolArray,
+    R_true_body: FloatArray,
+) -> None:
+    """Fill in the errors of the frames that are marked, in body axes turned from the true ones."""
+    both: IntArray = np.flatnonzero(which)
+    if not both.size or truth.R_world_body is None:
+        return
     true = rows[both]
-    R_true_body = np.eye(3)
-    if track.first_attitude is not None:
-        first = int(np.argmin(np.abs(truth.time_s - track.time_s[0])))
-        R_true_body = truth.R_world_body[first].T @ track.first_attitude
     turned = np.swapaxes(track.R_world_body[both], 1, 2) @ truth.R_world_body[true] @ R_true_body
     errors[both, THETA] = log_rotation(turned)
     if truth.omega_body is not None:
@@ -88,7 +109,6 @@ def attitude_errors(track: AttitudeTrack, truth: Truth) -> FloatArray:
         inertia = R_true_body.T @ inertia @ R_true_body
         ratios = np.stack([ratios_from_inertia(each) for each in inertia])
         errors[both, INERTIA] = ratios - track.inertia_ratios[both]
-    return errors
 
 
 def _compared(errors: FloatArray) -> BoolArray:
