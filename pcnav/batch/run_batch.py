@@ -1,5 +1,6 @@
 """A grid as a list of verbs: check, run what is missing, tabulate."""
 
+import shutil
 from pathlib import Path
 
 from pcnav.batch.cluster import Workers
@@ -12,6 +13,7 @@ from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
 from pcnav.batch.store import new_store
 from pcnav.batch.stored import OnBatchProgress, run_stored
 from pcnav.batch.tabulate import TableSummary, tabulate
+from pcnav.errors import InputError
 
 
 def run_batch(
@@ -31,8 +33,15 @@ def run_batch(
     # What the table is asked for is looked at first: half an hour later is late to hear of a typo.
     asked_layout(wanted, AxisOrder.of(plan.runs))
     plan.check()
+    is_new = not out.exists()
     store = new_store(out, plan.to_toml(), plan.runs)
-    run_stored(DepthRun(plan.basis), plan.runs, store, workers, plan.command, on_progress)
+    try:
+        run_stored(DepthRun(plan.basis), plan.runs, store, workers, plan.command, on_progress)
+    except InputError:
+        # Workers that cannot be used leave nothing behind; finished runs are never thrown away.
+        if is_new and not any(True for _ in store.headers()):
+            shutil.rmtree(out)
+        raise
     return tabulate(store, wanted=wanted, window=window)
 
 

@@ -91,6 +91,11 @@ def run_into(
             raise InputError(sequence, "--target", "expected none: feature tracks need no mesh")
         _run_tracks(sequence, path, content, out, overwrite)
         return
+    if is_attitude_recording(sequence):
+        expected = (
+            f'expected one with the estimator "{EstimatorKind.ATTITUDE_INERTIA}" for attitudes'
+        )
+        raise InputError(sequence, "--pipeline", f"{expected}, as deng2024")
     if content.estimator.kind is not EstimatorKind.DEPTH:
         kind, expected = (
             content.estimator.kind,

@@ -17,6 +17,8 @@ import pytest
 from pcnav.batch import cluster, engine
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
+from pcnav.batch.grid import named_grid
+from pcnav.batch.run_batch import run_batch
 from pcnav.batch.store import RunStore, new_store
 from pcnav.batch.stored import run_stored
 from pcnav.errors import InputError
@@ -283,3 +285,13 @@ def test_a_scheduler_without_workers_or_that_goes_away_is_said(
                 run_stored(run, RUNS, store, lonely.workers, command_of, end)
             assert time.monotonic() - started < 10.0
     assert len(list(store.records())) >= 10
+
+
+def test_workers_that_cannot_be_used_leave_no_folder_behind(tmp_path: Path) -> None:
+    plan = named_grid("accuracy")
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        workers = Workers(scheduler=f"tcp://127.0.0.1:{nobody.getsockname()[1]}")
+        with pytest.raises(InputError, match="scheduler"):
+            run_batch(plan, tmp_path / "out", workers)
+    assert not (tmp_path / "out").exists()
