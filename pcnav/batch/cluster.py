@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pcnav.batch.fitness import Requirements, check_workers
-from pcnav.batch.threads import one_thread_each
+from pcnav.batch.threads import THREAD_VARIABLES, one_thread_each
 from pcnav.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,6 +42,9 @@ _SETTINGS: dict[str, Any] = {
     # A process that ends is started again, however long that takes on a busy machine.
     "distributed.deploy.lost-worker-timeout": "1 hour",
     "distributed.worker.multiprocessing-method": "spawn",
+    # Dask has processes give every freed array back to the system at once. Runs that make and drop
+    # images would spend a third of their time on getting the memory again.
+    "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREAD_VARIABLES, "1"),
     # What nobody looks at: pages, profiles and copies of results.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
