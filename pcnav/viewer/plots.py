@@ -1,0 +1,251 @@
+"""The plots beside the scene, of one browser: one group at a time, with a cursor at its frame."""
+
+from collections.abc import Callable
+from html import escape
+
+import numpy as np
+import viser
+from viser import uplot
+
+from pcnav.arrays import FloatArray
+from pcnav.viewer.curves import Chart, ChartGroup, groups_of
+from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
+from pcnav.viewer.story import Story
+
+_HEIGHT_OF_ALL_PX = 600
+_MOST_HEIGHT_PX = 190
+_BOUND: Rgb = (255, 110, 90)
+_KNOWN: Rgb = (70, 220, 110)
+_CURSOR: Rgb = (255, 255, 255)
+_TEXT, _GRID = "#c8ccd4", "rgba(255,255,255,0.09)"
+_UNIT_SCALE = "unit"
+"""A vertical scale from 0 to 1 of the whole plot: of the cursor and of what is shaded."""
+
+
+class PlotsPanel:
+    """The plots of one or two runs in the browser's panel."""
+
+    def __init__(self, gui: viser.GuiApi, stories: tuple[Story, ...], asked: str = "") -> None:
+        self._gui, self._stories = gui, stories
+        names = tuple(groups_of(stories[0]))
+        self._choice = gui.add_dropdown(
+            "plots", names, initial_value=asked if asked in names else names[0]
+        )
+        self._key = gui.add_html("")
+        self._plots: list[_Plot] = []
+        self._time_s = 0.0
+        self._choice.on_update(lambda _: self.refresh(self._stories))
+        self.refresh(stories)
+
+    def refresh(self, stories: tuple[Story, ...]) -> None:
+        """Draw the chosen group anew."""
+        self._stories = stories
+        name = self._choice.value
+        groups = [_made(groups_of(story).get(name)) for story in stories]
+        shown = [group for group in groups if group is not None and len(group.charts)]
+        for plot in self._plots:
+            plot.remove()
+        self._plots = []
+        self._key.content = _key(stories, shown)
+        if not shown or not len(stories[0].track):
+            return
+        count = max(len(group.charts) for group in shown)
+        height = min(_HEIGHT_OF_ALL_PX // count, _MOST_HEIGHT_PX)
+        for k in range(count):
+            charts = tuple(
+                group.charts[k] if k < len(group.charts) else None
+                for group in groups
+                if group is not None
+            )
+            self._plots.append(_Plot(self._gui, charts, height, last=k == count - 1))
+        self.move_cursor(self._time_s)
+
+    def move_cursor(self, time_s: float) -> None:
+        """Move the line that marks the frame."""
+        self._time_s = time_s
+        for plot in self._plots:
+            plot.move_cursor(time_s)
+
+
+def _made(make: Callable[[], ChartGroup] | None) -> ChartGroup | None:
+    return None if make is None else make()
+
+
+class _Plot:
+    """One uPlot chart.
+
+    Its cursor is a line of the data: three rows at the same time take it from the foot of the
+    plot to its top and back. All other series are carried over to these rows by interpolation.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, charts: tuple[Chart | None, ...], height: int, *, last: bool
+    ) -> None:
+        present = [(chart, RUNS[k]) for k, chart in enumerate(charts) if chart is not None]
+        first = present[0][0]
+        self._columns, series, bands = _columns_of(present)
+        self._ends = (float(self._columns[0][0]), float(self._columns[0][-1]))
+        scales: dict[str, uplot.Scale] = {
+            "x": {"time": False, "range": self._range()},
+            _UNIT_SCALE: {"range": (0.0, 1.0)},
+        }
+        linear = [chart.linear_to for chart, _ in present if chart.linear_to is not None]
+        if linear:
+            scales["y"] = {"distr": 4, "asinh": max(linear)}
+        self._handle = gui.add_uplot(
+            data=self._with_cursor(self._ends[0]),
+            series=tuple(series),
+            bands=tuple(bands),
+            scales=scales,
+            axes=(
+                _axis("time, s" if last else None, 36 if last else 18),
+                {**_axis(first.label, 62), "scale": "y"},
+            ),
+            legend={"show": False},
+            cursor={"drag": {"x": True, "y": False}},
+            height=height,
+            padding=(8, 12, 0, 0),
+        )
+
+    def move_cursor(self, time_s: float) -> None:
+        self._handle.data = self._with_cursor(min(max(time_s, self._ends[0]), self._ends[1]))
+
+    def remove(self) -> None:
+        self._handle.remove()
+
+    def _range(self) -> tuple[float, float]:
+        first, last = self._ends
+        return (first, last) if last > first else (first - 0.5, last + 0.5)
+
+    def _with_cursor(self, time_s: float) -> tuple[FloatArray, ...]:
+        x, *others = self._columns
+        at = int(np.searchsorted(x, time_s, side="right"))
+        data = [np.insert(x, at, (time_s, time_s, time_s))]
+        for values in others:
+            there = float(np.interp(time_s, x, values))
+            data.append(np.insert(values, at, (there, there, there)))
+        cursor = np.zeros(len(x) + 3)
+        cursor[at + 1] = 1.0
+        return (*data, cursor)
+
+
+def _columns_of(
+    present: list[tuple[Chart, Rgb]],
+) -> tuple[list[FloatArray], list[uplot.Series], list[uplot.Band]]:
+    """Time and series of all runs on the times of all of them, and how they are drawn."""
+    times = [chart.time_s[chart.shown()] for chart, _ in present]
+    x = np.unique(np.concatenate(times))
+    columns, series, bands = [x], [uplot.Series()], list[uplot.Band]()
+
+    def add(values: FloatArray, look: uplot.Series) -> None:
+        columns.append(values)
+        series.append(look)
+
+    for chart, colour in present:
+        at = chart.shown()
+        time_s, curve = chart.time_s[at], chart.curve
+        if chart.known is not None and chart.known.any():
+            known = _carried(x, time_s, chart.known[at].astype(np.float64))
+            fill = rgba_of(_KNOWN, 0.13)
+            add(
+                np.round(known),
+                {"scale": _UNIT_SCALE, "width": 0, "fill": fill, "points": {"show": False}},
+            )
+        if curve.high is not None and curve.low is not None:
+            edge = rgba_of(colour, 0.55)
+            look: uplot.Series = {
+                "scale": "y",
+                "stroke": edge,
+                "width": 1,
+                "points": {"show": False},
+            }
+            add(_carried(x, time_s, curve.high[at]), look)
+            add(_carried(x, time_s, curve.low[at]), look)
+            bands.append(
+                {"series": (len(series) - 2, len(series) - 1), "fill": rgba_of(colour, 0.16)}
+            )
+        line: uplot.Series = {
+            "scale": "y",
+            "stroke": hex_of(colour),
+            "width": 1.6,
+            "points": {"show": False},
+        }
+        if curve.dots:
+            line = {
+                "scale": "y",
+                "stroke": rgba_of(colour, 0.0),
+                "width": 0,
+                "points": {
+                    "show": True,
+                    "size": 4,
+                    "fill": hex_of(colour),
+                    "stroke": hex_of(colour),
+                },
+            }
+        add(_carried(x, time_s, curve.values[at]), line)
+    bound = present[0][0].bound
+    if bound is not None:
+        add(
+            np.full(len(x), bound),
+            {
+                "scale": "y",
+                "stroke": hex_of(_BOUND),
+                "width": 1.5,
+                "dash": (6, 4),
+                "points": {"show": False},
+            },
+        )
+    series.append(
+        {"scale": _UNIT_SCALE, "stroke": hex_of(_CURSOR), "width": 1.2, "points": {"show": False}}
+    )
+    return columns, series, bands
+
+
+def _carried(x: FloatArray, time_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Values at other times, nan outside of theirs and where both neighbours are."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(len(x), np.nan)
+    carried = np.interp(x, time_s[known], values[known], left=np.nan, right=np.nan)
+    # A frame without a value is a gap, not a line across it.
+    same = np.isin(x, time_s[~known])
+    carried[same] = np.nan
+    return np.asarray(carried)
+
+
+def _axis(label: str | None, size: int) -> uplot.Axis:
+    axis: uplot.Axis = {
+        "stroke": _TEXT,
+        "grid": {"stroke": _GRID, "width": 1},
+        "ticks": {"stroke": _GRID, "width": 1},
+        "size": size,
+        "font": "11px sans-serif",
+        "labelFont": "12px sans-serif",
+    }
+    if label is not None:
+        axis["label"] = label
+        axis["labelSize"] = 16
+    return axis
+
+
+def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
+    """What the lines mean, as HTML."""
+    parts = []
+    if groups:
+        first = groups[0].charts[0]
+        told = "error: truth minus estimate" if first.is_error else "estimate"
+        if first.curve.high is not None:
+            told += ", band ±3σ as stated"
+        parts.append(f"<b>{escape(groups[0].title)}</b>: {told}")
+        if groups[0].remark:
+            swatch = f"<span style='color:{hex_of(_KNOWN)}'>■</span>"
+            parts.append(f"{swatch} {escape(groups[0].remark)}")
+        if first.bound is not None:
+            parts.append(f"<span style='color:{hex_of(_BOUND)}'>- -</span> 95 % of frames below")
+    names = "&emsp;".join(
+        f"<span style='color:{hex_of(RUNS[k])}'>━</span> {escape(story.name)}"
+        for k, story in enumerate(stories)
+    )
+    parts.append(f"{names}&emsp;<span style='color:{hex_of(TRUTH)}'>│</span> this frame")
+    lines = "".join(f"<div>{part}</div>" for part in parts)
+    return f"<div style='font-size:12px;line-height:1.5;padding:2px 8px'>{lines}</div>"

@@ -1,0 +1,331 @@
+"""One browser: its own time, layers and plots, drawn by a thread of its own."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from pcnav.viewer.clock import Playback
+from pcnav.viewer.controls import Camera, Controls
+from pcnav.viewer.events import Kind, neighbour
+from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.layers import StoryLayers, shot_of, vector, vertical_fov
+from pcnav.viewer.palette import RUNS
+from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
+from pcnav.viewer.plots import PlotsPanel
+from pcnav.viewer.server import has_taken_all
+from pcnav.viewer.source import Edition, Source
+from pcnav.viewer.story import Story
+
+_MOST_DRAWN_HZ = 30.0
+_CURSOR_HZ = 6.0
+_PICTURE_HZ = 4.0
+_PLOTS_LIVE_S = 2.0
+_IDLE_S = 0.1
+_PANEL_PX = 400
+
+
+@dataclass
+class _Paced:
+    """Something that is done at most so often, and once more when all is at rest."""
+
+    period_s: float
+    last_s: float = field(default=-np.inf)
+
+    def is_due(self, now_s: float) -> bool:
+        if now_s - self.last_s < self.period_s:
+            return False
+        self.last_s = now_s
+        return True
+
+
+class Session:
+    """What one browser sees."""
+
+    def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
+        self._client, self._source = client, source
+        self._edition = source.edition
+        self._wanted, self._drawn = 0, -1
+        self._is_closed = False
+        self._wake = threading.Condition()
+        self._playback: Playback | None = None
+        self._redraw = True
+        self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
+        self._plots_paced = _Paced(_PLOTS_LIVE_S)
+        self._details_frame = -1
+        self._follow_offset: tuple[np.ndarray, np.ndarray] | None = None
+        self._wanted = _start_frame(self._edition, first_frame)
+        with client.atomic():
+            self._layers = StoryLayers(client.scene, self._stories, RUNS)
+            self._controls = Controls(client.gui, self._edition, self)
+            self._build_panel()
+            self._look_from(Camera.ORBIT)
+            self._draw(time.monotonic())
+        self._thread = threading.Thread(target=self._run, daemon=True, name="pcnav session")
+        self._thread.start()
+
+    # What the controls ask for.
+
+    def go_to(self, frame: int) -> None:
+        """Show a frame; the newest wish wins. Playing starts again from there."""
+        last = max(len(self._first.track) - 1, 0)
+        with self._wake:
+            self._wanted = min(max(frame, 0), last)
+            if self._playback is not None:
+                self._playback = self._playing_from(self._wanted)
+            self._wake.notify()
+
+    def step(self, frames: int) -> None:
+        """Move by so many frames, at rest."""
+        self.play(False)
+        self._controls.stop_following_newest()
+        self.go_to(self._wanted + frames)
+
+    def jump(self, direction: int, kind: Kind | None) -> None:
+        """Go to the next event (1) or the one before (-1)."""
+        found = neighbour(self._first.events, self._wanted, direction, kind)
+        if found is None:
+            self._controls.tell("no such event there")
+            return
+        self.play(False)
+        self._controls.stop_following_newest()
+        self.go_to(found.frame)
+        self._controls.tell(f"{found.kind} at frame {found.frame}: {found.text}")
+
+    def play(self, wanted: bool) -> None:
+        """Start or stop."""
+        with self._wake:
+            at_end = self._wanted >= len(self._first.track) - 1
+            start = 0 if at_end else self._wanted
+            self._playback = self._playing_from(start) if wanted else None
+            self._wake.notify()
+        self._controls.show_playing(wanted)
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether time runs."""
+        return self._playback is not None
+
+    def change_look(self) -> None:
+        """Draw the same frame anew."""
+        with self._wake:
+            self._redraw = True
+            self._wake.notify()
+
+    def change_speed(self) -> None:
+        """Go on from here at the chosen speed."""
+        with self._wake:
+            if self._playback is not None:
+                self._playback = self._playing_from(self._wanted)
+
+    def look_from(self, camera: Camera) -> None:
+        """Move the browser's camera."""
+        self._look_from(camera)
+
+    @property
+    def shown_frame(self) -> int:
+        """The frame on the screen."""
+        return max(self._drawn, 0)
+
+    @property
+    def client(self) -> viser.ClientHandle:
+        """The browser."""
+        return self._client
+
+    @property
+    def stories(self) -> tuple[Story, ...]:
+        """The runs as shown."""
+        return self._stories
+
+    def close(self) -> None:
+        """The browser has gone."""
+        with self._wake:
+            self._is_closed = True
+            self._wake.notify()
+
+    # Drawing.
+
+    @property
+    def _stories(self) -> tuple[Story, ...]:
+        return self._edition.stories
+
+    @property
+    def _first(self) -> Story:
+        return self._edition.stories[0]
+
+    def _playing_from(self, frame: int) -> Playback:
+        time_s = float(self._first.track.time_s[frame])
+        return Playback(time.monotonic(), time_s, self._controls.speed)
+
+    def _run(self) -> None:
+        """Draw what is wanted, at most so often, and only when the browser took the last."""
+        while True:
+            with self._wake:
+                if not self._has_work():
+                    self._wake.wait(_IDLE_S)
+                if self._is_closed:
+                    return
+            started = time.monotonic()
+            try:
+                if has_taken_all(self._client):
+                    self._turn(started)
+            except RuntimeError:
+                # A handle was removed as the browser left.
+                if self._is_closed:
+                    return
+                raise
+            left_s = 1.0 / _MOST_DRAWN_HZ - (time.monotonic() - started)
+            time.sleep(max(left_s, 0.002))
+
+    def _has_work(self) -> bool:
+        return (
+            self._is_closed
+            or self._redraw
+            or self._playback is not None
+            or self._wanted != self._drawn
+            or self._details_frame != self._drawn
+        )
+
+    def _turn(self, now_s: float) -> None:
+        self._take_news(now_s)
+        playback, times = self._playback, self._first.track.time_s
+        if playback is not None:
+            self._wanted = playback.frame_at(now_s, times)
+            if playback.has_ended(now_s, times) and not self._edition.is_live:
+                self.play(False)
+        if self._redraw or self._wanted != self._drawn:
+            with self._client.atomic():
+                self._draw(now_s)
+        elif self._details_frame != self._drawn and self._playback is None:
+            with self._client.atomic():
+                self._draw_details(self._drawn)
+
+    def _take_news(self, now_s: float) -> None:
+        edition = self._source.edition
+        if edition.number == self._edition.number:
+            return
+        ended = self._edition.is_live and not edition.is_live
+        self._edition = edition
+        with self._client.atomic():
+            self._controls.refresh(edition)
+            if self._plots_paced.is_due(now_s) or ended:
+                self._layers.refresh(self._stories)
+                self._plots.refresh(self._stories)
+        self._redraw = self._redraw or ended
+        if self._controls.follows_newest:
+            self._wanted = max(len(self._first.track) - 1, 0)
+
+    def _draw(self, now_s: float) -> None:
+        if not len(self._first.track):
+            self._redraw = False
+            return
+        frame = min(self._wanted, len(self._first.track) - 1)
+        self._redraw = False
+        look = self._controls.look
+        self._layers.show(frame, shot_of(self._first, frame), look)
+        self._follow(frame)
+        self._controls.show_frame(frame)
+        self._facts.content = facts_html(self._first, frame)
+        at_rest = self._playback is None
+        if self._cursor.is_due(now_s) or at_rest:
+            self._plots.move_cursor(float(self._first.track.time_s[frame]))
+        self._drawn = frame
+        if at_rest or self._picture.is_due(now_s):
+            self._draw_details(frame)
+
+    def _draw_details(self, frame: int) -> None:
+        story, look = self._first, self._controls.look
+        time_s = float(story.track.time_s[frame])
+        records = story.records.get(time_s, ())
+        known = bool(story.track.has_estimate[frame])
+        self._legend.content = legend_html(story, look.colour_by, has_estimate=known)
+        if story.target is not None:
+            self._measurements.content = measurements_html(records)
+        shot = shot_of(story, frame)
+        self._image.visible = shot is not None
+        if shot is not None and story.frames is not None:
+            picture = frame_picture(shot, records, look.colour_by, story.frames.scale_m)
+            self._image.image = picture
+        self._plots.move_cursor(time_s)
+        self._details_frame = frame
+
+    def _build_panel(self) -> None:
+        gui = self._client.gui
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(300)
+        panel = gui.add_panel()
+        with panel.add_tab("Plots"):
+            self._plots = PlotsPanel(gui, self._stories)
+        with panel.add_tab("This frame"):
+            self._facts = gui.add_html("")
+            self._image = gui.add_image(
+                np.zeros((8, 8, 3), dtype=np.uint8), label="depth image", format="png"
+            )
+            self._legend = gui.add_html("")
+            self._measurements = gui.add_html("")
+        panel.dock_right()
+        panel.set_width(_PANEL_PX)
+
+    # Cameras.
+
+    def _look_from(self, camera: Camera) -> None:
+        story, handle = self._first, self._client.camera
+        centre, distance = self._centre(), max(self._distance(), 2.0 * story.size_m)
+        self._follow_offset = None
+        with self._client.atomic():
+            handle.up_direction = (0.0, -1.0, 0.0)
+            if camera is Camera.CHASER:
+                eye = story.frames.camera() if story.frames is not None else None
+                handle.position = (0.0, 0.0, 0.0)
+                handle.look_at = (0.0, 0.0, distance)
+                handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
+                return
+            handle.fov = np.radians(40.0)
+            back = 2.4 * story.size_m * np.array([0.62, -0.45, -0.65])
+            handle.position = vector(centre + back)
+            handle.look_at = vector(centre)
+        if camera is Camera.FOLLOW:
+            self._follow_offset = (centre, centre)
+
+    def _follow(self, frame: int) -> None:
+        """Carry the camera along with the target, without touching what the user turned."""
+        if self._follow_offset is None or not self._first.track.has_estimate[frame]:
+            return
+        centre, last = self._centre(frame), self._follow_offset[1]
+        self._follow_offset = (centre, centre)
+        shift = centre - last
+        if np.linalg.norm(shift) > 0.0:
+            self._client.camera.position = np.asarray(self._client.camera.position) + shift
+
+    def _centre(self, frame: int | None = None) -> np.ndarray:
+        """Where the target is at a frame, or where it was first found."""
+        track = self._first.track
+        known = np.flatnonzero(track.has_estimate)
+        if not known.size:
+            return np.array([0.0, 0.0, 10.0])
+        wanted = self._wanted if frame is None else frame
+        k = wanted if track.has_estimate[wanted] else known[np.argmin(np.abs(known - wanted))]
+        T = track.T_cam_model[k]
+        return np.asarray(T[:3, :3] @ track.com_model[k] + T[:3, 3])
+
+    def _distance(self) -> float:
+        return float(np.linalg.norm(self._centre()))
+
+
+def _start_frame(edition: Edition, asked: int | None) -> int:
+    track = edition.stories[0].track
+    last = max(len(track) - 1, 0)
+    if edition.is_live:
+        return last
+    if asked is not None:
+        return min(asked, last)
+    known = np.flatnonzero(track.has_estimate)
+    return int(known[0]) if known.size else 0
+
+
+OnShare = Callable[[Session], None]
+
+__all__ = ["ColourBy", "OnShare", "Session"]
