@@ -107,7 +107,7 @@ def residual_colours(residual_m: FloatArray, scale_m: float) -> Colours:
 
 
 def depth_shades(depth_m: DepthImage, camera: PinholeCamera) -> FloatArray:
-    """(height, width) brightness from 0.35 to 1 of returns, near ones bright; 0 without a return."""
+    """(height, width) brightness, 1 of the nearest returns to 0.35; 0 without a return."""
     returned = depth_m > 0.0
     shades = np.zeros(depth_m.shape)
     if returned.any():

@@ -8,12 +8,12 @@ import viser
 from pcnav.viewer.clock import speeds
 from pcnav.viewer.events import Kind
 from pcnav.viewer.frames import ColourBy
-from pcnav.viewer.layers import DEFAULT_LAYERS, Layer, Look
+from pcnav.viewer.look import DEFAULT_LAYERS, Layer, Look
 from pcnav.viewer.source import Edition
 
 _ANY_EVENT = "any event"
 _MAGNIFIED = {"true size": 1.0, "10 × larger": 10.0, "100 × larger": 100.0, "1000 × larger": 1000.0}
-_FIRST, _BACK, _ON, _LAST = "⏮", "◀", "▶", "⏭"
+_FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
 
 
 class Camera(StrEnum):
@@ -84,7 +84,7 @@ class Controls:
 
     def stop_following_newest(self) -> None:
         """The user looks at a frame of their own choice."""
-        self._newest.value = False
+        self._newest.value = False  # type: ignore[misc]
 
     def refresh(self, edition: Edition) -> None:
         """There are more frames, or the run has ended."""

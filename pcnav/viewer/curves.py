@@ -128,7 +128,9 @@ def _components(
 
 def _inertia(story: Story) -> ChartGroup:
     group = _components(story, "inertia ratios", INERTIA_RATIOS, _RATIOS, "1")
-    charts, known_names, prior_names = [], [], []
+    charts: list[Chart] = []
+    known_names: list[str] = []
+    prior_names: list[str] = []
     for chart, column, name in zip(group.charts, _RATIO_COLUMNS, _RATIOS, strict=True):
         verdict = story.verdicts.get(column)
         if verdict is None:

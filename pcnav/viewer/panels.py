@@ -133,7 +133,8 @@ def _colour_bar(scale_mm: float, pink: str) -> str:
     )
     return (
         f"<div style='{_STYLE}'>"
-        f"<div style='height:12px;border-radius:2px;background:linear-gradient(90deg,{stops})'></div>"
+        "<div style='height:12px;border-radius:2px;"
+        f"background:linear-gradient(90deg,{stops})'></div>"
         f"<div style='display:flex;justify-content:space-between'>{ticks}</div>"
         f"range measured minus model, mm: nearer | behind; {pink} off the model</div>"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from pcnav.arrays import FloatArray
+from pcnav.arrays import BoolArray, FloatArray
 from pcnav.viewer.curves import Chart, ChartGroup, groups_of
 from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
 from pcnav.viewer.story import Story
@@ -144,13 +144,11 @@ def _columns_of(
     for chart, colour in present:
         at = chart.shown()
         time_s, curve = chart.time_s[at], chart.curve
+        missing = ~np.isfinite(curve.values[at])
+        if missing.any() and not curve.dots:
+            add(_steps(x, time_s, missing), _shade(_BOUND))
         if chart.known is not None and chart.known.any():
-            known = _carried(x, time_s, chart.known[at].astype(np.float64))
-            fill = rgba_of(_KNOWN, 0.13)
-            add(
-                np.round(known),
-                {"scale": _UNIT_SCALE, "width": 0, "fill": fill, "points": {"show": False}},
-            )
+            add(_steps(x, time_s, chart.known[at]), _shade(_KNOWN))
         if curve.high is not None and curve.low is not None:
             edge = rgba_of(colour, 0.55)
             look: uplot.Series = {
@@ -202,15 +200,28 @@ def _columns_of(
 
 
 def _carried(x: FloatArray, time_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Values at other times, nan outside of theirs and where both neighbours are."""
+    """Values at other times, by interpolation, without nan: uPlot takes that for a number.
+
+    Where a series is missing it keeps its nearest value; the plot shades what has no estimate.
+    """
     known = np.isfinite(values)
     if not known.any():
-        return np.full(len(x), np.nan)
-    carried = np.interp(x, time_s[known], values[known], left=np.nan, right=np.nan)
-    # A frame without a value is a gap, not a line across it.
-    same = np.isin(x, time_s[~known])
-    carried[same] = np.nan
-    return np.asarray(carried)
+        return np.zeros(len(x))
+    return np.asarray(np.interp(x, time_s[known], values[known]))
+
+
+def _steps(x: FloatArray, time_s: FloatArray, wanted: BoolArray) -> FloatArray:
+    """1 at the times that are wanted, 0 elsewhere."""
+    return np.round(np.interp(x, time_s, wanted.astype(np.float64)))
+
+
+def _shade(colour: Rgb) -> uplot.Series:
+    return {
+        "scale": _UNIT_SCALE,
+        "width": 0,
+        "fill": rgba_of(colour, 0.13),
+        "points": {"show": False},
+    }
 
 
 def _axis(label: str | None, size: int) -> uplot.Axis:

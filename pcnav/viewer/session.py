@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,8 +10,8 @@ import viser
 from pcnav.viewer.clock import Playback
 from pcnav.viewer.controls import Camera, Controls
 from pcnav.viewer.events import Kind, neighbour
-from pcnav.viewer.frames import ColourBy
-from pcnav.viewer.layers import StoryLayers, shot_of, vector, vertical_fov
+from pcnav.viewer.layers import StoryLayers, shot_of, vertical_fov
+from pcnav.viewer.look import vector
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
@@ -169,14 +168,9 @@ class Session:
                 if self._is_closed:
                     return
             started = time.monotonic()
-            try:
-                if has_taken_all(self._client):
-                    self._turn(started)
-            except RuntimeError:
-                # A handle was removed as the browser left.
-                if self._is_closed:
-                    return
-                raise
+            # What a browser that left, or is slow, has not taken, is not added to.
+            if has_taken_all(self._client):
+                self._turn(started)
             left_s = 1.0 / _MOST_DRAWN_HZ - (time.monotonic() - started)
             time.sleep(max(left_s, 0.002))
 
@@ -284,7 +278,7 @@ class Session:
                 handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
                 return
             handle.fov = np.radians(40.0)
-            back = 2.4 * story.size_m * np.array([0.62, -0.45, -0.65])
+            back = 1.5 * story.size_m * np.array([0.75, -0.45, -0.5])
             handle.position = vector(centre + back)
             handle.look_at = vector(centre)
         if camera is Camera.FOLLOW:
@@ -324,8 +318,3 @@ def _start_frame(edition: Edition, asked: int | None) -> int:
         return min(asked, last)
     known = np.flatnonzero(track.has_estimate)
     return int(known[0]) if known.size else 0
-
-
-OnShare = Callable[[Session], None]
-
-__all__ = ["ColourBy", "OnShare", "Session"]
