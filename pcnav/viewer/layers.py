@@ -13,7 +13,7 @@ from pcnav.evaluation.overlay import rectangle_corners
 from pcnav.results import ACCEPTED, RectangleRecord
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.glyphs import closed
-from pcnav.viewer.look import Layer, Look, vector
+from pcnav.viewer.look import Layer, Look, line_colour, vector
 from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
 from pcnav.viewer.story import Story
 from pcnav.viewer.target_layer import TargetLayer
@@ -89,7 +89,7 @@ class RectangleLayer:
             layer: scene.add_line_segments(
                 f"{root}/{name}",
                 np.zeros((1, 2, 3), dtype=np.float32),
-                colour,
+                line_colour(colour),
                 thickness=3.0,
                 thickness_units="screen",
                 visible=False,
@@ -121,7 +121,9 @@ class RectangleLayer:
                 continue
             lines.points = np.concatenate([_outline(r) for r in of_layer])
             colour = ACCEPTED_COLOUR if layer is Layer.ACCEPTED else REJECTED_COLOUR
-            lines.colors = np.broadcast_to(np.array(colour, np.uint8), lines.points.shape)
+            lines.colors = np.broadcast_to(
+                np.array(line_colour(colour), np.uint8), lines.points.shape
+            )
             named += [(_told(r), r.T_cam_rect[:3, 3]) for r in of_layer]
         if Layer.NAMES not in look.layers:
             named = []

@@ -3,9 +3,12 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from pcnav.arrays import FloatArray
 from pcnav.spatial import xyzw_from_rotation
 from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.palette import Rgb
 
 
 class Layer(StrEnum):
@@ -24,7 +27,7 @@ class Layer(StrEnum):
     POSITION = "position"
     ATTITUDE = "attitude"
     RATE = "rate"
-    MOMENTUM = "angular momentum"
+    MOMENTUM = "momentum"
     TRAIL = "trail"
 
 
@@ -45,6 +48,12 @@ def wxyz_of(R: FloatArray) -> tuple[float, float, float, float]:
     """The order of viser, the only place that has it."""
     x, y, z, w = (float(value) for value in xyzw_from_rotation(R))
     return w, x, y, z
+
+
+def line_colour(colour: Rgb) -> Rgb:
+    """A colour as lines and arrows need it: the browser takes theirs for linear light."""
+    linear = np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(int)
+    return int(linear[0]), int(linear[1]), int(linear[2])
 
 
 def vector(values: FloatArray) -> tuple[float, float, float]:

@@ -18,6 +18,8 @@ _BOUND: Rgb = (255, 110, 90)
 _KNOWN: Rgb = (70, 220, 110)
 _CURSOR: Rgb = (255, 255, 255)
 _TEXT, _GRID = "#c8ccd4", "rgba(255,255,255,0.09)"
+_TICK_PX = 26
+"""The numbers of an axis are at least so far apart."""
 _UNIT_SCALE = "unit"
 """A vertical scale from 0 to 1 of the whole plot: of the cursor and of what is shaded."""
 
@@ -89,17 +91,20 @@ class _Plot:
             "x": {"time": False, "range": self._range()},
             _UNIT_SCALE: {"range": (0.0, 1.0)},
         }
+        ticks: list[float] = []
         linear = [chart.linear_to for chart, _ in present if chart.linear_to is not None]
         if linear:
             scales["y"] = {"distr": 4, "asinh": max(linear)}
+            largest = float(np.nanmax([np.abs(values).max() for values in self._columns[1:]]))
+            ticks = two_sided_ticks(max(linear), largest, height // _TICK_PX)
         self._handle = gui.add_uplot(
             data=self._with_cursor(self._ends[0]),
             series=tuple(series),
             bands=tuple(bands),
             scales=scales,
             axes=(
-                _axis("time, s" if last else None, 36 if last else 18),
-                {**_axis(first.label, 62), "scale": "y"},
+                _axis("time, s" if last else None, 36 if last else 20),
+                _value_axis(first.label, ticks),
             ),
             legend={"show": False},
             cursor={"drag": {"x": True, "y": False}},
@@ -124,7 +129,8 @@ class _Plot:
         for values in others:
             there = float(np.interp(time_s, x, values))
             data.append(np.insert(values, at, (there, there, there)))
-        cursor = np.zeros(len(x) + 3)
+        # Below the foot of the plot, where it is not seen.
+        cursor = np.full(len(x) + 3, -0.1)
         cursor[at + 1] = 1.0
         return (*data, cursor)
 
@@ -228,7 +234,8 @@ def _axis(label: str | None, size: int) -> uplot.Axis:
     axis: uplot.Axis = {
         "stroke": _TEXT,
         "grid": {"stroke": _GRID, "width": 1},
-        "ticks": {"stroke": _GRID, "width": 1},
+        "ticks": {"show": False},
+        "gap": 4,
         "size": size,
         "font": "11px sans-serif",
         "labelFont": "12px sans-serif",
@@ -237,6 +244,28 @@ def _axis(label: str | None, size: int) -> uplot.Axis:
         axis["label"] = label
         axis["labelSize"] = 16
     return axis
+
+
+def _value_axis(label: str, ticks: list[float]) -> uplot.Axis:
+    axis = _axis(label, 62)
+    axis["scale"] = "y"
+    if ticks:
+        # Given as lists, uPlot takes both for the answer of the functions it would call.
+        axis["splits"] = ticks
+        axis["filter"] = ticks
+    return axis
+
+
+def two_sided_ticks(linear_to: float, largest: float, most: int) -> list[float]:
+    """Numbers on an axis that is linear to a power of ten and logarithmic beyond, both ways.
+
+    Zero and at most so many powers of ten, the largest within the data among them.
+    """
+    first, last = round(np.log10(linear_to)), int(np.floor(np.log10(max(largest, linear_to))))
+    a_side = max((most - 1) // 2, 1)
+    step = max(1, -(-(last - first + 1) // a_side))
+    powers = [10.0**k for k in range(last, first - 1, -step)]
+    return [*(-power for power in powers), 0.0, *reversed(powers)]
 
 
 def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:

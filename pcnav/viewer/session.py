@@ -278,7 +278,7 @@ class Session:
                 handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
                 return
             handle.fov = np.radians(40.0)
-            back = 1.5 * story.size_m * np.array([0.75, -0.45, -0.5])
+            back = 1.9 * story.size_m * np.array([0.75, -0.45, -0.5])
             handle.position = vector(centre + back)
             handle.look_at = vector(centre)
         if camera is Camera.FOLLOW:

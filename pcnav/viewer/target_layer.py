@@ -14,7 +14,7 @@ from pcnav.viewer.glyphs import (
     sigma_ellipsoid,
     unit_cone,
 )
-from pcnav.viewer.look import Layer, Look, vector, wxyz_of
+from pcnav.viewer.look import Layer, Look, line_colour, vector, wxyz_of
 from pcnav.viewer.palette import ATTITUDE, MASS_CENTRE, MOMENTUM, POSITION, RATE, TRUTH, Rgb
 from pcnav.viewer.story import Story
 
@@ -155,7 +155,7 @@ class TargetLayer:
         edges = self._scene.add_line_segments(
             f"{root}/edges",
             wireframe_edges(target.mesh).astype(np.float32),
-            colour,
+            line_colour(colour),
             thickness=2.0,
             thickness_units="screen",
             scale=scale,
@@ -203,7 +203,7 @@ class TargetLayer:
         arrow = self._scene.add_arrows(
             name,
             np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, size]]], dtype=np.float32),
-            colour,
+            line_colour(colour),
             shaft_radius=0.008 * size,
             head_radius=0.022 * size,
             head_length=0.06 * size,
@@ -223,7 +223,7 @@ class TargetLayer:
         return self._scene.add_line_segments(
             f"{self._root}/trail",
             (segments if len(segments) else np.zeros((1, 2, 3))).astype(np.float32),
-            self._colour,
+            line_colour(self._colour),
             thickness=1.5,
             thickness_units="screen",
         )
