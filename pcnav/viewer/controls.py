@@ -24,6 +24,14 @@ class Camera(StrEnum):
     FOLLOW = "follow"
 
 
+class Share(StrEnum):
+    """What can be downloaded."""
+
+    PNG = "PNG of this view"
+    HTML = "HTML of this frame"
+    RECORDING = "recording (.viser)"
+
+
 class Shown(Protocol):
     """What the controls act on."""
 
@@ -36,6 +44,7 @@ class Shown(Protocol):
     def change_look(self) -> None: ...
     def change_speed(self) -> None: ...
     def look_from(self, camera: Camera) -> None: ...
+    def share(self, share: Share) -> None: ...
 
 
 class Controls:
@@ -49,6 +58,7 @@ class Controls:
         self._add_time(gui, edition)
         self._add_look(gui)
         self._checkboxes = self._add_layers(gui, edition)
+        self._add_share(gui)
 
     # Read by the session.
 
@@ -92,6 +102,10 @@ class Controls:
         self._slider.max = max(self._frames - 1, 1)
         self._newest.visible = edition.is_live
         self._notes.content = _notes_html(edition)
+
+    def show_legend(self, html: str) -> None:
+        """Say what the colours of the points mean."""
+        self._legend.content = html
 
     def tell(self, text: str) -> None:
         """One line below the controls of time."""
@@ -141,6 +155,7 @@ class Controls:
         self._colour = gui.add_dropdown(
             "points by", tuple(str(by) for by in ColourBy), initial_value=str(ColourBy.PLANE)
         )
+        self._legend = gui.add_html("")
         self._magnified = gui.add_dropdown(
             "3σ drawn", tuple(_MAGNIFIED), initial_value="10 × larger"
         )
@@ -159,6 +174,14 @@ class Controls:
                 boxes[layer].on_update(lambda _: self._shown.change_look())
         return boxes
 
+    def _add_share(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Share", expand_by_default=False):
+            for share in Share:
+                self._add_share_button(gui, share)
+
+    def _add_share_button(self, gui: viser.GuiApi, share: Share) -> None:
+        gui.add_button(str(share)).on_click(lambda _: self._shown.share(share))
+
 
 def available_layers(edition: Edition) -> tuple[Layer, ...]:
     """The layers that a run has anything for."""
@@ -168,7 +191,9 @@ def available_layers(edition: Edition) -> tuple[Layer, ...]:
         absent |= {Layer.POINTS, Layer.SENSOR}
     if first.target is None:
         absent |= {Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH}
-    if first.target is None or first.evaluation is None or first.evaluation.T_cam_model is None:
+    told = first.evaluation is not None and first.evaluation.T_cam_model is not None
+    # What a run that goes on knows of the truth is seen when it has ended.
+    if first.target is None or not (told or edition.is_live):
         absent.add(Layer.TRUTH)
     if not first.has_mass_centre:
         absent.add(Layer.COM)

@@ -4,6 +4,8 @@ The scene is the camera frame of the chaser: x right, y down, z forward, metres.
 once; a frame then changes only what differs from the one before.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import viser
 
@@ -38,7 +40,7 @@ class SensorLayer:
             "/sensor",
             fov=vertical_fov(camera),
             aspect=camera.width / camera.height,
-            scale=0.5 * size_m,
+            scale=0.15 * size_m,
             thickness=1.5,
             thickness_units="screen",
             color=SENSOR,
@@ -189,3 +191,10 @@ def shot_of(story: Story, frame: int) -> Shot | None:
     known = bool(story.track.has_estimate[frame])
     pose = story.track.T_cam_model[frame] if known else None
     return story.frames.get(frame, float(story.track.time_s[frame]), pose)
+
+
+def thinned(shot: Shot, most: int) -> Shot:
+    """The same frame with no more than so many points, evenly left out."""
+    step = max(1, -(-len(shot.points) // most))
+    rows, columns = shot.shown
+    return replace(shot, points=shot.points[::step], shown=(rows[::step], columns[::step]))

@@ -95,7 +95,8 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
         rows.append(
             f"<tr><td style='color:{colour}'>{'✓' if used else '✗'}</td>"
             f"<td>{escape(record.rectangle or 'unrecognised')}</td>"
-            f"<td style='white-space:nowrap'>{record.length_m:.2f} × {record.width_m:.2f}</td>"
+            "<td style='white-space:nowrap;padding-right:10px'>"
+            f"{record.length_m:.2f} × {record.width_m:.2f}</td>"
             f"<td>{doubt}</td>"
             f"<td style='color:{colour}'>{escape(record.outcome)}</td></tr>"
         )

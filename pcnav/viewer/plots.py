@@ -251,8 +251,9 @@ def _value_axis(label: str, ticks: list[float]) -> uplot.Axis:
     axis["scale"] = "y"
     if ticks:
         # Given as lists, uPlot takes both for the answer of the functions it would call.
-        axis["splits"] = ticks
-        axis["filter"] = ticks
+        axis["splits"] = tuple(ticks)
+        # viser's type knows it as a function only.
+        axis["filter"] = tuple(ticks)  # type: ignore[typeddict-item]
     return axis
 
 

@@ -1,10 +1,13 @@
 """The server: this machine alone unless told otherwise, and nobody else's pages."""
 
+import io
+from contextlib import redirect_stdout
 from urllib.parse import urlsplit
 
 import viser
 
-_LOOPBACK = {"127.0.0.1", "localhost", "::1"}
+LOOPBACK = "127.0.0.1"
+_LOOPBACK = {LOOPBACK, "localhost", "::1"}
 _REFUSED = 1008
 """WebSocket close code: policy violation."""
 
@@ -17,7 +20,9 @@ class LocalServer(viser.ViserServer):
     """
 
     def __init__(self, host: str, port: int, label: str) -> None:
-        super().__init__(host=host, port=port, label=label, verbose=False)
+        # viser prints a frame with its addresses; the command line says its own.
+        with redirect_stdout(io.StringIO()):
+            super().__init__(host=host, port=port, label=label, verbose=False)
         self._websock_server.on_client_connect(self._close_foreign)
         self.gui.configure_theme(
             dark_mode=True, show_share_button=False, show_logo=False, brand_color=(80, 150, 255)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
+from pcnav.arrays import FloatArray
 from pcnav.viewer.clock import Playback
-from pcnav.viewer.controls import Camera, Controls
+from pcnav.viewer.controls import Camera, Controls, Share
 from pcnav.viewer.events import Kind, neighbour
 from pcnav.viewer.layers import StoryLayers, shot_of, vertical_fov
-from pcnav.viewer.look import vector
+from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
@@ -29,12 +30,13 @@ _PANEL_PX = 400
 
 @dataclass
 class _Paced:
-    """Something that is done at most so often, and once more when all is at rest."""
+    """Something that is done at most so often."""
 
     period_s: float
     last_s: float = field(default=-np.inf)
 
     def is_due(self, now_s: float) -> bool:
+        """Whether it is time; if so it counts as done."""
         if now_s - self.last_s < self.period_s:
             return False
         self.last_s = now_s
@@ -55,7 +57,8 @@ class Session:
         self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
         self._plots_paced = _Paced(_PLOTS_LIVE_S)
         self._details_frame = -1
-        self._follow_offset: tuple[np.ndarray, np.ndarray] | None = None
+        self._followed: FloatArray | None = None
+        """The target's place that the camera was last carried along to."""
         self._wanted = _start_frame(self._edition, first_frame)
         with client.atomic():
             self._layers = StoryLayers(client.scene, self._stories, RUNS)
@@ -124,20 +127,23 @@ class Session:
         """Move the browser's camera."""
         self._look_from(camera)
 
+    def share(self, share: Share) -> None:
+        """Let the browser download what it shows."""
+        from pcnav.viewer.sharing import made
+
+        self._controls.tell(f"making {share} ...")
+        name, content = made(share, self._client, self._stories, self.shown_frame, self._look)
+        self._client.send_file_download(name, content, save_immediately=True)
+        self._controls.tell(f"{name}: {len(content) / 1e6:.1f} MB")
+
+    @property
+    def _look(self) -> Look:
+        return self._controls.look
+
     @property
     def shown_frame(self) -> int:
         """The frame on the screen."""
         return max(self._drawn, 0)
-
-    @property
-    def client(self) -> viser.ClientHandle:
-        """The browser."""
-        return self._client
-
-    @property
-    def stories(self) -> tuple[Story, ...]:
-        """The runs as shown."""
-        return self._stories
 
     def close(self) -> None:
         """The browser has gone."""
@@ -235,7 +241,7 @@ class Session:
         time_s = float(story.track.time_s[frame])
         records = story.records.get(time_s, ())
         known = bool(story.track.has_estimate[frame])
-        self._legend.content = legend_html(story, look.colour_by, has_estimate=known)
+        self._controls.show_legend(legend_html(story, look.colour_by, has_estimate=known))
         if story.target is not None:
             self._measurements.content = measurements_html(records)
         shot = shot_of(story, frame)
@@ -258,7 +264,6 @@ class Session:
             self._image = gui.add_image(
                 np.zeros((8, 8, 3), dtype=np.uint8), label="depth image", format="png"
             )
-            self._legend = gui.add_html("")
             self._measurements = gui.add_html("")
         panel.dock_right()
         panel.set_width(_PANEL_PX)
@@ -267,46 +272,30 @@ class Session:
 
     def _look_from(self, camera: Camera) -> None:
         story, handle = self._first, self._client.camera
-        centre, distance = self._centre(), max(self._distance(), 2.0 * story.size_m)
-        self._follow_offset = None
+        position, centre = story.viewpoint(self._wanted)
+        self._followed = None
         with self._client.atomic():
             handle.up_direction = (0.0, -1.0, 0.0)
             if camera is Camera.CHASER:
                 eye = story.frames.camera() if story.frames is not None else None
                 handle.position = (0.0, 0.0, 0.0)
-                handle.look_at = (0.0, 0.0, distance)
+                handle.look_at = (0.0, 0.0, max(float(centre[2]), 1.0))
                 handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
                 return
             handle.fov = np.radians(40.0)
-            back = 1.9 * story.size_m * np.array([0.75, -0.45, -0.5])
-            handle.position = vector(centre + back)
+            handle.position = vector(position)
             handle.look_at = vector(centre)
         if camera is Camera.FOLLOW:
-            self._follow_offset = (centre, centre)
+            self._followed = centre
 
     def _follow(self, frame: int) -> None:
         """Carry the camera along with the target, without touching what the user turned."""
-        if self._follow_offset is None or not self._first.track.has_estimate[frame]:
+        if self._followed is None or not self._first.track.has_estimate[frame]:
             return
-        centre, last = self._centre(frame), self._follow_offset[1]
-        self._follow_offset = (centre, centre)
-        shift = centre - last
+        shift = self._first.centre(frame) - self._followed
+        self._followed = self._followed + shift
         if np.linalg.norm(shift) > 0.0:
             self._client.camera.position = np.asarray(self._client.camera.position) + shift
-
-    def _centre(self, frame: int | None = None) -> np.ndarray:
-        """Where the target is at a frame, or where it was first found."""
-        track = self._first.track
-        known = np.flatnonzero(track.has_estimate)
-        if not known.size:
-            return np.array([0.0, 0.0, 10.0])
-        wanted = self._wanted if frame is None else frame
-        k = wanted if track.has_estimate[wanted] else known[np.argmin(np.abs(known - wanted))]
-        T = track.T_cam_model[k]
-        return np.asarray(T[:3, :3] @ track.com_model[k] + T[:3, 3])
-
-    def _distance(self) -> float:
-        return float(np.linalg.norm(self._centre()))
 
 
 def _start_frame(edition: Edition, asked: int | None) -> int:

@@ -110,6 +110,21 @@ class Story:
         row = int(match_times(np.array([time_s]), self.track.time_s, half * (1.0 + 1e-9))[0])
         return None if row < 0 else row
 
+    def centre(self, frame: int) -> FloatArray:
+        """(3,) the mass centre in the camera at a frame, or at the nearest that has an estimate."""
+        track = self.track
+        known = np.flatnonzero(track.has_estimate)
+        if not known.size:
+            return np.array([0.0, 0.0, 10.0])
+        k = known[np.argmin(np.abs(known - frame))]
+        T = track.T_cam_model[k]
+        return np.asarray(T[:3, :3] @ track.com_model[k] + T[:3, 3])
+
+    def viewpoint(self, frame: int) -> tuple[FloatArray, FloatArray]:
+        """A place (3,) to look at the target from, aside of the chaser, and its centre (3,)."""
+        centre = self.centre(frame)
+        return centre + 1.9 * self.size_m * np.array([0.75, -0.45, -0.5]), centre
+
     def position_spread_cam(self, frame: int) -> FloatArray:
         """(3, 3) covariance of the mass centre's position, camera axes, m^2."""
         P = _block(self.position_covariance, self.track, frame, R_HILL)

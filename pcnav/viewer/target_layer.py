@@ -34,7 +34,7 @@ class TargetLayer:
         self._com = scene.add_frame(f"{root}/model/com", show_axes=False)
         self._mesh = self._add_mesh(f"{root}/model", colour, 0.12) if story.target else None
         self._ghost = scene.add_frame(f"{root}/truth", show_axes=False, visible=False)
-        if is_first and story.evaluation is not None and story.target is not None:
+        if is_first and story.target is not None:
             self._add_mesh(f"{root}/truth", TRUTH, 0.06, _GHOST_SCALE)
         self._points = None
         if story.points_body is not None and len(story.points_body):
@@ -47,15 +47,15 @@ class TargetLayer:
                 precision="float32",
             )
         com = f"{root}/model/com"
-        length = 0.45 * self._size
+        length = 0.3 * self._size
         # Under the first run's names the axes have their usual colours; two sets would be confused.
         self._body = scene.add_frame(
-            f"{com}/body", axes_length=length, axes_radius=0.006 * self._size
+            f"{com}/body", axes_length=length, axes_radius=0.004 * self._size
         )
         self._principal = scene.add_frame(
             f"{com}/principal",
-            axes_length=1.15 * length,
-            axes_radius=0.003 * self._size,
+            axes_length=1.25 * length,
+            axes_radius=0.002 * self._size,
             origin_color=MASS_CENTRE,
         )
         self._com_spread = self._add_ellipsoid(f"{com}/spread", MASS_CENTRE)
