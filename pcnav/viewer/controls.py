@@ -12,7 +12,13 @@ from pcnav.viewer.look import DEFAULT_LAYERS, Layer, Look
 from pcnav.viewer.source import Edition
 
 _ANY_EVENT = "any event"
-_MAGNIFIED = {"true size": 1.0, "10 × larger": 10.0, "100 × larger": 100.0, "1000 × larger": 1000.0}
+_MAGNIFIED: dict[str, float | None] = {
+    "as is seen": None,
+    "true size": 1.0,
+    "10 × larger": 10.0,
+    "100 × larger": 100.0,
+    "1000 × larger": 1000.0,
+}
 _FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
 
 
@@ -157,7 +163,7 @@ class Controls:
         )
         self._legend = gui.add_html("")
         self._magnified = gui.add_dropdown(
-            "3σ drawn", tuple(_MAGNIFIED), initial_value="10 × larger"
+            "3σ drawn", tuple(_MAGNIFIED), initial_value="as is seen"
         )
         camera = gui.add_button_group("look from", tuple(str(each) for each in Camera))
         self._colour.on_update(lambda _: self._shown.change_look())

@@ -13,9 +13,10 @@ from pcnav.arrays import FloatArray
 from pcnav.camera import PinholeCamera
 from pcnav.evaluation.overlay import rectangle_corners
 from pcnav.results import ACCEPTED, RectangleRecord
+from pcnav.spatial import invert_transform, transform_points
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.glyphs import closed
-from pcnav.viewer.look import Layer, Look, line_colour, vector
+from pcnav.viewer.look import Layer, Look, line_colour, vector, wxyz_of
 from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
 from pcnav.viewer.story import Story
 from pcnav.viewer.target_layer import TargetLayer
@@ -59,7 +60,11 @@ def vertical_fov(camera: PinholeCamera) -> float:
 
 
 class CloudLayer:
-    """The returns of a frame."""
+    """The returns of a frame.
+
+    They are told in the estimated model frame and move with it. A browser moves nodes at once but
+    may take longer to exchange points: what it draws in between then still fits together.
+    """
 
     def __init__(self, scene: viser.SceneApi, root: str, point_size_m: float) -> None:
         self._points = scene.add_point_cloud(
@@ -73,18 +78,18 @@ class CloudLayer:
             visible=False,
         )
 
-    def show(self, shot: Shot | None, look: Look, scale_m: float) -> None:
+    def show(self, shot: Shot | None, T_model_cam: FloatArray, look: Look, scale_m: float) -> None:
         """Draw a frame, or nothing where there is none."""
         visible = shot is not None and Layer.POINTS in look.layers and len(shot.points) > 0
         if shot is not None and visible:
             colours = shot.colours(look.colour_by, scale_m)
-            self._points.points = shot.points
+            self._points.points = transform_points(T_model_cam, shot.points).astype(np.float32)
             self._points.colors = np.broadcast_to(colours, shot.points.shape)
         self._points.visible = visible
 
 
 class RectangleLayer:
-    """Outlines of the rectangles seen, and their names."""
+    """Outlines of the rectangles seen, and their names; in the model frame, as the cloud."""
 
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         self._lines = {
@@ -112,7 +117,9 @@ class RectangleLayer:
             for k in range(_MOST_NAMES)
         ]
 
-    def show(self, records: tuple[RectangleRecord, ...], look: Look) -> None:
+    def show(
+        self, records: tuple[RectangleRecord, ...], T_model_cam: FloatArray, look: Look
+    ) -> None:
         """Draw those that have a pose."""
         placed = [record for record in records if np.isfinite(record.T_cam_rect).all()]
         named: list[tuple[str, FloatArray]] = []
@@ -121,12 +128,13 @@ class RectangleLayer:
             lines.visible = layer in look.layers and bool(of_layer)
             if not lines.visible:
                 continue
-            lines.points = np.concatenate([_outline(r) for r in of_layer])
+            outlines = np.concatenate([_outline(r) for r in of_layer])
+            lines.points = transform_points(T_model_cam, outlines)
             colour = ACCEPTED_COLOUR if layer is Layer.ACCEPTED else REJECTED_COLOUR
             lines.colors = np.broadcast_to(
                 np.array(line_colour(colour), np.uint8), lines.points.shape
             )
-            named += [(_told(r), r.T_cam_rect[:3, 3]) for r in of_layer]
+            named += [(_told(r), (T_model_cam @ r.T_cam_rect)[:3, 3]) for r in of_layer]
         if Layer.NAMES not in look.layers:
             named = []
         for k, label in enumerate(self._names):
@@ -158,8 +166,9 @@ class StoryLayers:
         self._stories = stories
         camera = first.frames.camera() if first.frames is not None else None
         self._sensor = None if camera is None else SensorLayer(scene, camera, first.size_m)
-        self._cloud = CloudLayer(scene, "/cloud", 0.006 * first.size_m)
-        self._rectangles = RectangleLayer(scene, "/rectangles")
+        self._measured = scene.add_frame("/run_1/measured", show_axes=False)
+        self._cloud = CloudLayer(scene, "/run_1/measured", 0.006 * first.size_m)
+        self._rectangles = RectangleLayer(scene, "/run_1/measured")
         self._targets = [
             TargetLayer(scene, f"/run_{k + 1}", story, colour, is_first=k == 0)
             for k, (story, colour) in enumerate(zip(stories, colours, strict=False))
@@ -171,9 +180,13 @@ class StoryLayers:
         time_s = float(first.track.time_s[frame])
         if self._sensor is not None:
             self._sensor.show(look)
+        known = bool(first.track.has_estimate[frame])
+        T = first.track.T_cam_model[frame] if known else np.eye(4)
+        self._measured.wxyz, self._measured.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
+        T_model_cam = invert_transform(T)
         scale_m = 1.0 if first.frames is None else first.frames.scale_m
-        self._cloud.show(shot, look, scale_m)
-        self._rectangles.show(first.records.get(time_s, ()), look)
+        self._cloud.show(shot, T_model_cam, look, scale_m)
+        self._rectangles.show(first.records.get(time_s, ()), T_model_cam, look)
         for k, (target, story) in enumerate(zip(self._targets, self._stories, strict=True)):
             target.show(frame if k == 0 else story.nearest_frame(time_s), look)
 

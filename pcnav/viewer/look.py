@@ -40,8 +40,8 @@ class Look:
 
     layers: frozenset[Layer] = DEFAULT_LAYERS
     colour_by: ColourBy = ColourBy.PLANE
-    magnified: float = 10.0
-    """Ellipsoids and cone are drawn so many times larger than 3 sigma."""
+    magnified: float | None = None
+    """Ellipsoids and cone are drawn so many times larger than 3 sigma; None for what is seen."""
 
 
 def wxyz_of(R: FloatArray) -> tuple[float, float, float, float]:

@@ -37,7 +37,7 @@ _STATUS_COLOURS: dict[str, Rgb] = {
 _STYLE = "font-size:12px;line-height:1.45;padding:2px 10px"
 
 
-def facts_html(story: Story, frame: int) -> str:
+def facts_html(story: Story, frame: int, magnified: float | None) -> str:
     """Time, status and estimate of a frame with standard deviations."""
     track = story.track
     status = track.status[frame]
@@ -46,7 +46,11 @@ def facts_html(story: Story, frame: int) -> str:
         f"<b>frame {frame}</b> of {len(track) - 1} · {track.time_s[frame]:.2f} s · "
         f"<b style='color:{colour}'>{escape(status)}</b>"
     )
-    rows = _estimate_rows(story, frame) if track.has_estimate[frame] else [("estimate", "none yet")]
+    rows = [("estimate", "none")]
+    if track.has_estimate[frame]:
+        rows = _estimate_rows(story, frame)
+        drawn = magnified or story.magnification(frame)
+        rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
     cells = "".join(
         f"<tr><td style='opacity:.75;padding-right:10px;white-space:nowrap'>{name}</td>"
         f"<td>{value}</td></tr>"

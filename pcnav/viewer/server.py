@@ -1,6 +1,7 @@
 """The server: this machine alone unless told otherwise, and nobody else's pages."""
 
 import io
+import logging
 from contextlib import redirect_stdout
 from urllib.parse import urlsplit
 
@@ -20,6 +21,8 @@ class LocalServer(viser.ViserServer):
     """
 
     def __init__(self, host: str, port: int, label: str) -> None:
+        # Whoever opens a connection and says nothing would fill the terminal.
+        logging.getLogger("websockets").setLevel(logging.CRITICAL + 1)
         # viser prints a frame with its addresses; the command line says its own.
         with redirect_stdout(io.StringIO()):
             super().__init__(host=host, port=port, label=label, verbose=False)
@@ -27,6 +30,11 @@ class LocalServer(viser.ViserServer):
         self.gui.configure_theme(
             dark_mode=True, show_share_button=False, show_logo=False, brand_color=(80, 150, 255)
         )
+
+    def stop(self) -> None:
+        """Stop it; what viser prints of that is not shown."""
+        with redirect_stdout(io.StringIO()):
+            super().stop()
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Refuse the public tunnel that viser offers to any client."""
@@ -59,10 +67,17 @@ def is_loopback(host: str) -> bool:
     return host in _LOOPBACK
 
 
-def has_taken_all(client: viser.ClientHandle) -> bool:
-    """Whether a browser has been sent all that was drawn for it.
+def has_shown_all(client: viser.ClientHandle, patience_s: float) -> bool:
+    """Wait until a browser has worked off all that was drawn for it; whether it has in time.
 
-    What a slow one has not taken yet is replaced, not queued, by what is drawn later; but drawing
-    it would cost time for nothing.
+    Its page answers questions in the order of the messages. Without asking, a page that draws
+    slowly would be sent more and more that it cannot show.
     """
-    return not client._websock_connection.get_message_buffer().message_from_id
+    try:
+        client.local_storage.get_item("pcnav", timeout=patience_s)
+    except TimeoutError:
+        return False
+    except RuntimeError:
+        # It left, or forbids its storage: then it has answered at least, or will be closed.
+        return True
+    return True

@@ -16,7 +16,7 @@ from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
-from pcnav.viewer.server import has_taken_all
+from pcnav.viewer.server import has_shown_all
 from pcnav.viewer.source import Edition, Source
 from pcnav.viewer.story import Story
 
@@ -25,6 +25,7 @@ _CURSOR_HZ = 6.0
 _PICTURE_HZ = 4.0
 _PLOTS_LIVE_S = 2.0
 _IDLE_S = 0.1
+_PATIENCE_S = 2.0
 _PANEL_PX = 400
 
 
@@ -174,9 +175,11 @@ class Session:
                 if self._is_closed:
                     return
             started = time.monotonic()
-            # What a browser that left, or is slow, has not taken, is not added to.
-            if has_taken_all(self._client):
-                self._turn(started)
+            if self._turn(started):
+                # A slow browser holds up its own thread alone, and the next frame drawn is then
+                # the newest.
+                while not has_shown_all(self._client, _PATIENCE_S) and not self._is_closed:
+                    pass
             left_s = 1.0 / _MOST_DRAWN_HZ - (time.monotonic() - started)
             time.sleep(max(left_s, 0.002))
 
@@ -189,7 +192,8 @@ class Session:
             or self._details_frame != self._drawn
         )
 
-    def _turn(self, now_s: float) -> None:
+    def _turn(self, now_s: float) -> bool:
+        """Draw if there is anything to draw; whether there was."""
         self._take_news(now_s)
         playback, times = self._playback, self._first.track.time_s
         if playback is not None:
@@ -199,9 +203,12 @@ class Session:
         if self._redraw or self._wanted != self._drawn:
             with self._client.atomic():
                 self._draw(now_s)
-        elif self._details_frame != self._drawn and self._playback is None:
+            return True
+        if self._details_frame != self._drawn and self._playback is None:
             with self._client.atomic():
                 self._draw_details(self._drawn)
+            return True
+        return False
 
     def _take_news(self, now_s: float) -> None:
         edition = self._source.edition
@@ -228,7 +235,7 @@ class Session:
         self._layers.show(frame, shot_of(self._first, frame), look)
         self._follow(frame)
         self._controls.show_frame(frame)
-        self._facts.content = facts_html(self._first, frame)
+        self._facts.content = facts_html(self._first, frame, look.magnified)
         at_rest = self._playback is None
         if self._cursor.is_due(now_s) or at_rest:
             self._plots.move_cursor(float(self._first.track.time_s[frame]))

@@ -32,6 +32,7 @@ from pcnav.target import Target, load_target
 from pcnav.unfinished import is_unfinished, whole_rows
 from pcnav.viewer.events import Event, events_of
 from pcnav.viewer.frames import FrameStore
+from pcnav.viewer.glyphs import SIGMAS, seen_magnification
 
 Records = Mapping[float, tuple[RectangleRecord, ...]]
 """By time."""
@@ -109,6 +110,13 @@ class Story:
         half = 0.5 * float(np.median(steps)) if steps.size else 0.5
         row = int(match_times(np.array([time_s]), self.track.time_s, half * (1.0 + 1e-9))[0])
         return None if row < 0 else row
+
+    def magnification(self, frame: int) -> float:
+        """By how much the doubts of a frame have to be magnified to be seen."""
+        sd = self.track.sd[frame]
+        blocks = (R_HILL, COM_MODEL) if self.has_mass_centre else (R_HILL,)
+        radius_m = SIGMAS * max(float(np.linalg.norm(sd[block])) for block in blocks)
+        return seen_magnification(radius_m, self.size_m) if np.isfinite(radius_m) else 1.0
 
     def centre(self, frame: int) -> FloatArray:
         """(3,) the mass centre in the camera at a frame, or at the nearest that has an estimate."""

@@ -58,8 +58,8 @@ class TargetLayer:
             axes_radius=0.002 * self._size,
             origin_color=MASS_CENTRE,
         )
-        self._com_spread = self._add_ellipsoid(f"{com}/spread", MASS_CENTRE)
-        self._position_spread = self._add_ellipsoid(f"{root}/position", POSITION)
+        self._com_spread = self._add_ellipsoid(f"{com}/spread", MASS_CENTRE, False)
+        self._position_spread = self._add_ellipsoid(f"{root}/position", POSITION, True)
         self._cone = self._add_cone(f"{com}/attitude")
         self._rate, self._rate_text = self._add_arrow(f"{com}/rate", RATE)
         self._momentum, self._momentum_text = self._add_arrow(f"{com}/momentum", MOMENTUM)
@@ -77,6 +77,7 @@ class TargetLayer:
         if frame is None or not known:
             return
         T = track.T_cam_model[frame]
+        magnified = look.magnified or self._story.magnification(frame)
         self._model.wxyz, self._model.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
         self._com.position = vector(track.com_model[frame])
         for handle in self._mesh or ():
@@ -88,16 +89,16 @@ class TargetLayer:
         self._com_spread.visible = Layer.COM in look.layers and self._story.has_mass_centre
         if self._com_spread.visible:
             spread = sigma_ellipsoid(self._story.com_spread_model(frame))
-            self._stretch(self._com_spread, spread, look.magnified)
+            self._stretch(self._com_spread, spread, magnified)
         if position_shown:
             spread = sigma_ellipsoid(self._story.position_spread_cam(frame))
-            self._stretch(self._position_spread, spread, look.magnified)
+            self._stretch(self._position_spread, spread, magnified)
             com_cam = T[:3, :3] @ track.com_model[frame] + T[:3, 3]
             self._position_spread.position = vector(com_cam)
         self._cone.visible = Layer.ATTITUDE in look.layers
         if self._cone.visible:
             sd, length = track.sd[frame, THETA_BODY], 0.5 * self._size
-            self._cone.scale = vector(attitude_cone_scale(sd, length, look.magnified))
+            self._cone.scale = vector(attitude_cone_scale(sd, length, magnified))
         self._show_arrows(frame, look)
 
     def refresh(self, story: Story) -> None:
@@ -173,11 +174,13 @@ class TargetLayer:
         )
         return edges, faces
 
-    def _add_ellipsoid(self, name: str, colour: Rgb) -> viser.IcosphereHandle:
+    def _add_ellipsoid(self, name: str, colour: Rgb, wireframe: bool) -> viser.IcosphereHandle:
         return self._scene.add_icosphere(
             name,
             radius=1.0,
             color=colour,
+            # Two faint surfaces of the same centre would flicker through each other.
+            wireframe=wireframe,
             opacity=0.45,
             cast_shadow=False,
             receive_shadow=False,
