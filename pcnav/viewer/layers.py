@@ -7,6 +7,7 @@ once; a frame then changes only what differs from the one before.
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from pcnav.arrays import FloatArray
@@ -83,7 +84,7 @@ class CloudLayer:
         visible = shot is not None and Layer.POINTS in look.layers and len(shot.points) > 0
         if shot is not None and visible:
             colours = shot.colours(look.colour_by, scale_m)
-            self._points.points = transform_points(T_model_cam, shot.points).astype(np.float32)
+            self._points.points = _moved(T_model_cam, shot.points)
             self._points.colors = np.broadcast_to(colours, shot.points.shape)
         self._points.visible = visible
 
@@ -129,7 +130,7 @@ class RectangleLayer:
             if not lines.visible:
                 continue
             outlines = np.concatenate([_outline(r) for r in of_layer])
-            lines.points = transform_points(T_model_cam, outlines)
+            lines.points = _moved(T_model_cam, outlines)
             colour = ACCEPTED_COLOUR if layer is Layer.ACCEPTED else REJECTED_COLOUR
             lines.colors = np.broadcast_to(
                 np.array(line_colour(colour), np.uint8), lines.points.shape
@@ -141,6 +142,10 @@ class RectangleLayer:
             label.visible = k < len(named)
             if k < len(named):
                 label.text, label.position = named[k][0], vector(named[k][1])
+
+
+def _moved(T: FloatArray, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    return transform_points(T, points.astype(np.float64)).astype(np.float32)
 
 
 def _outline(record: RectangleRecord) -> FloatArray:

@@ -2,7 +2,8 @@
 
 import io
 import logging
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from urllib.parse import urlsplit
 
 import viser
@@ -67,14 +68,23 @@ def is_loopback(host: str) -> bool:
     return host in _LOOPBACK
 
 
+@contextmanager
+def drawing(client: viser.ClientHandle) -> Iterator[None]:
+    """A browser applies at once what is drawn in the block; one that has left is no fault."""
+    with client._websock_connection.get_message_buffer().sanctioned_dead_writes(), client.atomic():
+        yield
+
+
 def has_shown_all(client: viser.ClientHandle, patience_s: float) -> bool:
     """Wait until a browser has worked off all that was drawn for it; whether it has in time.
 
     Its page answers questions in the order of the messages. Without asking, a page that draws
     slowly would be sent more and more that it cannot show.
     """
+    buffer = client._websock_connection.get_message_buffer()
     try:
-        client.local_storage.get_item("pcnav", timeout=patience_s)
+        with buffer.sanctioned_dead_writes():
+            client.local_storage.get_item("pcnav", timeout=patience_s)
     except TimeoutError:
         return False
     except RuntimeError:

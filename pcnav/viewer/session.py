@@ -16,7 +16,7 @@ from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
-from pcnav.viewer.server import has_shown_all
+from pcnav.viewer.server import drawing, has_shown_all
 from pcnav.viewer.source import Edition, Source
 from pcnav.viewer.story import Story
 
@@ -61,7 +61,7 @@ class Session:
         self._followed: FloatArray | None = None
         """The target's place that the camera was last carried along to."""
         self._wanted = _start_frame(self._edition, first_frame)
-        with client.atomic():
+        with drawing(client):
             self._layers = StoryLayers(client.scene, self._stories, RUNS)
             self._controls = Controls(client.gui, self._edition, self)
             self._build_panel()
@@ -201,11 +201,11 @@ class Session:
             if playback.has_ended(now_s, times) and not self._edition.is_live:
                 self.play(False)
         if self._redraw or self._wanted != self._drawn:
-            with self._client.atomic():
+            with drawing(self._client):
                 self._draw(now_s)
             return True
         if self._details_frame != self._drawn and self._playback is None:
-            with self._client.atomic():
+            with drawing(self._client):
                 self._draw_details(self._drawn)
             return True
         return False
@@ -216,7 +216,7 @@ class Session:
             return
         ended = self._edition.is_live and not edition.is_live
         self._edition = edition
-        with self._client.atomic():
+        with drawing(self._client):
             self._controls.refresh(edition)
             if self._plots_paced.is_due(now_s) or ended:
                 self._layers.refresh(self._stories)
@@ -281,7 +281,7 @@ class Session:
         story, handle = self._first, self._client.camera
         position, centre = story.viewpoint(self._wanted)
         self._followed = None
-        with self._client.atomic():
+        with drawing(self._client):
             handle.up_direction = (0.0, -1.0, 0.0)
             if camera is Camera.CHASER:
                 eye = story.frames.camera() if story.frames is not None else None
