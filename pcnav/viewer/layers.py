@@ -78,6 +78,18 @@ class CloudLayer:
             precision="float32",
             visible=False,
         )
+        # New colours make the browser throw its shader away and compile it anew, half a second in
+        # software, unless another cloud holds on to it. Its points are too small to be seen; a
+        # single one would have its colour, and shader, of another kind.
+        scene.add_point_cloud(
+            f"{root}/held",
+            np.zeros((2, 3), dtype=np.float32),
+            np.zeros((2, 3), dtype=np.uint8),
+            point_size=1e-6,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+        )
 
     def show(self, shot: Shot | None, T_model_cam: FloatArray, look: Look, scale_m: float) -> None:
         """Draw a frame, or nothing where there is none."""

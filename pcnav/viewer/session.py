@@ -21,8 +21,9 @@ from pcnav.viewer.source import Edition, Source
 from pcnav.viewer.story import Story
 
 _MOST_DRAWN_HZ = 30.0
-_CURSOR_HZ = 6.0
-_PICTURE_HZ = 4.0
+_CURSOR_HZ = 5.0
+_TEXTS_HZ = 8.0
+_PICTURE_HZ = 2.0
 _PLOTS_LIVE_S = 2.0
 _IDLE_S = 0.1
 _PATIENCE_S = 2.0
@@ -56,6 +57,7 @@ class Session:
         self._playback: Playback | None = None
         self._redraw = True
         self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
+        self._texts = _Paced(1.0 / _TEXTS_HZ)
         self._plots_paced = _Paced(_PLOTS_LIVE_S)
         self._details_frame = -1
         self._followed: FloatArray | None = None
@@ -234,9 +236,11 @@ class Session:
         look = self._controls.look
         self._layers.show(frame, shot_of(self._first, frame), look)
         self._follow(frame)
-        self._controls.show_frame(frame)
-        self._facts.content = facts_html(self._first, frame, look.magnified)
         at_rest = self._playback is None
+        # Laying out a page anew costs a browser more than drawing the scene.
+        if self._texts.is_due(now_s) or at_rest:
+            self._controls.show_frame(frame)
+            self._facts.content = facts_html(self._first, frame, look.magnified)
         if self._cursor.is_due(now_s) or at_rest:
             self._plots.move_cursor(float(self._first.track.time_s[frame]))
         self._drawn = frame
