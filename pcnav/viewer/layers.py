@@ -207,11 +207,16 @@ class StoryLayers:
         for k, (target, story) in enumerate(zip(self._targets, self._stories, strict=True)):
             target.show(frame if k == 0 else story.nearest_frame(time_s), look)
 
-    def refresh(self, stories: tuple[Story, ...]) -> None:
-        """Go on with later states of the same runs."""
+    def go_on(self, stories: tuple[Story, ...]) -> None:
+        """Draw later states of the same runs from now on."""
         self._stories = stories
         for target, story in zip(self._targets, stories, strict=True):
-            target.refresh(story)
+            target.go_on(story)
+
+    def refresh_trails(self) -> None:
+        """Draw the trails as far as the runs have come."""
+        for target in self._targets:
+            target.refresh_trail()
 
 
 def shot_of(story: Story, frame: int) -> Shot | None:

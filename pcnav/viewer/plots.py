@@ -1,5 +1,6 @@
 """The plots beside the scene, of one browser: one group at a time, with a cursor at its frame."""
 
+import threading
 from collections.abc import Callable
 from html import escape
 
@@ -24,49 +25,77 @@ _UNIT_SCALE = "unit"
 """A vertical scale from 0 to 1 of the whole plot: of the cursor and of what is shaded."""
 
 
+_Row = list[tuple[Chart, Rgb]]
+"""What one plot shows: a chart of each run, in the run's colour."""
+
+
 class PlotsPanel:
-    """The plots of one or two runs in the browser's panel."""
+    """The plots of one or two runs in a tab of the browser's panel."""
 
-    def __init__(self, gui: viser.GuiApi, stories: tuple[Story, ...], asked: str = "") -> None:
-        self._gui, self._stories = gui, stories
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        tab: viser.GuiTabHandle,
+        stories: tuple[Story, ...],
+        time_s: float,
+    ) -> None:
+        self._gui, self._tab, self._stories = gui, tab, stories
+        self._lock = threading.RLock()
         names = tuple(groups_of(stories[0]))
-        self._choice = gui.add_dropdown(
-            "plots", names, initial_value=asked if asked in names else names[0]
-        )
-        self._key = gui.add_html("")
+        with tab:
+            self._choice = gui.add_dropdown("plots", names)
+            self._key = gui.add_html("")
         self._plots: list[_Plot] = []
-        self._time_s = 0.0
-        self._choice.on_update(lambda _: self.refresh(self._stories))
-        self.refresh(stories)
+        self._time_s = time_s
+        self._choice.on_update(lambda _: self._draw_anew())
+        self._draw_anew()
 
-    def refresh(self, stories: tuple[Story, ...]) -> None:
-        """Draw the chosen group anew."""
-        self._stories = stories
-        name = self._choice.value
-        groups = [_made(groups_of(story).get(name)) for story in stories]
-        shown = [group for group in groups if group is not None and len(group.charts)]
-        for plot in self._plots:
-            plot.remove()
-        self._plots = []
-        self._key.content = _key(stories, shown)
-        if not shown or not len(stories[0].track):
-            return
-        count = max(len(group.charts) for group in shown)
-        height = min(_HEIGHT_OF_ALL_PX // count, _MOST_HEIGHT_PX)
-        for k in range(count):
-            charts = tuple(
-                group.charts[k] if k < len(group.charts) else None
-                for group in groups
-                if group is not None
-            )
-            self._plots.append(_Plot(self._gui, charts, height, last=k == count - 1))
-        self.move_cursor(self._time_s)
+    def go_on(self, stories: tuple[Story, ...], time_s: float) -> None:
+        """Draw the chosen group of later states of the same runs."""
+        with self._lock:
+            self._stories, self._time_s = stories, time_s
+            rows = self._rows()
+            fits = len(rows) == len(self._plots)
+            if not (fits and all(map(_Plot.takes, self._plots, rows, [time_s] * len(rows)))):
+                self._draw_anew()
 
     def move_cursor(self, time_s: float) -> None:
         """Move the line that marks the frame."""
-        self._time_s = time_s
-        for plot in self._plots:
-            plot.move_cursor(time_s)
+        with self._lock:
+            if time_s == self._time_s:
+                return
+            self._time_s = time_s
+            for plot in self._plots:
+                plot.move_cursor(time_s)
+
+    def _draw_anew(self) -> None:
+        with self._lock:
+            rows = self._rows()
+            for plot in self._plots:
+                plot.remove()
+            self._plots = []
+            height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1), _MOST_HEIGHT_PX)
+            with self._tab:
+                for k, row in enumerate(rows):
+                    last = k == len(rows) - 1
+                    self._plots.append(_Plot(self._gui, row, height, self._time_s, last=last))
+
+    def _rows(self) -> list[_Row]:
+        """The plots from top to bottom: the charts of each and the colours of their runs."""
+        name = self._choice.value
+        groups = [_made(groups_of(story).get(name)) for story in self._stories]
+        self._key.content = _key(self._stories, [group for group in groups if group is not None])
+        if not len(self._stories[0].track):
+            return []
+        count = max(0 if group is None else len(group.charts) for group in groups)
+        return [
+            [
+                (group.charts[k], RUNS[run])
+                for run, group in enumerate(groups)
+                if group is not None and k < len(group.charts)
+            ]
+            for k in range(count)
+        ]
 
 
 def _made(make: Callable[[], ChartGroup] | None) -> ChartGroup | None:
@@ -81,30 +110,21 @@ class _Plot:
     """
 
     def __init__(
-        self, gui: viser.GuiApi, charts: tuple[Chart | None, ...], height: int, *, last: bool
+        self, gui: viser.GuiApi, row: _Row, height: int, time_s: float, *, last: bool
     ) -> None:
-        present = [(chart, RUNS[k]) for k, chart in enumerate(charts) if chart is not None]
-        first = present[0][0]
-        self._columns, series, bands = _columns_of(present)
-        self._ends = (float(self._columns[0][0]), float(self._columns[0][-1]))
-        scales: dict[str, uplot.Scale] = {
-            "x": {"time": False, "range": self._range()},
-            _UNIT_SCALE: {"range": (0.0, 1.0)},
-        }
-        ticks: list[float] = []
-        linear = [chart.linear_to for chart, _ in present if chart.linear_to is not None]
-        if linear:
-            scales["y"] = {"distr": 4, "asinh": max(linear)}
-            largest = float(np.nanmax([np.abs(values).max() for values in self._columns[1:]]))
-            ticks = two_sided_ticks(max(linear), largest, height // _TICK_PX)
+        self._columns, series, bands = _columns_of(row)
+        self._ends = self._ends_of_time()
+        label = row[0][0].label
+        scales, ticks = self._scales(row, height)
+        self._height, self._looks = height, series
         self._handle = gui.add_uplot(
-            data=self._with_cursor(self._ends[0]),
+            data=self._with_cursor(time_s),
             series=tuple(series),
             bands=tuple(bands),
             scales=scales,
             axes=(
                 _axis("time, s" if last else None, 36 if last else 20),
-                _value_axis(first.label, ticks),
+                _value_axis(label, ticks),
             ),
             legend={"show": False},
             cursor={"drag": {"x": True, "y": False}},
@@ -112,10 +132,39 @@ class _Plot:
             padding=(8, 12, 0, 0),
         )
 
+    def takes(self, row: _Row, time_s: float) -> bool:
+        """Show later data in the same lines; whether that was possible."""
+        columns, series, _ = _columns_of(row)
+        if series != self._looks:
+            return False
+        self._columns = columns
+        self._ends = self._ends_of_time()
+        self._handle.scales = self._scales(row, self._height)[0]
+        self._handle.data = self._with_cursor(time_s)
+        return True
+
+    def _scales(self, row: _Row, height: int) -> tuple[dict[str, uplot.Scale], list[float]]:
+        """Scales by name, and the ticks of a logarithmic one."""
+        scales: dict[str, uplot.Scale] = {
+            "x": {"time": False, "range": self._range()},
+            _UNIT_SCALE: {"range": (0.0, 1.0)},
+        }
+        linear = [chart.linear_to for chart, _ in row if chart.linear_to is not None]
+        if not linear:
+            return scales, []
+        scales["y"] = {"distr": 4, "asinh": max(linear)}
+        largest = float(max(np.abs(values).max() for values in self._columns[1:]))
+        return scales, two_sided_ticks(max(linear), largest, height // _TICK_PX)
+
+    def _ends_of_time(self) -> tuple[float, float]:
+        return float(self._columns[0][0]), float(self._columns[0][-1])
+
     def move_cursor(self, time_s: float) -> None:
-        self._handle.data = self._with_cursor(min(max(time_s, self._ends[0]), self._ends[1]))
+        """Move the line that marks the frame."""
+        self._handle.data = self._with_cursor(time_s)
 
     def remove(self) -> None:
+        """Take it off the page."""
         self._handle.remove()
 
     def _range(self) -> tuple[float, float]:
@@ -124,6 +173,7 @@ class _Plot:
 
     def _with_cursor(self, time_s: float) -> tuple[FloatArray, ...]:
         x, *others = self._columns
+        time_s = min(max(time_s, self._ends[0]), self._ends[1])
         at = int(np.searchsorted(x, time_s, side="right"))
         data = [np.insert(x, at, (time_s, time_s, time_s))]
         for values in others:
@@ -136,7 +186,7 @@ class _Plot:
 
 
 def _columns_of(
-    present: list[tuple[Chart, Rgb]],
+    present: _Row,
 ) -> tuple[list[FloatArray], list[uplot.Series], list[uplot.Band]]:
     """Time and series of all runs on the times of all of them, and how they are drawn."""
     times = [chart.time_s[chart.shown()] for chart, _ in present]

@@ -161,6 +161,11 @@ class Session:
         return self._edition.stories
 
     @property
+    def _wanted_s(self) -> float:
+        times = self._first.track.time_s
+        return float(times[min(self._wanted, len(times) - 1)]) if len(times) else 0.0
+
+    @property
     def _first(self) -> Story:
         return self._edition.stories[0]
 
@@ -218,14 +223,15 @@ class Session:
             return
         ended = self._edition.is_live and not edition.is_live
         self._edition = edition
-        with drawing(self._client):
-            self._controls.refresh(edition)
-            if self._plots_paced.is_due(now_s) or ended:
-                self._layers.refresh(self._stories)
-                self._plots.refresh(self._stories)
-        self._redraw = self._redraw or ended
         if self._controls.follows_newest:
             self._wanted = max(len(self._first.track) - 1, 0)
+        with drawing(self._client):
+            self._controls.refresh(edition)
+            self._layers.go_on(self._stories)
+            if self._plots_paced.is_due(now_s) or ended:
+                self._layers.refresh_trails()
+                self._plots.go_on(self._stories, self._wanted_s)
+        self._redraw = self._redraw or ended
 
     def _draw(self, now_s: float) -> None:
         if not len(self._first.track):
@@ -268,8 +274,7 @@ class Session:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(300)
         panel = gui.add_panel()
-        with panel.add_tab("Plots"):
-            self._plots = PlotsPanel(gui, self._stories)
+        self._plots = PlotsPanel(gui, panel.add_tab("Plots"), self._stories, self._wanted_s)
         with panel.add_tab("This frame"):
             self._facts = gui.add_html("")
             self._image = gui.add_image(

@@ -101,9 +101,12 @@ class TargetLayer:
             self._cone.scale = vector(attitude_cone_scale(sd, length, magnified))
         self._show_arrows(frame, look)
 
-    def refresh(self, story: Story) -> None:
-        """Go on with a later state of the same run, which has more frames."""
+    def go_on(self, story: Story) -> None:
+        """Draw a later state of the same run, which has more frames, from now on."""
         self._story = story
+
+    def refresh_trail(self) -> None:
+        """Draw the trail as far as the run has come."""
         self._trail.remove()
         self._trail = self._add_trail()
 

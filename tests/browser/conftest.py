@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from pcnav.config import Pipeline
 from pcnav.pipeline import run
 from pcnav.simulation.recording import simulate
 from pcnav.target import load_target
 from pcnav.viewer.browser import find_browser
-
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 FRAMES = 40
 _ARGUMENTS = (
@@ -24,7 +23,7 @@ _ARGUMENTS = (
     # Without a graphics card pages are put together faster by the processor.
     *("--disable-component-update", "--disable-sync", "--disable-gpu-compositing"),
 )
-PATIENCE_MS = 40_000
+PATIENCE_MS = 20_000
 
 
 @pytest.fixture(scope="session")
@@ -64,29 +63,27 @@ def runs(sequence: Path) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope="session")
-def chromium() -> Iterator["playwright.Browser"]:
+def chromium() -> Iterator[Browser]:
     """Debian's Chromium, or whatever is there; skips without one."""
     program = find_browser()
     if program is None:
         pytest.skip("no Chromium or Chrome on the PATH")
-    with playwright.sync_playwright() as started:
+    with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=program, args=list(_ARGUMENTS))
         yield browser
         browser.close()
 
 
-Opened = Callable[..., "playwright.Page"]
+Opened = Callable[..., Page]
 
 
 @pytest.fixture
-def opened(chromium: "playwright.Browser") -> Iterator[Opened]:
+def opened(chromium: Browser) -> Iterator[Opened]:
     """Opens pages; at the end none may have complained."""
     complaints: list[str] = []
-    contexts = []
+    contexts: list[BrowserContext] = []
 
-    def open_page(
-        url: str, width: int = 1280, height: int = 800, *, offline: bool = False
-    ) -> "playwright.Page":
+    def open_page(url: str, width: int = 1280, height: int = 800, *, offline: bool = False) -> Page:
         context = chromium.new_context(viewport={"width": width, "height": height}, offline=offline)
         contexts.append(context)
         page = context.new_page()
