@@ -116,7 +116,7 @@ class _Plot:
         self._ends = self._ends_of_time()
         label = row[0][0].label
         scales, ticks = self._scales(row, height)
-        self._height, self._looks = height, series
+        self._height, self._looks = height, (label, ticks, series)
         self._handle = gui.add_uplot(
             data=self._with_cursor(time_s),
             series=tuple(series),
@@ -133,13 +133,14 @@ class _Plot:
         )
 
     def takes(self, row: _Row, time_s: float) -> bool:
-        """Show later data in the same lines; whether that was possible."""
+        """Show later data in the same lines; whether they fit, else the plot is to be removed."""
         columns, series, _ = _columns_of(row)
-        if series != self._looks:
-            return False
         self._columns = columns
         self._ends = self._ends_of_time()
-        self._handle.scales = self._scales(row, self._height)[0]
+        scales, ticks = self._scales(row, self._height)
+        if (row[0][0].label, ticks, series) != self._looks:
+            return False
+        self._handle.scales = scales
         self._handle.data = self._with_cursor(time_s)
         return True
 
