@@ -32,10 +32,10 @@ class TargetLayer:
         self._scene, self._root, self._colour = scene, root, colour
         self._model = scene.add_frame(f"{root}/model", show_axes=False)
         self._com = scene.add_frame(f"{root}/model/com", show_axes=False)
-        self._mesh = self._add_mesh(f"{root}/model", colour, 0.12) if story.target else None
+        self._mesh = self._add_edges(f"{root}/model", colour) if story.target else None
         self._ghost = scene.add_frame(f"{root}/truth", show_axes=False, visible=False)
         if is_first and story.target is not None:
-            self._add_mesh(f"{root}/truth", TRUTH, 0.06, _GHOST_SCALE)
+            self._add_edges(f"{root}/truth", TRUTH, _GHOST_SCALE)
         self._points = None
         if story.points_body is not None and len(story.points_body):
             self._points = scene.add_point_cloud(
@@ -80,8 +80,8 @@ class TargetLayer:
         magnified = look.magnified or self._story.magnification(frame)
         self._model.wxyz, self._model.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
         self._com.position = vector(track.com_model[frame])
-        for handle in self._mesh or ():
-            handle.visible = Layer.MESH in look.layers
+        if self._mesh is not None:
+            self._mesh.visible = Layer.MESH in look.layers
         self._body.visible = Layer.BODY in look.layers and self._is_first
         self._principal.visible = Layer.PRINCIPAL in look.layers and self._is_first
         if self._principal.visible:
@@ -151,12 +151,11 @@ class TargetLayer:
                 arrow.points = np.stack([np.zeros(3), tip])[None]
                 text.text, text.position = told, vector(1.08 * tip)
 
-    def _add_mesh(
-        self, root: str, colour: Rgb, opacity: float, scale: float = 1.0
-    ) -> tuple[viser.SceneNodeHandle, ...]:
+    def _add_edges(self, root: str, colour: Rgb, scale: float = 1.0) -> viser.LineSegmentsHandle:
+        """A line drawing: surfaces one can see through cost a browser more than all the rest."""
         target = self._story.target
         assert target is not None
-        edges = self._scene.add_line_segments(
+        return self._scene.add_line_segments(
             f"{root}/edges",
             wireframe_edges(target.mesh).astype(np.float32),
             line_colour(colour),
@@ -164,18 +163,6 @@ class TargetLayer:
             thickness_units="screen",
             scale=scale,
         )
-        faces = self._scene.add_mesh_simple(
-            f"{root}/faces",
-            np.asarray(target.mesh.vertices, dtype=np.float32),
-            np.asarray(target.mesh.faces, dtype=np.uint32),
-            color=colour,
-            opacity=opacity,
-            scale=scale,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-        return edges, faces
 
     def _add_ellipsoid(self, name: str, colour: Rgb, wireframe: bool) -> viser.IcosphereHandle:
         return self._scene.add_icosphere(
