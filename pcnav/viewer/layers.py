@@ -24,6 +24,7 @@ from pcnav.viewer.target_layer import TargetLayer
 
 _MOST_NAMES = 16
 _INSET, _IN_FRONT = 0.95, 0.998
+_PIXELS_ACROSS = 1.4
 _UP = (0.0, -1.0, 0.0)
 
 
@@ -184,7 +185,7 @@ class StoryLayers:
         camera = first.frames.camera() if first.frames is not None else None
         self._sensor = None if camera is None else SensorLayer(scene, camera, first.size_m)
         self._measured = scene.add_frame("/run_1/measured", show_axes=False)
-        self._cloud = CloudLayer(scene, "/run_1/measured", 0.006 * first.size_m)
+        self._cloud = CloudLayer(scene, "/run_1/measured", _point_size_m(first, camera))
         self._rectangles = RectangleLayer(scene, "/run_1/measured")
         self._targets = [
             TargetLayer(scene, f"/run_{k + 1}", story, colour, is_first=k == 0)
@@ -217,6 +218,13 @@ class StoryLayers:
         """Draw the trails as far as the runs have come."""
         for target in self._targets:
             target.refresh_trail()
+
+
+def _point_size_m(story: Story, camera: PinholeCamera | None) -> float:
+    """So large that neighbouring pixels touch; larger points would be drawn over each other."""
+    if camera is None:
+        return 0.006 * story.size_m
+    return _PIXELS_ACROSS * float(np.linalg.norm(story.centre(0))) / camera.fx
 
 
 def shot_of(story: Story, frame: int) -> Shot | None:
