@@ -209,7 +209,7 @@ def available_layers(edition: Edition) -> tuple[Layer, ...]:
 
 
 def _counted(events: tuple[object, ...]) -> str:
-    return f"{len(events)} events" if events else "no events"
+    return "1 event" if len(events) == 1 else f"{len(events) or 'no'} events"
 
 
 def _notes_html(edition: Edition) -> str:

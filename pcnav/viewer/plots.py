@@ -13,7 +13,9 @@ from pcnav.viewer.curves import Chart, ChartGroup, groups_of
 from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
 from pcnav.viewer.story import Story
 
-_HEIGHT_OF_ALL_PX = 600
+_HEIGHT_OF_ALL_PX = 640
+_FRAME_PX = 24
+"""About each plot."""
 _MOST_HEIGHT_PX = 190
 _BOUND: Rgb = (255, 110, 90)
 _KNOWN: Rgb = (70, 220, 110)
@@ -74,7 +76,7 @@ class PlotsPanel:
             for plot in self._plots:
                 plot.remove()
             self._plots = []
-            height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1), _MOST_HEIGHT_PX)
+            height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1) - _FRAME_PX, _MOST_HEIGHT_PX)
             with self._tab:
                 for k, row in enumerate(rows):
                     last = k == len(rows) - 1
