@@ -73,7 +73,9 @@ def _estimate_rows(story: Story, frame: int) -> list[tuple[str, str]]:
         )
     rows.append(("attitude", f"± {np.rad2deg(norm(sd[THETA_BODY])):.4f} deg"))
     rate = np.rad2deg(norm(track.omega_body[frame]))
-    rows.append(("rate", f"{rate:.4f} ± {np.rad2deg(norm(sd[OMEGA_BODY])):.4f} deg/s"))
+    rate_sd = np.rad2deg(norm(sd[OMEGA_BODY]))
+    doubt = f" ± {rate_sd:.4f}" if np.isfinite(rate_sd) else ""
+    rows.append(("rate", f"{rate:.4f}{doubt} deg/s"))
     if story.has_mass_centre:
         com = ", ".join(f"{value:.3f}" for value in track.com_model[frame])
         rows.append(("mass centre", f"({com}) m ± {1e3 * norm(sd[COM_MODEL]):.2f} mm"))
