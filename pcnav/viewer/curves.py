@@ -198,7 +198,7 @@ def _group(
     for k, name in enumerate(names):
         value = scale * values[:, k]
         low = high = None
-        if sd is not None:
+        if sd is not None and np.isfinite(sd[:, k]).any():
             centre = np.zeros_like(value) if is_error else value
             bound = 3.0 * scale * sd[:, k]
             low, high = centre - bound, centre + bound

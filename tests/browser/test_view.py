@@ -177,3 +177,18 @@ def test_an_exported_page_opens_offline(
     page = opened(file.as_uri(), offline=True)
     wait_until(page, lambda: cloud_pixels(page) > 5_000, "the cloud")
     page.screenshot(path=report_folder / "exported-1280x800.png")
+
+
+def test_a_picture_can_be_downloaded(
+    runs: tuple[Path, Path], served: Serve, opened: Opened, tmp_path: Path
+) -> None:
+    view = served("view", str(runs[0]), "--port", "0", "--frame", "20")
+    page = opened(view.url)
+    ready(page)
+    page.get_by_text("Share", exact=True).click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="PNG of this view").click()
+    assert download.value.suggested_filename == "first-20.png"
+    download.value.save_as(tmp_path / "view.png")
+    with Image.open(tmp_path / "view.png") as picture:
+        assert min(picture.size) > 300
