@@ -97,7 +97,7 @@ constraints: ## Resolve constraints.txt anew from pyproject.toml, newest version
 	echo "constraints: $$(grep -c '==' constraints.txt) versions pinned; run make check"
 
 clean: ## Remove caches and build products
-	rm -rf build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf build dist test-report .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 distclean: clean ## As clean, and remove .venv

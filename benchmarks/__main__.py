@@ -20,6 +20,7 @@ class Part(StrEnum):
     ACCURACY = "accuracy"
     MEMORY = "memory"
     SCALING = "scaling"
+    VIEWER = "viewer"
 
 
 class Satellite(StrEnum):
@@ -67,6 +68,8 @@ def main(
             _memory(long_frames, folder, console)
         if Part.SCALING in parts:
             _scaling(batch_runs, console)
+        if Part.VIEWER in parts:
+            _viewer(folder, console)
 
 
 def _speed(frames: int, folder: Path, console: Console) -> None:
@@ -120,6 +123,12 @@ def _scaling(batch_runs: int, console: Console) -> None:
     console.print(speed_table(one, two))
     few, many = (measure_batch("cheap", runs, 2) for runs in (FEW, MANY))
     console.print(memory_table(few, many))
+
+
+def _viewer(folder: Path, console: Console) -> None:
+    from benchmarks.viewer import measure_viewer, viewer_table
+
+    console.print(viewer_table(measure_viewer(folder)))
 
 
 if __name__ == "__main__":

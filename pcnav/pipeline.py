@@ -47,6 +47,8 @@ _LOG = logging.getLogger("pcnav")
 _USED_BY_A_RUN = {"seed", "sequence", "target_mesh", "perception", "filter"}
 """What of a pipeline a run reads or adds; the rest of the file describes a simulation."""
 
+OnStart = Callable[[Sequence, Target, Pipeline], None]
+"""Told of what is about to be followed, with the pipeline as run."""
 OnEstimate = Callable[[FrameEstimate, int], None]
 """Told of every estimate and of how many frames there are."""
 
@@ -92,6 +94,7 @@ def run(
     *,
     target_mesh: Path | None = None,
     overwrite: bool = False,
+    on_start: OnStart | None = None,
     on_estimate: OnEstimate | None = None,
 ) -> RunSummary:
     """Estimate a target's motion from a depth sequence and write the result folder.
@@ -110,6 +113,10 @@ def run(
     origin = {"sequence": str(sequence.path.resolve()), "target_mesh": str(mesh.resolve())}
     as_run = pipeline.model_copy(update=origin)
     with ResultWriter(out, overwrite) as writer:
+        # At once: a run that is killed, or still goes on, can then be looked at.
+        writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions()))
+        if on_start is not None:
+            on_start(sequence, target, as_run)
         followed = _track(sequence, target, as_run, writer, on_estimate)
         staging = writer.finish_tables()
         track = read_track(staging, with_covariance=True)
@@ -119,7 +126,6 @@ def run(
         knowledge = _knowledge(followed.prior, track, sequence.info.mean_motion_rad_s)
         if knowledge is not None:
             writer.write_text(KNOWLEDGE_FILE, knowledge_csv(knowledge))
-        writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions()))
         picture, caption = _picture(target, followed.showcase)
         report = ReportContent(
             title=sequence.info.name,

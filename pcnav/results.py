@@ -218,7 +218,7 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
         com_model=state[:, 13:16],
         inertia_ratios=state[:, 16:21],
         sd=sd,
-        T_cam_model=_read_poses(run_folder / POSES_FILE, time_s, has_estimate),
+        T_cam_model=read_poses(run_folder / POSES_FILE, time_s, has_estimate),
         status=table.words("status"),
         nis=table.numbers(("nis",))[:, 0],
         nis_dof=table.counts("nis_dof"),
@@ -282,7 +282,7 @@ def _rotations(path: Path, quaternions_xyzw: FloatArray, first_line: int = 2) ->
     return R
 
 
-def _read_poses(path: Path, time_s: FloatArray, has_estimate: BoolArray) -> FloatArray:
+def read_poses(path: Path, time_s: FloatArray, has_estimate: BoolArray) -> FloatArray:
     """(n, 4, 4) poses of the frames with an estimate, whose timestamps the file must repeat."""
     T_cam_model = np.full((len(time_s), 4, 4), np.nan)
     try:

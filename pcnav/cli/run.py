@@ -38,6 +38,10 @@ def run(
         ),
     ] = None,
     overwrite: Overwrite = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Look at a depth run in the browser while it goes on.")
+    ] = False,
+    port: Annotated[int, typer.Option(help="Of the view; a taken port moves up.")] = 8080,
 ) -> None:
     """Estimate pose, motion and mass properties from depth frames, feature tracks or images.
 
@@ -46,11 +50,16 @@ def run(
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
-    run_into(sequence, target, pipeline, out, overwrite)
+    run_into(sequence, target, pipeline, out, overwrite, port if view else None)
 
 
 def run_into(
-    sequence: Path, target_mesh: str | None, pipeline: str | None, out: Path, overwrite: bool
+    sequence: Path,
+    target_mesh: str | None,
+    pipeline: str | None,
+    out: Path,
+    overwrite: bool,
+    view_port: int | None = None,
 ) -> None:
     from rich.console import Console
 
@@ -65,6 +74,14 @@ def run_into(
     path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:
         path, content = named_pipeline(pipeline)
+    seen_otherwise = (
+        is_seen_by_one_camera(sequence)
+        or is_track_recording(sequence)
+        or is_attitude_recording(sequence)
+    )
+    if view_port is not None and seen_otherwise:
+        expected = "expected a depth sequence; look at the result with pcnav view"
+        raise InputError(sequence, "--view", expected)
     if content.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
         if target_mesh is not None:
             raise InputError(sequence, "--target", "expected none: attitudes need no mesh")
@@ -107,18 +124,49 @@ def run_into(
     if content.target_mesh is not None and target_mesh is None:
         mesh = mesh_of_pipeline(path, content.target_mesh)
         content = content.model_copy(update={"target_mesh": str(mesh)})
+    mesh_path = None if target_mesh is None else named_mesh(target_mesh)
+    if view_port is not None:
+        _run_in_view(sequence, mesh_path, content, out, overwrite, view_port)
+        return
     with progress("run") as advance:
         summary = run_sequence(
             sequence,
             out,
             content,
-            target_mesh=None if target_mesh is None else named_mesh(target_mesh),
+            target_mesh=mesh_path,
             overwrite=overwrite,
             on_estimate=lambda estimate, total: advance(estimate.index + 1, total),
         )
     Console().print(summary_table(summary.metrics, summary.knowledge))
     typer.echo(f"report: {summary.report}")
     typer.echo(f"web view: pcnav view {summary.folder}")
+
+
+def _run_in_view(
+    sequence: Path, mesh: Path | None, pipeline: "Pipeline", out: Path, overwrite: bool, port: int
+) -> None:
+    """The same run, seen by whoever opens the page; the page stays when it has ended."""
+    from rich.console import Console
+
+    from pcnav.cli.view import serve_until_interrupted, tell_address
+    from pcnav.evaluation.summary import summary_table
+    from pcnav.viewer.live import run_live
+    from pcnav.viewer.server import LOOPBACK
+
+    with progress("run") as advance:
+        summary, server = run_live(
+            sequence,
+            out,
+            pipeline,
+            mesh,
+            overwrite=overwrite,
+            port=port,
+            on_served=lambda server: tell_address(server, LOOPBACK, port),
+            on_progress=advance,
+        )
+    Console().print(summary_table(summary.metrics, summary.knowledge))
+    typer.echo(f"report: {summary.report}")
+    serve_until_interrupted(server)
 
 
 def _run_tracks(

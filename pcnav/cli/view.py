@@ -1,33 +1,109 @@
 """``pcnav view``: a run in the browser."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pcnav.cli.options import Overwrite
+from pcnav.cli.progress import progress
+from pcnav.errors import InputError
+
 if TYPE_CHECKING:
-    pass
+    from pcnav.viewer.server import LocalServer
+    from pcnav.viewer.story import Story
 
-
-from contextlib import suppress
+_LOOPBACK = "127.0.0.1"
+_MOST_RUNS = 2
 
 
 def view(
-    result: Annotated[Path, typer.Argument(help="Result folder of a run.")],
+    runs: Annotated[
+        list[Path], typer.Argument(help="Result folder of a run; a second one is laid over it.")
+    ],
     port: Annotated[int, typer.Option(help="A taken port moves up.")] = 8080,
     host: Annotated[
         str, typer.Option(help="Address to serve on; the default is this machine alone.")
-    ] = "127.0.0.1",
+    ] = _LOOPBACK,
+    frame: Annotated[
+        int | None, typer.Option(min=0, help="Frame to open at, or to export.")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="Write a page of one frame that opens offline, and end.")
+    ] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="Write a picture of one frame, and end; needs a Chromium.")
+    ] = None,
+    recording: Annotated[
+        Path | None, typer.Option(help="Write a recording (.viser) of the run, and end.")
+    ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Look at a run in the browser: cloud, rectangles and the estimated satellite over time.
 
-    Example: `pcnav view runs/demo/result`
+    Examples: `pcnav view runs/demo/result`, `pcnav view runs/old runs/new`,
+    `pcnav view runs/demo/result --frame 100 --png frame.png`, `pcnav view run.viser`
     """
-    from pcnav.viewer.app import load_run, serve
+    if len(runs) > _MOST_RUNS:
+        raise InputError("pcnav view", "runs", f"expected at most {_MOST_RUNS}, got {len(runs)}")
+    exports = {"html": html, "png": png, "recording": recording}
+    asked = {kind: path for kind, path in exports.items() if path is not None}
+    if len(runs) == 1 and runs[0].suffix == ".viser" and runs[0].is_file():
+        _play(runs[0], host, port)
+        return
+    from pcnav.viewer.app import serve
+    from pcnav.viewer.export import refuse_existing
+    from pcnav.viewer.source import FinishedRuns
+    from pcnav.viewer.story import load_story
 
-    server = serve(load_run(result), host, port)
-    if host != "127.0.0.1":
+    for path in asked.values():
+        refuse_existing(path, overwrite)
+    stories = tuple(load_story(run) for run in runs)
+    for story in stories:
+        for note in story.notes:
+            typer.echo(f"{story.name}: {note}")
+    if asked:
+        _export(stories, asked, frame)
+        return
+    server = serve(FinishedRuns(stories), host, port, frame)
+    tell_address(server, host, port)
+    serve_until_interrupted(server)
+
+
+def tell_address(server: "LocalServer", host: str, asked_port: int) -> None:
+    """Say where the view is, and to whom it is open."""
+    if server.get_port() != asked_port:
+        typer.echo(f"port {asked_port} is taken: {server.get_port()} instead")
+    if host != _LOOPBACK:
         typer.echo(f"open to every machine that reaches {host}: anyone there can look at this run")
     typer.echo(f"view: http://{host}:{server.get_port()}  (Ctrl-C ends it)")
+
+
+def serve_until_interrupted(server: "LocalServer") -> None:
+    """Keep the process alive for its view."""
+    typer.echo("the view stays open until Ctrl-C")
     with suppress(KeyboardInterrupt):
         server.sleep_forever()
+    server.stop()
+
+
+def _export(stories: "tuple[Story, ...]", asked: dict[str, Path], frame: int | None) -> None:
+    from pcnav.viewer.export import export, shown_frame
+
+    at = shown_frame(stories[0], frame)
+    with progress("view") as advance:
+        for kind, path in asked.items():
+            size = export(kind, stories, at, path, advance)
+            typer.echo(f"{kind}: {path} ({size / 1e6:.1f} MB)")
+
+
+def _play(recording: Path, host: str, port: int) -> None:
+    """Show a recording."""
+    from pcnav.viewer.playback import serve_recording
+
+    server = serve_recording(recording, host, port)
+    typer.echo(f"view: http://{host}:{server.server_port}  (Ctrl-C ends it)")
+    with suppress(KeyboardInterrupt):
+        server.serve_forever()
+    server.server_close()

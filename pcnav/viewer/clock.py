@@ -1,0 +1,38 @@
+"""Which frame is due: playback follows the time of the run, not the number of frames drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Playback:
+    """Playing from a moment on at a speed; where drawing is late, frames are left out."""
+
+    started_s: float
+    """Of the wall clock."""
+    from_s: float
+    """Time of the run then."""
+    speed: float
+    """Seconds of the run per second."""
+
+    def frame_at(self, now_s: float, time_s: FloatArray) -> int:
+        """The last frame whose time has come; (n,) times of the frames, increasing."""
+        at = self.from_s + (now_s - self.started_s) * self.speed
+        return int(
+            np.clip(np.searchsorted(time_s, at + 1e-9, side="right") - 1, 0, len(time_s) - 1)
+        )
+
+    def has_ended(self, now_s: float, time_s: FloatArray) -> bool:
+        """Whether the last frame has come."""
+        return self.frame_at(now_s, time_s) >= len(time_s) - 1
+
+
+def speeds(time_s: FloatArray) -> tuple[tuple[str, float], ...]:
+    """Names and values of the speeds to choose from; the last shows 20 frames a second."""
+    named = [(f"{speed:g} × real time", speed) for speed in (0.25, 1.0, 4.0, 16.0, 64.0)]
+    steps = np.diff(time_s)
+    step_s = float(np.median(steps)) if steps.size else 1.0
+    return (*named, ("20 frames/s", 20.0 * step_s))

@@ -1,0 +1,118 @@
+"""What each return of a depth frame shows, and the colours that say so. Arrays in, arrays out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from pcnav.arrays import DepthImage, FloatArray, IntArray
+from pcnav.camera import PinholeCamera, range_per_depth
+from pcnav.catalogue import Rectangle
+from pcnav.rendering import RenderedDepth
+from pcnav.spatial import invert_transform, transform_points
+from pcnav.viewer.palette import LABELS, RESIDUAL_STOPS, UNEXPLAINED
+
+Colours = npt.NDArray[np.uint8]
+
+EXPLAINED_SIGMA = 3.0
+"""A return further than this from the rendered model is not explained by it, as in perception."""
+_RECTANGLE_TOLERANCE = 2e-3
+"""A face belongs to a rectangle that holds its corners to within this share of the long side."""
+_NICE = (1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0)
+
+
+@dataclass(frozen=True)
+class FaceNames:
+    """What the triangles of a mesh belong to."""
+
+    plane: IntArray
+    """(n_faces,) number of the flat part of the surface."""
+    rectangle: IntArray
+    """(n_faces,) number in the catalogue, -1 for none."""
+
+
+def face_names(mesh: trimesh.Trimesh, rectangles: tuple[Rectangle, ...]) -> FaceNames:
+    """Flat parts and catalogue rectangles of a mesh's triangles."""
+    plane = np.full(len(mesh.faces), -1, dtype=np.intp)
+    for number, faces in enumerate(mesh.facets):
+        plane[faces] = number
+    # A triangle without a coplanar neighbour is a flat part of its own.
+    alone = np.flatnonzero(plane < 0)
+    plane[alone] = len(mesh.facets) + np.arange(len(alone))
+    rectangle = np.full(len(mesh.faces), -1, dtype=np.intp)
+    corners = np.asarray(mesh.triangles, dtype=np.float64)
+    for number, each in reversed(list(enumerate(rectangles))):
+        p_rect = transform_points(invert_transform(each.T_model_rect), corners.reshape(-1, 3))
+        slack = _RECTANGLE_TOLERANCE * each.length_m
+        half = 0.5 * np.array([each.width_m, each.length_m, 0.0]) + slack
+        inside = (np.abs(p_rect) <= half).all(axis=1).reshape(-1, 3).all(axis=1)
+        outward = mesh.face_normals @ each.T_model_rect[:3, 2] > 0.0
+        rectangle[inside & (outward | each.two_sided)] = number
+    return FaceNames(plane, rectangle)
+
+
+def range_residual(depth_m: DepthImage, rendered: RenderedDepth) -> FloatArray:
+    """(height, width) range measured minus range of the model, m; nan without either."""
+    both = (depth_m > 0.0) & (rendered.triangle >= 0)
+    residual = np.full(depth_m.shape, np.nan)
+    difference = depth_m[both].astype(np.float64) - rendered.depth_m[both]
+    residual[both] = difference * range_per_depth(rendered.camera)[both]
+    return residual
+
+
+def labels_of(
+    rendered: RenderedDepth, residual_m: FloatArray, of_face: IntArray, sigma_m: float
+) -> IntArray:
+    """(height, width) label of the face that explains each return, -1 where none does."""
+    labels = np.full(residual_m.shape, -1, dtype=np.intp)
+    explained = np.abs(residual_m) <= EXPLAINED_SIGMA * sigma_m
+    labels[explained] = of_face[rendered.triangle[explained]]
+    return labels
+
+
+def label_colours(labels: IntArray) -> Colours:
+    """(..., 3) a colour per label (...); that of the unexplained for -1."""
+    colours = LABELS[labels % len(LABELS)]
+    colours[labels < 0] = UNEXPLAINED
+    return colours
+
+
+def residual_scale(sigma_m: float) -> float:
+    """End of a symmetric scale, m: the round number from 3 sigma on, where the unexplained begins.
+
+    The same in every frame of a run, so that colours keep their meaning as time passes.
+    """
+    return nice_ceiling(EXPLAINED_SIGMA * sigma_m)
+
+
+def nice_ceiling(value: float) -> float:
+    """The next round number from a positive value on."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * next(step for step in _NICE if step * decade >= value * (1.0 - 1e-9)))
+
+
+def residual_colours(residual_m: FloatArray, scale_m: float) -> Colours:
+    """(..., 3) of residuals (...): blue nearer than the model, white on it, red behind it.
+
+    Beyond the scale the end colours stay; what has no residual gets that of the unexplained.
+    """
+    share = np.clip(np.nan_to_num(residual_m / scale_m), -1.0, 1.0)
+    stops = np.array(RESIDUAL_STOPS, dtype=np.float64)
+    colours = np.stack(
+        [np.interp(share, (-1.0, 0.0, 1.0), stops[:, channel]) for channel in range(3)], axis=-1
+    )
+    colours[~np.isfinite(residual_m)] = UNEXPLAINED
+    return colours.astype(np.uint8)
+
+
+def depth_shades(depth_m: DepthImage, camera: PinholeCamera) -> FloatArray:
+    """(height, width) brightness, 1 of the nearest returns to 0.35; 0 without a return."""
+    returned = depth_m > 0.0
+    shades = np.zeros(depth_m.shape)
+    if returned.any():
+        range_m = depth_m[returned] * range_per_depth(camera)[returned]
+        low, high = np.percentile(range_m, (1.0, 99.0))
+        share = np.clip((range_m - low) / max(high - low, 1e-9), 0.0, 1.0)
+        shades[returned] = 1.0 - 0.65 * share
+    return shades

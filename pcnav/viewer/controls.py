@@ -1,0 +1,225 @@
+"""The controls of one browser: time, colours, camera, layers."""
+
+from enum import StrEnum
+from typing import Protocol
+
+import viser
+
+from pcnav.viewer.clock import speeds
+from pcnav.viewer.events import Kind
+from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.look import DEFAULT_LAYERS, Layer, Look
+from pcnav.viewer.source import Edition
+
+_ANY_EVENT = "any event"
+_MAGNIFIED: dict[str, float | None] = {
+    "as is seen": None,
+    "true size": 1.0,
+    "10 × larger": 10.0,
+    "100 × larger": 100.0,
+    "1000 × larger": 1000.0,
+}
+_FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
+
+
+class Camera(StrEnum):
+    """Where the browser looks from."""
+
+    CHASER = "chaser's eye"
+    ORBIT = "orbit"
+    FOLLOW = "follow"
+
+
+class Share(StrEnum):
+    """What can be downloaded."""
+
+    PNG = "PNG of this view"
+    HTML = "HTML of this frame"
+    RECORDING = "recording (.viser)"
+
+
+class Shown(Protocol):
+    """What the controls act on."""
+
+    def go_to(self, frame: int) -> None: ...
+    def step(self, frames: int) -> None: ...
+    def jump(self, direction: int, kind: Kind | None) -> None: ...
+    def play(self, wanted: bool) -> None: ...
+    @property
+    def is_playing(self) -> bool: ...
+    def change_look(self) -> None: ...
+    def change_speed(self) -> None: ...
+    def look_from(self, camera: Camera) -> None: ...
+    def share(self, share: Share) -> None: ...
+
+
+class Controls:
+    """The main panel of one browser."""
+
+    def __init__(self, gui: viser.GuiApi, edition: Edition, shown: Shown) -> None:
+        self._gui, self._shown = gui, shown
+        first = edition.stories[0]
+        self._frames = len(first.track)
+        self._notes = gui.add_html(_notes_html(edition))
+        self._add_time(gui, edition)
+        self._add_look(gui)
+        self._checkboxes = self._add_layers(gui, edition)
+        self._add_share(gui)
+
+    # Read by the session.
+
+    @property
+    def look(self) -> Look:
+        """How a frame is to be drawn."""
+        return Look(
+            layers=frozenset(layer for layer, box in self._checkboxes.items() if box.value),
+            colour_by=ColourBy(self._colour.value),
+            magnified=_MAGNIFIED[self._magnified.value],
+        )
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the run per second."""
+        return self._speeds[self._speed.value]
+
+    @property
+    def follows_newest(self) -> bool:
+        """Whether the newest frame of a run that goes on is shown."""
+        return self._newest.visible and bool(self._newest.value)
+
+    # Told by the session.
+
+    def show_frame(self, frame: int) -> None:
+        """Put the slider where the time is."""
+        # viser types the value as read-only, though assigning is how it is set.
+        self._slider.value = frame  # type: ignore[misc]
+
+    def show_playing(self, playing: bool) -> None:
+        """Name the button after what it does."""
+        self._play.label = "Pause" if playing else "Play"
+
+    def stop_following_newest(self) -> None:
+        """The user looks at a frame of their own choice."""
+        self._newest.value = False  # type: ignore[misc]
+
+    def refresh(self, edition: Edition) -> None:
+        """There are more frames, or the run has ended."""
+        self._frames = len(edition.stories[0].track)
+        self._slider.max = max(self._frames - 1, 1)
+        self._newest.visible = edition.is_live
+        self._notes.content = _notes_html(edition)
+
+    def show_legend(self, html: str) -> None:
+        """Say what the colours of the points mean."""
+        self._legend.content = html
+
+    def tell(self, text: str) -> None:
+        """One line below the controls of time."""
+        self._told.content = _line(text)
+
+    def _add_time(self, gui: viser.GuiApi, edition: Edition) -> None:
+        first = edition.stories[0]
+        self._slider = gui.add_slider(
+            "frame", min=0, max=max(self._frames - 1, 1), step=1, initial_value=0
+        )
+        self._newest = gui.add_checkbox(
+            "newest frame", initial_value=edition.is_live, visible=edition.is_live
+        )
+        self._play = gui.add_button("Play")
+        steps = gui.add_button_group("step", (_FIRST, _BACK, _ON, _LAST))
+        self._speeds = dict(speeds(first.track.time_s))
+        names = tuple(self._speeds)
+        self._speed = gui.add_dropdown("speed", names, initial_value=names[-1])
+        self._event_kind = gui.add_dropdown("events", (_ANY_EVENT, *(str(kind) for kind in Kind)))
+        jumps = gui.add_button_group("jump to", ("previous", "next"))
+        self._told = gui.add_html(_line(_counted(first.events)))
+
+        @self._slider.on_update
+        def _(event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
+            if event.client is not None:
+                self.stop_following_newest()
+                self._shown.go_to(int(self._slider.value))
+
+        @self._play.on_click
+        def _(_: object) -> None:
+            self._shown.play(not self._shown.is_playing)
+
+        @steps.on_click
+        def _(_: object) -> None:
+            far = self._frames
+            self._shown.step({_FIRST: -far, _BACK: -1, _ON: 1, _LAST: far}[steps.value])
+
+        @jumps.on_click
+        def _(_: object) -> None:
+            chosen = self._event_kind.value
+            kind = None if chosen == _ANY_EVENT else Kind(chosen)
+            self._shown.jump(1 if jumps.value == "next" else -1, kind)
+
+        self._speed.on_update(lambda _: self._shown.change_speed())
+
+    def _add_look(self, gui: viser.GuiApi) -> None:
+        self._colour = gui.add_dropdown(
+            "points by", tuple(str(by) for by in ColourBy), initial_value=str(ColourBy.PLANE)
+        )
+        self._legend = gui.add_html("")
+        self._magnified = gui.add_dropdown(
+            "3σ drawn", tuple(_MAGNIFIED), initial_value="as is seen"
+        )
+        camera = gui.add_button_group("look from", tuple(str(each) for each in Camera))
+        self._colour.on_update(lambda _: self._shown.change_look())
+        self._magnified.on_update(lambda _: self._shown.change_look())
+        camera.on_click(lambda _: self._shown.look_from(Camera(camera.value)))
+
+    def _add_layers(
+        self, gui: viser.GuiApi, edition: Edition
+    ) -> dict[Layer, viser.GuiCheckboxHandle]:
+        boxes = {}
+        with gui.add_folder("Layers"):
+            for layer in available_layers(edition):
+                boxes[layer] = gui.add_checkbox(str(layer), initial_value=layer in DEFAULT_LAYERS)
+                boxes[layer].on_update(lambda _: self._shown.change_look())
+        return boxes
+
+    def _add_share(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Share", expand_by_default=False):
+            for share in Share:
+                self._add_share_button(gui, share)
+
+    def _add_share_button(self, gui: viser.GuiApi, share: Share) -> None:
+        gui.add_button(str(share)).on_click(lambda _: self._shown.share(share))
+
+
+def available_layers(edition: Edition) -> tuple[Layer, ...]:
+    """The layers that a run has anything for."""
+    first = edition.stories[0]
+    absent: set[Layer] = set()
+    if first.frames is None:
+        absent |= {Layer.POINTS, Layer.SENSOR}
+    if first.target is None:
+        absent |= {Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH}
+    told = first.evaluation is not None and first.evaluation.T_cam_model is not None
+    # What a run that goes on knows of the truth is seen when it has ended.
+    if first.target is None or not (told or edition.is_live):
+        absent.add(Layer.TRUTH)
+    if not first.has_mass_centre:
+        absent.add(Layer.COM)
+    if not first.has_position:
+        absent |= {Layer.POSITION, Layer.TRAIL, Layer.PRINCIPAL, Layer.MOMENTUM}
+    return tuple(layer for layer in Layer if layer not in absent)
+
+
+def _counted(events: tuple[object, ...]) -> str:
+    return "1 event" if len(events) == 1 else f"{len(events) or 'no'} events"
+
+
+def _notes_html(edition: Edition) -> str:
+    notes = [note for story in edition.stories for note in story.notes]
+    if edition.is_live:
+        notes.append("live: the run goes on")
+    return "".join(
+        f"<div style='font-size:12px;padding:4px 10px;color:#ffc43c'>{note}</div>" for note in notes
+    )
+
+
+def _line(text: str) -> str:
+    return f"<div style='font-size:12px;padding:0 10px;opacity:.8'>{text}</div>"

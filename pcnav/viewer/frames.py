@@ -1,0 +1,146 @@
+"""Depth frames on demand: read, unprojected and compared with the model, a few of them kept."""
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from pcnav.arrays import FloatArray, IntArray
+from pcnav.camera import PinholeCamera, unproject
+from pcnav.config import PerceptionTable
+from pcnav.errors import InputError
+from pcnav.perception.perceive import perceive
+from pcnav.rendering import DepthRenderer
+from pcnav.sequences.sequence import Frame, Sequence
+from pcnav.target import Target
+from pcnav.viewer.colouring import (
+    Colours,
+    face_names,
+    label_colours,
+    labels_of,
+    range_residual,
+    residual_colours,
+    residual_scale,
+)
+from pcnav.viewer.palette import PLAIN
+
+_KEPT = 48
+"""Frames in memory: half a megabyte each."""
+_MOST_POINTS = 60_000
+"""A browser draws no more of a cloud in time; larger frames show every so many points."""
+
+
+class ColourBy(StrEnum):
+    """What the colour of a point tells."""
+
+    PLANE = "plane"
+    RECTANGLE = "rectangle"
+    RESIDUAL = "residual, mm"
+    PLAIN = "plain"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One depth frame, ready to be drawn."""
+
+    frame: Frame
+    shown: tuple[IntArray, IntArray]
+    """Rows and columns of the pixels that are drawn as points."""
+    points: npt.NDArray[np.float32]
+    """(n, 3) camera frame, m."""
+    planes: IntArray
+    """(height, width) flat part of the surface that explains a return, -1 for none."""
+    rectangles: IntArray | None
+    """(height, width) rectangle of the catalogue; None without an estimate."""
+    residual_m: FloatArray | None
+    """(height, width) range measured minus modelled; None without an estimate."""
+
+    def colours(self, by: ColourBy, scale_m: float) -> Colours:
+        """(n, 3) one per point, or (3,) for all; residuals up to a scale."""
+        if by is ColourBy.PLAIN:
+            return np.array(PLAIN, dtype=np.uint8)
+        if by is ColourBy.RESIDUAL and self.residual_m is not None:
+            return residual_colours(self.residual_m[self.shown], scale_m)
+        return label_colours(self.labels(by)[self.shown])
+
+    def labels(self, by: ColourBy) -> IntArray:
+        """(height, width) of rectangles where those are asked for and known, else of planes."""
+        if by is ColourBy.RECTANGLE and self.rectangles is not None:
+            return self.rectangles
+        return self.planes
+
+
+class FrameStore:
+    """The frames of one run, by number; safe to ask from several threads.
+
+    ``settings`` and ``seed`` are those of the run: they find the planes of a frame that has no
+    estimate.
+    """
+
+    def __init__(
+        self, sequence: Sequence, target: Target, settings: PerceptionTable, seed: int
+    ) -> None:
+        self._sequence, self._target = sequence, target
+        self._settings, self._seed = settings, seed
+        self.sigma_m = settings.range_sigma_m or sequence.info.range_sigma_m
+        self.scale_m = residual_scale(self.sigma_m)
+        self._names = face_names(target.mesh, target.rectangles)
+        self._renderers: dict[PinholeCamera, DepthRenderer] = {}
+        self._kept: OrderedDict[tuple[int, bool], Shot | None] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, index: int, time_s: float, T_cam_model: FloatArray | None) -> Shot | None:
+        """A frame compared with the model at a pose (4, 4); None where it is not on disk."""
+        key = (index, T_cam_model is not None)
+        # One thread at a time: the ray caster is shared, and two that ask for the same frame
+        # would read it twice.
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+            shot = self._read(index, time_s, T_cam_model)
+            self._kept[key] = shot
+            while len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+            return shot
+
+    def camera(self) -> PinholeCamera | None:
+        """The camera of the first frame; None where that is not on disk."""
+        try:
+            return self._sequence.frame(0).camera
+        except InputError:
+            return None
+
+    def _read(self, index: int, time_s: float, T_cam_model: FloatArray | None) -> Shot | None:
+        if index >= len(self._sequence):
+            return None
+        try:
+            frame = self._sequence.frame(index)
+        except InputError:
+            return None
+        if frame.time_s != time_s:
+            return None
+        rows, columns = np.nonzero(frame.depth_m > 0.0)
+        step = max(1, -(-len(rows) // _MOST_POINTS))
+        shown = (rows[::step], columns[::step])
+        points = unproject(frame.camera, frame.depth_m)[shown].astype(np.float32)
+        if T_cam_model is None:
+            seen = perceive(frame, (), self._settings, self.sigma_m, self._seed)
+            return Shot(frame, shown, points, seen.image_labels, None, None)
+        rendered = self._renderer(frame.camera).render(T_cam_model)
+        residual_m = range_residual(frame.depth_m, rendered)
+        planes, rectangles = (
+            labels_of(rendered, residual_m, of_face, self.sigma_m)
+            for of_face in (self._names.plane, self._names.rectangle)
+        )
+        return Shot(frame, shown, points, planes, rectangles, residual_m)
+
+    def _renderer(self, camera: PinholeCamera) -> DepthRenderer:
+        if camera not in self._renderers:
+            # Some sequences state a camera for every frame.
+            self._renderers.clear()
+            self._renderers[camera] = DepthRenderer(self._target.mesh, camera)
+        return self._renderers[camera]

@@ -1,0 +1,243 @@
+"""One frame of a run drawn into a scene: of one browser, or of a file that is exported.
+
+The scene is the camera frame of the chaser: x right, y down, z forward, metres. Nodes are added
+once; a frame then changes only what differs from the one before.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import viser
+
+from pcnav.arrays import FloatArray
+from pcnav.camera import PinholeCamera
+from pcnav.evaluation.overlay import rectangle_corners
+from pcnav.results import ACCEPTED, RectangleRecord
+from pcnav.spatial import invert_transform, transform_points
+from pcnav.viewer.frames import Shot
+from pcnav.viewer.glyphs import closed
+from pcnav.viewer.look import Layer, Look, line_colour, vector, wxyz_of
+from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
+from pcnav.viewer.story import Story
+from pcnav.viewer.target_layer import TargetLayer
+
+_MOST_NAMES = 16
+_INSET, _IN_FRONT = 0.95, 0.998
+_PIXELS_ACROSS = 1.4
+_UP = (0.0, -1.0, 0.0)
+
+
+def set_up_scene(scene: viser.SceneApi) -> None:
+    """Once for a server's own scene: the image's top is up, light casts no shadows."""
+    scene.set_up_direction(_UP)
+    scene.world_axes.visible = False
+    scene.configure_default_lights(enabled=True, cast_shadow=False)
+
+
+class SensorLayer:
+    """The chaser's camera."""
+
+    def __init__(self, scene: viser.SceneApi, camera: PinholeCamera, size_m: float) -> None:
+        self._frustum = scene.add_camera_frustum(
+            "/sensor",
+            fov=vertical_fov(camera),
+            aspect=camera.width / camera.height,
+            scale=0.15 * size_m,
+            thickness=1.5,
+            thickness_units="screen",
+            color=SENSOR,
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def show(self, look: Look) -> None:
+        """Draw or hide it."""
+        self._frustum.visible = Layer.SENSOR in look.layers
+
+
+def vertical_fov(camera: PinholeCamera) -> float:
+    """Field of view, rad."""
+    return float(2.0 * np.arctan(0.5 * camera.height / camera.fy))
+
+
+class CloudLayer:
+    """The returns of a frame.
+
+    They are told in the estimated model frame and move with it. A browser moves nodes at once but
+    may take longer to exchange points: what it draws in between then still fits together.
+    """
+
+    def __init__(self, scene: viser.SceneApi, root: str, point_size_m: float) -> None:
+        self._points = scene.add_point_cloud(
+            f"{root}/points",
+            np.zeros((1, 3), dtype=np.float32),
+            np.zeros((1, 3), dtype=np.uint8),
+            point_size=point_size_m,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+            visible=False,
+        )
+        # New colours make the browser throw its shader away and compile it anew, half a second in
+        # software, unless another cloud holds on to it. Its points are too small to be seen; a
+        # single one would have its colour, and shader, of another kind.
+        scene.add_point_cloud(
+            f"{root}/held",
+            np.zeros((2, 3), dtype=np.float32),
+            np.zeros((2, 3), dtype=np.uint8),
+            point_size=1e-6,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+        )
+
+    def show(self, shot: Shot | None, T_model_cam: FloatArray, look: Look, scale_m: float) -> None:
+        """Draw a frame, or nothing where there is none."""
+        visible = shot is not None and Layer.POINTS in look.layers and len(shot.points) > 0
+        if shot is not None and visible:
+            colours = shot.colours(look.colour_by, scale_m)
+            self._points.points = _moved(T_model_cam, shot.points)
+            self._points.colors = np.broadcast_to(colours, shot.points.shape)
+        self._points.visible = visible
+
+
+class RectangleLayer:
+    """Outlines of the rectangles seen, and their names; in the model frame, as the cloud."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._lines = {
+            layer: scene.add_line_segments(
+                f"{root}/{name}",
+                np.zeros((1, 2, 3), dtype=np.float32),
+                line_colour(colour),
+                thickness=3.0,
+                thickness_units="screen",
+                visible=False,
+            )
+            for layer, name, colour in (
+                (Layer.ACCEPTED, "accepted", ACCEPTED_COLOUR),
+                (Layer.REJECTED, "rejected", REJECTED_COLOUR),
+            )
+        }
+        self._names = [
+            scene.add_label(
+                f"{root}/names/{k}",
+                "",
+                font_screen_scale=0.75,
+                anchor="center-center",
+                visible=False,
+            )
+            for k in range(_MOST_NAMES)
+        ]
+
+    def show(
+        self, records: tuple[RectangleRecord, ...], T_model_cam: FloatArray, look: Look
+    ) -> None:
+        """Draw those that have a pose."""
+        placed = [record for record in records if np.isfinite(record.T_cam_rect).all()]
+        named: list[tuple[str, FloatArray]] = []
+        for layer, lines in self._lines.items():
+            of_layer = [r for r in placed if (r.outcome == ACCEPTED) is (layer is Layer.ACCEPTED)]
+            lines.visible = layer in look.layers and bool(of_layer)
+            if not lines.visible:
+                continue
+            outlines = np.concatenate([_outline(r) for r in of_layer])
+            lines.points = _moved(T_model_cam, outlines)
+            colour = ACCEPTED_COLOUR if layer is Layer.ACCEPTED else REJECTED_COLOUR
+            lines.colors = np.broadcast_to(
+                np.array(line_colour(colour), np.uint8), lines.points.shape
+            )
+            named += [(_told(r), (T_model_cam @ r.T_cam_rect)[:3, 3]) for r in of_layer]
+        if Layer.NAMES not in look.layers:
+            named = []
+        for k, label in enumerate(self._names):
+            label.visible = k < len(named)
+            if k < len(named):
+                label.text, label.position = named[k][0], vector(named[k][1])
+
+
+def _moved(T: FloatArray, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    return transform_points(T, points.astype(np.float64)).astype(np.float32)
+
+
+def _outline(record: RectangleRecord) -> FloatArray:
+    """(4, 2, 3) the sides, a little inside and in front: the mesh's own edges would hide them."""
+    corners = rectangle_corners(record)
+    centre = corners.mean(axis=0)
+    return closed((centre + _INSET * (corners - centre)) * _IN_FRONT)
+
+
+def _told(record: RectangleRecord) -> str:
+    return (
+        record.rectangle if record.outcome == ACCEPTED else f"{record.rectangle or '?'} (rejected)"
+    )
+
+
+class StoryLayers:
+    """All layers of one or two runs in one scene. The cloud and rectangles are the first run's."""
+
+    def __init__(
+        self, scene: viser.SceneApi, stories: tuple[Story, ...], colours: tuple[Rgb, ...]
+    ) -> None:
+        first = stories[0]
+        self._stories = stories
+        camera = first.frames.camera() if first.frames is not None else None
+        self._sensor = None if camera is None else SensorLayer(scene, camera, first.size_m)
+        self._measured = scene.add_frame("/run_1/measured", show_axes=False)
+        self._cloud = CloudLayer(scene, "/run_1/measured", _point_size_m(first, camera))
+        self._rectangles = RectangleLayer(scene, "/run_1/measured")
+        self._targets = [
+            TargetLayer(scene, f"/run_{k + 1}", story, colour, is_first=k == 0)
+            for k, (story, colour) in enumerate(zip(stories, colours, strict=False))
+        ]
+
+    def show(self, frame: int, shot: Shot | None, look: Look) -> None:
+        """Draw a frame of the first run, and those of the others that are nearest in time."""
+        first = self._stories[0]
+        time_s = float(first.track.time_s[frame])
+        if self._sensor is not None:
+            self._sensor.show(look)
+        known = bool(first.track.has_estimate[frame])
+        T = first.track.T_cam_model[frame] if known else np.eye(4)
+        self._measured.wxyz, self._measured.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
+        T_model_cam = invert_transform(T)
+        scale_m = 1.0 if first.frames is None else first.frames.scale_m
+        self._cloud.show(shot, T_model_cam, look, scale_m)
+        self._rectangles.show(first.records.get(time_s, ()), T_model_cam, look)
+        for k, (target, story) in enumerate(zip(self._targets, self._stories, strict=True)):
+            target.show(frame if k == 0 else story.nearest_frame(time_s), look)
+
+    def go_on(self, stories: tuple[Story, ...]) -> None:
+        """Draw later states of the same runs from now on."""
+        self._stories = stories
+        for target, story in zip(self._targets, stories, strict=True):
+            target.go_on(story)
+
+    def refresh_trails(self) -> None:
+        """Draw the trails as far as the runs have come."""
+        for target in self._targets:
+            target.refresh_trail()
+
+
+def _point_size_m(story: Story, camera: PinholeCamera | None) -> float:
+    """So large that neighbouring pixels touch; larger points would be drawn over each other."""
+    if camera is None:
+        return 0.006 * story.size_m
+    return _PIXELS_ACROSS * float(np.linalg.norm(story.centre(0))) / camera.fx
+
+
+def shot_of(story: Story, frame: int) -> Shot | None:
+    """The depth frame of a row of a run, compared with the model where there is an estimate."""
+    if story.frames is None or not len(story.track):
+        return None
+    known = bool(story.track.has_estimate[frame])
+    pose = story.track.T_cam_model[frame] if known else None
+    return story.frames.get(frame, float(story.track.time_s[frame]), pose)
+
+
+def thinned(shot: Shot, most: int) -> Shot:
+    """The same frame with no more than so many points, evenly left out."""
+    step = max(1, -(-len(shot.points) // most))
+    rows, columns = shot.shown
+    return replace(shot, points=shot.points[::step], shown=(rows[::step], columns[::step]))

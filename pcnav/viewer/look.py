@@ -1,0 +1,62 @@
+"""How a frame is to be drawn, and numbers as viser takes them."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.spatial import xyzw_from_rotation
+from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.palette import Rgb
+
+
+class Layer(StrEnum):
+    """What can be shown or hidden."""
+
+    POINTS = "points"
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+    NAMES = "names"
+    MESH = "mesh"
+    TRUTH = "true mesh"
+    SENSOR = "sensor"
+    BODY = "body axes"
+    PRINCIPAL = "principal axes"
+    COM = "mass centre"
+    POSITION = "position"
+    ATTITUDE = "attitude"
+    RATE = "rate"
+    MOMENTUM = "momentum"
+    TRAIL = "trail"
+
+
+DEFAULT_LAYERS = frozenset(Layer) - {Layer.PRINCIPAL, Layer.ATTITUDE, Layer.MOMENTUM}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a frame is to be drawn."""
+
+    layers: frozenset[Layer] = DEFAULT_LAYERS
+    colour_by: ColourBy = ColourBy.PLANE
+    magnified: float | None = None
+    """Ellipsoids and cone are drawn so many times larger than 3 sigma; None for what is seen."""
+
+
+def wxyz_of(R: FloatArray) -> tuple[float, float, float, float]:
+    """The order of viser, the only place that has it."""
+    x, y, z, w = (float(value) for value in xyzw_from_rotation(R))
+    return w, x, y, z
+
+
+def line_colour(colour: Rgb) -> Rgb:
+    """A colour as lines and arrows need it: the browser takes theirs for linear light."""
+    linear = np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(int)
+    return int(linear[0]), int(linear[1]), int(linear[2])
+
+
+def vector(values: FloatArray) -> tuple[float, float, float]:
+    """Three plain numbers."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,135 @@
+"""Runs on feature tracks and on images of one camera, told as a story."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.arrays import FloatArray
+from pcnav.config import Pipeline
+from pcnav.csv_table import CsvTable, read_csv
+from pcnav.evaluation.truth import read_truth
+from pcnav.feature_results import FEATURE_COLUMNS, FEATURES_FILE, STATES_COLUMNS
+from pcnav.image_results import IMAGE_STATES_COLUMNS
+from pcnav.results import POSES_FILE, STATES_FILE, Track, read_poses
+from pcnav.sequences.track_files import read_tracks
+from pcnav.spatial import make_transform, rotation_from_xyzw
+from pcnav.state import COM_MODEL, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.viewer.story import RunKind, Story, judged
+
+_QUATERNION = ("q_x", "q_y", "q_z", "q_w")
+_IDENTITY = np.eye(4)[None]
+_SHOWN_AT_M = 4.0
+"""A target whose distance nobody knows is drawn so far in front of the camera."""
+
+
+def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
+    """Stereo feature tracks: no mesh and no rectangles, but points that were estimated."""
+    table = read_csv(folder / STATES_FILE, STATES_COLUMNS, ("status",))
+    numbers = table.numbers(STATES_COLUMNS[1 : STATES_COLUMNS.index("status")])
+    n = len(numbers)
+    sd = np.zeros((n, STATE_SIZE))
+    sd[:, np.delete(np.arange(STATE_SIZE), np.r_[COM_MODEL])] = numbers[:, 18:35]
+    time_s, r_hill = table.times(), numbers[:, 0:3]
+    track = Track(
+        time_s=time_s,
+        r_hill=r_hill,
+        v_hill=numbers[:, 3:6],
+        com_model=np.zeros((n, 3)),
+        R_world_body=_rotations(numbers[:, 6:10]),
+        omega_body=numbers[:, 10:13],
+        inertia_ratios=numbers[:, 13:18],
+        sd=sd,
+        T_cam_model=read_poses(folder / POSES_FILE, time_s, np.isfinite(r_hill[:, 0])),
+        status=table.words("status"),
+        nis=_column(table, "nis"),
+        nis_dof=table.counts("nis_dof"),
+        window_nis=np.full(n, np.nan),
+        explained=np.full(n, np.nan),
+        n_rectangles=table.counts("n_used"),
+    )
+    recording = None if pipeline.sequence is None else Path(pipeline.sequence)
+    on_disk = recording is not None and recording.is_dir()
+    notes = () if on_disk else (f"the recording is not at {recording}: no truth",)
+    motion, truth = pipeline.orbit.mean_motion_rad_s, None
+    if on_disk and recording is not None:
+        motion, truth = read_tracks(recording).orbit.mean_motion_rad_s, read_truth(recording)
+    points = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS).numbers(("x_m", "y_m", "z_m"))
+    return Story(
+        name=folder.name,
+        track=track,
+        counted="features",
+        records={},
+        frames=None,
+        target=None,
+        mean_motion_rad_s=motion,
+        evaluation=judged(track, truth, _IDENTITY),
+        verdicts={},
+        notes=notes,
+        points_body=points[np.isfinite(points).all(axis=1)],
+        has_mass_centre=False,
+    )
+
+
+def _image_story(folder: Path, pipeline: Pipeline) -> Story:
+    """Images of one camera: attitude and rate, at a distance that nobody knows."""
+    table = read_csv(folder / STATES_FILE, IMAGE_STATES_COLUMNS, ("status", "outcome"))
+    R = _rotations(table.numbers(_QUATERNION))
+    n, known = len(R), np.isfinite(R[:, 0, 0])
+    sd = np.full((n, STATE_SIZE), np.nan)
+    sd[:, THETA_BODY] = table.numbers(("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad"))
+    sd[:, OMEGA_BODY] = np.nan
+    # An estimate is told by its position, which these have none of: zero stands for it.
+    place = np.where(known[:, None], 0.0, np.nan)
+    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), (n, 3))
+    T = np.full((n, 4, 4), np.nan)
+    T[known] = make_transform(R[known], shown_at[known])
+    track = Track(
+        time_s=table.times(),
+        r_hill=place,
+        v_hill=place,
+        com_model=np.zeros((n, 3)),
+        R_world_body=R,
+        omega_body=table.numbers(("w_x_rad_s", "w_y_rad_s", "w_z_rad_s")),
+        inertia_ratios=np.tile([1.0, 1.0, 0.0, 0.0, 0.0], (n, 1)),
+        sd=sd,
+        T_cam_model=T,
+        status=table.words("status"),
+        nis=np.full(n, np.nan),
+        nis_dof=np.zeros(n, dtype=np.intp),
+        window_nis=np.full(n, np.nan),
+        explained=np.full(n, np.nan),
+        n_rectangles=table.counts("agreeing"),
+    )
+    return Story(
+        name=folder.name,
+        track=track,
+        counted="matches",
+        records={},
+        frames=None,
+        target=None,
+        mean_motion_rad_s=0.0,
+        evaluation=None,
+        verdicts={},
+        notes=("attitude and rate only: drawn at a distance that is not known",),
+        has_mass_centre=False,
+        has_position=False,
+    )
+
+
+def _rotations(xyzw: FloatArray) -> FloatArray:
+    """(n, 3, 3) of quaternions (n, 4), nan where they are."""
+    R = np.full((len(xyzw), 3, 3), np.nan)
+    known = np.isfinite(xyzw).all(axis=1)
+    if known.any():
+        R[known] = rotation_from_xyzw(xyzw[known])
+    return R
+
+
+def _column(table: CsvTable, name: str) -> FloatArray:
+    return table.numbers((name,))[:, 0]
+
+
+OTHER_KINDS = (
+    RunKind("n_features", _feature_story),
+    RunKind("reference", _image_story),
+)

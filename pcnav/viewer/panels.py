@@ -1,0 +1,191 @@
+"""What is said of one frame: facts, measurements with their outcome, and its depth image."""
+
+from html import escape
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+
+from pcnav.arrays import FloatArray
+from pcnav.camera import project
+from pcnav.evaluation.overlay import rectangle_corners
+from pcnav.results import ACCEPTED, RectangleRecord
+from pcnav.state import COM_MODEL, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.status import Status
+from pcnav.viewer.colouring import depth_shades, label_colours, residual_colours
+from pcnav.viewer.frames import ColourBy, Shot
+from pcnav.viewer.palette import (
+    ACCEPTED_COLOUR,
+    PLAIN,
+    REJECTED_COLOUR,
+    RESIDUAL_STOPS,
+    UNEXPLAINED,
+    Rgb,
+    hex_of,
+)
+from pcnav.viewer.story import Story
+
+_PICTURE_PX = 420
+_BORDER_PX = 8
+_STATUS_COLOURS: dict[str, Rgb] = {
+    Status.LOCKED: ACCEPTED_COLOUR,
+    Status.AMBIGUOUS: (255, 196, 60),
+    Status.COASTING: (255, 196, 60),
+    Status.ACQUIRING: (150, 180, 255),
+    Status.LOST: REJECTED_COLOUR,
+}
+_STYLE = "font-size:12px;line-height:1.45;padding:2px 10px"
+
+
+def facts_html(story: Story, frame: int, magnified: float | None) -> str:
+    """Time, status and estimate of a frame with standard deviations."""
+    track = story.track
+    status = track.status[frame]
+    colour = hex_of(_STATUS_COLOURS.get(status, PLAIN))
+    head = (
+        f"<b>frame {frame}</b> of {len(track) - 1} · {track.time_s[frame]:.2f} s · "
+        f"<b style='color:{colour}'>{escape(status)}</b>"
+    )
+    rows = [("estimate", "none")]
+    if track.has_estimate[frame]:
+        rows = _estimate_rows(story, frame)
+        drawn = magnified or story.magnification(frame)
+        rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
+    cells = "".join(
+        f"<tr><td style='opacity:.75;padding-right:10px;white-space:nowrap'>{name}</td>"
+        f"<td>{value}</td></tr>"
+        for name, value in rows
+    )
+    return f"<div style='{_STYLE}'>{head}<table style='border-spacing:0'>{cells}</table></div>"
+
+
+def _estimate_rows(story: Story, frame: int) -> list[tuple[str, str]]:
+    track = story.track
+    sd = track.sd[frame]
+
+    def norm(values: FloatArray) -> float:
+        return float(np.linalg.norm(values))
+
+    rows = []
+    if story.has_position:
+        rows.append(
+            ("range", f"{norm(track.r_hill[frame]):.3f} m ± {1e3 * norm(sd[R_HILL]):.2f} mm")
+        )
+    rows.append(("attitude", f"± {np.rad2deg(norm(sd[THETA_BODY])):.4f} deg"))
+    rate = np.rad2deg(norm(track.omega_body[frame]))
+    rate_sd = np.rad2deg(norm(sd[OMEGA_BODY]))
+    doubt = f" ± {rate_sd:.4f}" if np.isfinite(rate_sd) else ""
+    rows.append(("rate", f"{rate:.4f}{doubt} deg/s"))
+    if story.has_mass_centre:
+        com = ", ".join(f"{value:.3f}" for value in track.com_model[frame])
+        rows.append(("mass centre", f"({com}) m ± {1e3 * norm(sd[COM_MODEL]):.2f} mm"))
+    if story.evaluation is not None:
+        errors = story.evaluation.errors
+        position, angle = norm(errors.p_cam_m[frame]), norm(errors.theta_model_rad[frame])
+        if np.isfinite(position) and np.isfinite(angle):
+            told = f"{1e3 * position:.2f} mm, {np.rad2deg(angle):.4f} deg"
+            rows.append(("true pose error", told))
+    return rows
+
+
+def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
+    """The rectangles of a frame: size, standard deviation and what became of each."""
+    if not records:
+        return f"<div style='{_STYLE}'>no rectangle measured in this frame</div>"
+    rows = []
+    for record in records:
+        used = record.outcome == ACCEPTED
+        colour = hex_of(ACCEPTED_COLOUR if used else REJECTED_COLOUR)
+        depth_sd = 1e3 * float(record.sd[2])
+        doubt = f"{depth_sd:.2f}" if np.isfinite(depth_sd) else "unknown"
+        rows.append(
+            f"<tr><td style='color:{colour}'>{'✓' if used else '✗'}</td>"
+            f"<td>{escape(record.rectangle or 'unrecognised')}</td>"
+            "<td style='white-space:nowrap;padding-right:10px'>"
+            f"{record.length_m:.2f} × {record.width_m:.2f}</td>"
+            f"<td>{doubt}</td>"
+            f"<td style='color:{colour}'>{escape(record.outcome)}</td></tr>"
+        )
+    head = "".join(
+        f"<th style='text-align:left;font-weight:400;opacity:.75;padding-right:10px'>{name}</th>"
+        for name in ("", "rectangle", "size, m", "σ range, mm", "outcome")
+    )
+    body = "".join(rows).replace("<td>", "<td style='padding-right:10px'>")
+    return (
+        f"<div style='{_STYLE}'><table style='border-spacing:0'><tr>{head}</tr>{body}</table></div>"
+    )
+
+
+def legend_html(story: Story, by: ColourBy, *, has_estimate: bool) -> str:
+    """What the colours of the points mean: a bar with numbers for residuals, else words."""
+    pink = f"<span style='color:{hex_of(UNEXPLAINED)}'>■</span>"
+    if story.frames is None:
+        return f"<div style='{_STYLE}'>no depth frames on disk</div>"
+    if by is ColourBy.PLAIN:
+        text = "every return in one colour"
+    elif not has_estimate:
+        text = f"no estimate: planes found in the frame; {pink} none"
+    elif by is ColourBy.RESIDUAL:
+        return _colour_bar(1e3 * story.frames.scale_m, pink)
+    else:
+        what = "face of the model" if by is ColourBy.PLANE else "rectangle of the catalogue"
+        text = f"a colour per {what}; {pink} not explained (over 3σ, or none)"
+    return f"<div style='{_STYLE}'>{text}</div>"
+
+
+def _colour_bar(scale_mm: float, pink: str) -> str:
+    stops = ",".join(hex_of(stop) for stop in RESIDUAL_STOPS)
+    ticks = "".join(
+        f"<span>{share * scale_mm:+.3g}</span>" for share in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    )
+    return (
+        f"<div style='{_STYLE}'>"
+        "<div style='height:12px;border-radius:2px;"
+        f"background:linear-gradient(90deg,{stops})'></div>"
+        f"<div style='display:flex;justify-content:space-between'>{ticks}</div>"
+        f"range measured minus model, mm: nearer | behind; {pink} off the model</div>"
+    )
+
+
+def frame_picture(
+    shot: Shot, records: tuple[RectangleRecord, ...], by: ColourBy, scale_m: float
+) -> npt.NDArray[np.uint8]:
+    """(height, width, 3) the depth image about the target, segments coloured, rectangles drawn."""
+    depth_m, camera = shot.frame.depth_m, shot.frame.camera
+    returned = depth_m > 0.0
+    colours = np.zeros((*depth_m.shape, 3), dtype=np.float64)
+    if by is ColourBy.RESIDUAL and shot.residual_m is not None:
+        colours[returned] = residual_colours(shot.residual_m[returned], scale_m)
+    elif by is ColourBy.PLAIN:
+        colours[returned] = np.array(PLAIN) * depth_shades(depth_m, camera)[returned][:, None]
+    else:
+        shades = depth_shades(depth_m, camera)[returned][:, None]
+        colours[returned] = label_colours(shot.labels(by)[returned]) * shades
+    colours[~returned] = (14.0, 16.0, 24.0)
+    top, left, side = _window(returned)
+    part = colours[top : top + side, left : left + side].astype(np.uint8)
+    factor = max(1, _PICTURE_PX // max(side, 1))
+    image = Image.fromarray(part).resize(
+        (part.shape[1] * factor, part.shape[0] * factor), Image.Resampling.NEAREST
+    )
+    pen = ImageDraw.Draw(image)
+    for record in records:
+        corners = rectangle_corners(record)
+        if not np.isfinite(corners).all() or corners[:, 2].min() <= 0.0:
+            continue
+        pixels = (project(camera, corners) - [left, top] + 0.5) * factor
+        colour = ACCEPTED_COLOUR if record.outcome == ACCEPTED else REJECTED_COLOUR
+        pen.line([*map(tuple, pixels), tuple(pixels[0])], fill=colour, width=2)
+    return np.asarray(image)
+
+
+def _window(returned: npt.NDArray[np.bool_]) -> tuple[int, int, int]:
+    """Top, left and side of the square about the returns, within the image as far as it goes."""
+    height, width = returned.shape
+    if not returned.any():
+        return 0, 0, max(height, width)
+    rows, columns = np.flatnonzero(returned.any(axis=1)), np.flatnonzero(returned.any(axis=0))
+    side = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1 + 2 * _BORDER_PX
+    top = int(np.clip((rows[0] + rows[-1] - side) // 2, 0, max(height - side, 0)))
+    left = int(np.clip((columns[0] + columns[-1] - side) // 2, 0, max(width - side, 0)))
+    return top, left, int(side)

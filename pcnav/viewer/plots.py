@@ -1,0 +1,345 @@
+"""The plots beside the scene, of one browser: one group at a time, with a cursor at its frame."""
+
+import threading
+from collections.abc import Callable
+from html import escape
+
+import numpy as np
+import viser
+from viser import uplot
+
+from pcnav.arrays import BoolArray, FloatArray
+from pcnav.viewer.curves import Chart, ChartGroup, groups_of
+from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
+from pcnav.viewer.story import Story
+
+_HEIGHT_OF_ALL_PX = 640
+_FRAME_PX = 24
+"""About each plot."""
+_MOST_HEIGHT_PX = 190
+_BOUND: Rgb = (255, 110, 90)
+_KNOWN: Rgb = (70, 220, 110)
+_CURSOR: Rgb = (255, 255, 255)
+_TEXT, _GRID = "#c8ccd4", "rgba(255,255,255,0.09)"
+_TICK_PX = 26
+"""The numbers of an axis are at least so far apart."""
+_UNIT_SCALE = "unit"
+"""A vertical scale from 0 to 1 of the whole plot: of the cursor and of what is shaded."""
+
+
+_Row = list[tuple[Chart, Rgb]]
+"""What one plot shows: a chart of each run, in the run's colour."""
+
+
+class PlotsPanel:
+    """The plots of one or two runs in a tab of the browser's panel."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        tab: viser.GuiTabHandle,
+        stories: tuple[Story, ...],
+        time_s: float,
+    ) -> None:
+        self._gui, self._tab, self._stories = gui, tab, stories
+        self._lock = threading.RLock()
+        names = tuple(groups_of(stories[0]))
+        with tab:
+            self._choice = gui.add_dropdown("plots", names)
+            self._key = gui.add_html("")
+        self._plots: list[_Plot] = []
+        self._time_s = time_s
+        self._choice.on_update(lambda _: self._draw_anew())
+        self._draw_anew()
+
+    def go_on(self, stories: tuple[Story, ...], time_s: float) -> None:
+        """Draw the chosen group of later states of the same runs."""
+        with self._lock:
+            self._stories, self._time_s = stories, time_s
+            rows = self._rows()
+            fits = len(rows) == len(self._plots)
+            if not (fits and all(map(_Plot.takes, self._plots, rows, [time_s] * len(rows)))):
+                self._draw_anew()
+
+    def move_cursor(self, time_s: float) -> None:
+        """Move the line that marks the frame."""
+        with self._lock:
+            if time_s == self._time_s:
+                return
+            self._time_s = time_s
+            for plot in self._plots:
+                plot.move_cursor(time_s)
+
+    def _draw_anew(self) -> None:
+        with self._lock:
+            rows = self._rows()
+            for plot in self._plots:
+                plot.remove()
+            self._plots = []
+            height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1) - _FRAME_PX, _MOST_HEIGHT_PX)
+            with self._tab:
+                for k, row in enumerate(rows):
+                    last = k == len(rows) - 1
+                    self._plots.append(_Plot(self._gui, row, height, self._time_s, last=last))
+
+    def _rows(self) -> list[_Row]:
+        """The plots from top to bottom: the charts of each and the colours of their runs."""
+        name = self._choice.value
+        groups = [_made(groups_of(story).get(name)) for story in self._stories]
+        self._key.content = _key(self._stories, [group for group in groups if group is not None])
+        if not len(self._stories[0].track):
+            return []
+        count = max(0 if group is None else len(group.charts) for group in groups)
+        return [
+            [
+                (group.charts[k], RUNS[run])
+                for run, group in enumerate(groups)
+                if group is not None and k < len(group.charts)
+            ]
+            for k in range(count)
+        ]
+
+
+def _made(make: Callable[[], ChartGroup] | None) -> ChartGroup | None:
+    return None if make is None else make()
+
+
+class _Plot:
+    """One uPlot chart.
+
+    Its cursor is a line of the data: three rows at the same time take it from the foot of the
+    plot to its top and back. All other series are carried over to these rows by interpolation.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, row: _Row, height: int, time_s: float, *, last: bool
+    ) -> None:
+        self._columns, series, bands = _columns_of(row)
+        self._ends = self._ends_of_time()
+        label = row[0][0].label
+        scales, ticks = self._scales(row, height)
+        self._height, self._looks = height, (label, ticks, series)
+        self._handle = gui.add_uplot(
+            data=self._with_cursor(time_s),
+            series=tuple(series),
+            bands=tuple(bands),
+            scales=scales,
+            axes=(
+                _axis("time, s" if last else None, 36 if last else 20),
+                _value_axis(label, ticks),
+            ),
+            legend={"show": False},
+            cursor={"drag": {"x": True, "y": False}},
+            height=height,
+            padding=(8, 12, 0, 0),
+        )
+
+    def takes(self, row: _Row, time_s: float) -> bool:
+        """Show later data in the same lines; whether they fit, else the plot is to be removed."""
+        columns, series, _ = _columns_of(row)
+        self._columns = columns
+        self._ends = self._ends_of_time()
+        scales, ticks = self._scales(row, self._height)
+        if (row[0][0].label, ticks, series) != self._looks:
+            return False
+        self._handle.scales = scales
+        self._handle.data = self._with_cursor(time_s)
+        return True
+
+    def _scales(self, row: _Row, height: int) -> tuple[dict[str, uplot.Scale], list[float]]:
+        """Scales by name, and the ticks of a logarithmic one."""
+        scales: dict[str, uplot.Scale] = {
+            "x": {"time": False, "range": self._range()},
+            _UNIT_SCALE: {"range": (0.0, 1.0)},
+        }
+        linear = [chart.linear_to for chart, _ in row if chart.linear_to is not None]
+        if not linear:
+            return scales, []
+        scales["y"] = {"distr": 4, "asinh": max(linear)}
+        largest = float(max(np.abs(values).max() for values in self._columns[1:]))
+        return scales, two_sided_ticks(max(linear), largest, height // _TICK_PX)
+
+    def _ends_of_time(self) -> tuple[float, float]:
+        return float(self._columns[0][0]), float(self._columns[0][-1])
+
+    def move_cursor(self, time_s: float) -> None:
+        """Move the line that marks the frame."""
+        self._handle.data = self._with_cursor(time_s)
+
+    def remove(self) -> None:
+        """Take it off the page."""
+        self._handle.remove()
+
+    def _range(self) -> tuple[float, float]:
+        first, last = self._ends
+        return (first, last) if last > first else (first - 0.5, last + 0.5)
+
+    def _with_cursor(self, time_s: float) -> tuple[FloatArray, ...]:
+        x, *others = self._columns
+        time_s = min(max(time_s, self._ends[0]), self._ends[1])
+        at = int(np.searchsorted(x, time_s, side="right"))
+        data = [np.insert(x, at, (time_s, time_s, time_s))]
+        for values in others:
+            there = float(np.interp(time_s, x, values))
+            data.append(np.insert(values, at, (there, there, there)))
+        # Below the foot of the plot, where it is not seen.
+        cursor = np.full(len(x) + 3, -0.1)
+        cursor[at + 1] = 1.0
+        return (*data, cursor)
+
+
+def _columns_of(
+    present: _Row,
+) -> tuple[list[FloatArray], list[uplot.Series], list[uplot.Band]]:
+    """Time and series of all runs on the times of all of them, and how they are drawn."""
+    times = [chart.time_s[chart.shown()] for chart, _ in present]
+    x = np.unique(np.concatenate(times))
+    columns, series, bands = [x], [uplot.Series()], list[uplot.Band]()
+
+    def add(values: FloatArray, look: uplot.Series) -> None:
+        columns.append(values)
+        series.append(look)
+
+    for chart, colour in present:
+        at = chart.shown()
+        time_s, curve = chart.time_s[at], chart.curve
+        missing = ~np.isfinite(curve.values[at])
+        if missing.any() and not curve.dots:
+            add(_steps(x, time_s, missing), _shade(_BOUND))
+        if chart.known is not None and chart.known.any():
+            add(_steps(x, time_s, chart.known[at]), _shade(_KNOWN))
+        if curve.high is not None and curve.low is not None:
+            edge = rgba_of(colour, 0.55)
+            look: uplot.Series = {
+                "scale": "y",
+                "stroke": edge,
+                "width": 1,
+                "points": {"show": False},
+            }
+            add(_carried(x, time_s, curve.high[at]), look)
+            add(_carried(x, time_s, curve.low[at]), look)
+            bands.append(
+                {"series": (len(series) - 2, len(series) - 1), "fill": rgba_of(colour, 0.16)}
+            )
+        line: uplot.Series = {
+            "scale": "y",
+            "stroke": hex_of(colour),
+            "width": 1.6,
+            "points": {"show": False},
+        }
+        if curve.dots:
+            line = {
+                "scale": "y",
+                "stroke": rgba_of(colour, 0.0),
+                "width": 0,
+                "points": {
+                    "show": True,
+                    "size": 4,
+                    "fill": hex_of(colour),
+                    "stroke": hex_of(colour),
+                },
+            }
+        add(_carried(x, time_s, curve.values[at]), line)
+    bound = present[0][0].bound
+    if bound is not None:
+        add(
+            np.full(len(x), bound),
+            {
+                "scale": "y",
+                "stroke": hex_of(_BOUND),
+                "width": 1.5,
+                "dash": (6, 4),
+                "points": {"show": False},
+            },
+        )
+    series.append(
+        {"scale": _UNIT_SCALE, "stroke": hex_of(_CURSOR), "width": 1.2, "points": {"show": False}}
+    )
+    return columns, series, bands
+
+
+def _carried(x: FloatArray, time_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Values at other times, by interpolation, without nan: uPlot takes that for a number.
+
+    Where a series is missing it keeps its nearest value; the plot shades what has no estimate.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros(len(x))
+    return np.asarray(np.interp(x, time_s[known], values[known]))
+
+
+def _steps(x: FloatArray, time_s: FloatArray, wanted: BoolArray) -> FloatArray:
+    """1 at the times that are wanted, 0 elsewhere."""
+    return np.round(np.interp(x, time_s, wanted.astype(np.float64)))
+
+
+def _shade(colour: Rgb) -> uplot.Series:
+    return {
+        "scale": _UNIT_SCALE,
+        "width": 0,
+        "fill": rgba_of(colour, 0.13),
+        "points": {"show": False},
+    }
+
+
+def _axis(label: str | None, size: int) -> uplot.Axis:
+    axis: uplot.Axis = {
+        "stroke": _TEXT,
+        "grid": {"stroke": _GRID, "width": 1},
+        "ticks": {"show": False},
+        "gap": 4,
+        "size": size,
+        "font": "11px sans-serif",
+        "labelFont": "12px sans-serif",
+    }
+    if label is not None:
+        axis["label"] = label
+        axis["labelSize"] = 16
+    return axis
+
+
+def _value_axis(label: str, ticks: list[float]) -> uplot.Axis:
+    axis = _axis(label, 62)
+    axis["scale"] = "y"
+    if ticks:
+        # Given as lists, uPlot takes both for the answer of the functions it would call.
+        axis["splits"] = tuple(ticks)
+        # viser's type knows it as a function only.
+        axis["filter"] = tuple(ticks)  # type: ignore[typeddict-item]
+    return axis
+
+
+def two_sided_ticks(linear_to: float, largest: float, most: int) -> list[float]:
+    """Numbers on an axis that is linear to a power of ten and logarithmic beyond, both ways.
+
+    Zero and at most so many powers of ten, the largest within the data among them.
+    """
+    first, last = round(np.log10(linear_to)), int(np.floor(np.log10(max(largest, linear_to))))
+    a_side = max((most - 1) // 2, 1)
+    step = max(1, -(-(last - first + 1) // a_side))
+    powers = [10.0**k for k in range(last, first - 1, -step)]
+    return [*(-power for power in powers), 0.0, *reversed(powers)]
+
+
+def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
+    """What the lines mean, as HTML."""
+    parts = []
+    if groups:
+        first = groups[0].charts[0]
+        told = "error: truth minus estimate" if first.is_error else "estimate"
+        if first.curve.high is not None:
+            told += ", band ±3σ as stated"
+        parts.append(f"<b>{escape(groups[0].title)}</b>: {told}")
+        if groups[0].remark:
+            swatch = f"<span style='color:{hex_of(_KNOWN)}'>■</span>"
+            parts.append(f"{swatch} {escape(groups[0].remark)}")
+        if first.bound is not None:
+            parts.append(f"<span style='color:{hex_of(_BOUND)}'>- -</span> 95 % of frames below")
+    names = "&emsp;".join(
+        f"<span style='color:{hex_of(RUNS[k])}'>━</span> {escape(story.name)}"
+        for k, story in enumerate(stories)
+    )
+    parts.append(f"{names}&emsp;<span style='color:{hex_of(TRUTH)}'>│</span> this frame")
+    lines = "".join(f"<div>{part}</div>" for part in parts)
+    return f"<div style='font-size:12px;line-height:1.5;padding:2px 8px'>{lines}</div>"

@@ -1,0 +1,325 @@
+"""One browser: its own time, layers and plots, drawn by a thread of its own."""
+
+import threading
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from pcnav.arrays import FloatArray
+from pcnav.viewer.clock import Playback
+from pcnav.viewer.controls import Camera, Controls, Share
+from pcnav.viewer.events import Kind, neighbour
+from pcnav.viewer.layers import StoryLayers, shot_of, vertical_fov
+from pcnav.viewer.look import Look, vector
+from pcnav.viewer.palette import RUNS
+from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
+from pcnav.viewer.plots import PlotsPanel
+from pcnav.viewer.server import drawing, has_shown_all
+from pcnav.viewer.source import Edition, Source
+from pcnav.viewer.story import Story
+
+_MOST_DRAWN_HZ = 30.0
+_CURSOR_HZ = 5.0
+_TEXTS_HZ = 8.0
+_PICTURE_HZ = 2.0
+_PLOTS_LIVE_S = 2.0
+_IDLE_S = 0.1
+_PATIENCE_S = 2.0
+_PANEL_PX = 400
+
+
+@dataclass
+class _Paced:
+    """Something that is done at most so often."""
+
+    period_s: float
+    last_s: float = field(default=-np.inf)
+
+    def is_due(self, now_s: float) -> bool:
+        """Whether it is time; if so it counts as done."""
+        if now_s - self.last_s < self.period_s:
+            return False
+        self.last_s = now_s
+        return True
+
+
+class Session:
+    """What one browser sees."""
+
+    def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
+        self._client, self._source = client, source
+        self._edition = source.edition
+        self._wanted, self._drawn = 0, -1
+        self._is_closed = False
+        self._wake = threading.Condition()
+        self._playback: Playback | None = None
+        self._redraw = True
+        self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
+        self._texts = _Paced(1.0 / _TEXTS_HZ)
+        self._plots_paced = _Paced(_PLOTS_LIVE_S)
+        self._details_frame = -1
+        self._followed: FloatArray | None = None
+        """The target's place that the camera was last carried along to."""
+        self._wanted = _start_frame(self._edition, first_frame)
+        with drawing(client):
+            self._layers = StoryLayers(client.scene, self._stories, RUNS)
+            self._controls = Controls(client.gui, self._edition, self)
+            self._build_panel()
+            self._look_from(Camera.ORBIT)
+            self._draw(time.monotonic())
+        self._thread = threading.Thread(target=self._run, daemon=True, name="pcnav session")
+        self._thread.start()
+
+    # What the controls ask for.
+
+    def go_to(self, frame: int) -> None:
+        """Show a frame; the newest wish wins. Playing starts again from there."""
+        last = max(len(self._first.track) - 1, 0)
+        with self._wake:
+            self._wanted = min(max(frame, 0), last)
+            if self._playback is not None:
+                self._playback = self._playing_from(self._wanted)
+            self._wake.notify()
+
+    def step(self, frames: int) -> None:
+        """Move by so many frames, at rest."""
+        self.play(False)
+        self._controls.stop_following_newest()
+        self.go_to(self._wanted + frames)
+
+    def jump(self, direction: int, kind: Kind | None) -> None:
+        """Go to the next event (1) or the one before (-1)."""
+        found = neighbour(self._first.events, self._wanted, direction, kind)
+        if found is None:
+            self._controls.tell("no such event there")
+            return
+        self.play(False)
+        self._controls.stop_following_newest()
+        self.go_to(found.frame)
+        self._controls.tell(f"{found.kind} at frame {found.frame}: {found.text}")
+
+    def play(self, wanted: bool) -> None:
+        """Start or stop."""
+        with self._wake:
+            at_end = self._wanted >= len(self._first.track) - 1
+            start = 0 if at_end else self._wanted
+            self._playback = self._playing_from(start) if wanted else None
+            self._wake.notify()
+        self._controls.show_playing(wanted)
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether time runs."""
+        return self._playback is not None
+
+    def change_look(self) -> None:
+        """Draw the same frame anew."""
+        with self._wake:
+            self._redraw = True
+            self._wake.notify()
+
+    def change_speed(self) -> None:
+        """Go on from here at the chosen speed."""
+        with self._wake:
+            if self._playback is not None:
+                self._playback = self._playing_from(self._wanted)
+
+    def look_from(self, camera: Camera) -> None:
+        """Move the browser's camera."""
+        self._look_from(camera)
+
+    def share(self, share: Share) -> None:
+        """Let the browser download what it shows."""
+        from pcnav.viewer.sharing import made
+
+        self._controls.tell(f"making {share} ...")
+        name, content = made(share, self._client, self._stories, self.shown_frame, self._look)
+        self._client.send_file_download(name, content, save_immediately=True)
+        self._controls.tell(f"{name}: {len(content) / 1e6:.1f} MB")
+
+    @property
+    def _look(self) -> Look:
+        return self._controls.look
+
+    @property
+    def shown_frame(self) -> int:
+        """The frame on the screen."""
+        return max(self._drawn, 0)
+
+    def close(self) -> None:
+        """The browser has gone."""
+        with self._wake:
+            self._is_closed = True
+            self._wake.notify()
+
+    # Drawing.
+
+    @property
+    def _stories(self) -> tuple[Story, ...]:
+        return self._edition.stories
+
+    @property
+    def _wanted_s(self) -> float:
+        times = self._first.track.time_s
+        return float(times[min(self._wanted, len(times) - 1)]) if len(times) else 0.0
+
+    @property
+    def _first(self) -> Story:
+        return self._edition.stories[0]
+
+    def _playing_from(self, frame: int) -> Playback:
+        time_s = float(self._first.track.time_s[frame])
+        return Playback(time.monotonic(), time_s, self._controls.speed)
+
+    def _run(self) -> None:
+        """Draw what is wanted, at most so often, and only when the browser took the last."""
+        while True:
+            with self._wake:
+                if not self._has_work():
+                    self._wake.wait(_IDLE_S)
+                if self._is_closed:
+                    return
+            started = time.monotonic()
+            if self._turn(started):
+                # A slow browser holds up its own thread alone, and the next frame drawn is then
+                # the newest.
+                while not has_shown_all(self._client, _PATIENCE_S) and not self._is_closed:
+                    pass
+            left_s = 1.0 / _MOST_DRAWN_HZ - (time.monotonic() - started)
+            time.sleep(max(left_s, 0.002))
+
+    def _has_work(self) -> bool:
+        return (
+            self._is_closed
+            or self._redraw
+            or self._playback is not None
+            or self._wanted != self._drawn
+            or self._details_frame != self._drawn
+        )
+
+    def _turn(self, now_s: float) -> bool:
+        """Draw if there is anything to draw; whether there was."""
+        self._take_news(now_s)
+        playback, times = self._playback, self._first.track.time_s
+        if playback is not None:
+            self._wanted = playback.frame_at(now_s, times)
+            if playback.has_ended(now_s, times) and not self._edition.is_live:
+                self.play(False)
+        if self._redraw or self._wanted != self._drawn:
+            with drawing(self._client):
+                self._draw(now_s)
+            return True
+        if self._details_frame != self._drawn and self._playback is None:
+            with drawing(self._client):
+                self._draw_details(self._drawn)
+            return True
+        return False
+
+    def _take_news(self, now_s: float) -> None:
+        edition = self._source.edition
+        if edition.number == self._edition.number:
+            return
+        ended = self._edition.is_live and not edition.is_live
+        self._edition = edition
+        if self._controls.follows_newest:
+            self._wanted = max(len(self._first.track) - 1, 0)
+        with drawing(self._client):
+            self._controls.refresh(edition)
+            self._layers.go_on(self._stories)
+            if self._plots_paced.is_due(now_s) or ended:
+                self._layers.refresh_trails()
+                self._plots.go_on(self._stories, self._wanted_s)
+        self._redraw = self._redraw or ended
+
+    def _draw(self, now_s: float) -> None:
+        if not len(self._first.track):
+            self._redraw = False
+            return
+        frame = min(self._wanted, len(self._first.track) - 1)
+        self._redraw = False
+        look = self._controls.look
+        self._layers.show(frame, shot_of(self._first, frame), look)
+        self._follow(frame)
+        at_rest = self._playback is None
+        # Laying out a page anew costs a browser more than drawing the scene.
+        if self._texts.is_due(now_s) or at_rest:
+            self._controls.show_frame(frame)
+            self._facts.content = facts_html(self._first, frame, look.magnified)
+        if self._cursor.is_due(now_s) or at_rest:
+            self._plots.move_cursor(float(self._first.track.time_s[frame]))
+        self._drawn = frame
+        if at_rest or self._picture.is_due(now_s):
+            self._draw_details(frame)
+
+    def _draw_details(self, frame: int) -> None:
+        story, look = self._first, self._controls.look
+        time_s = float(story.track.time_s[frame])
+        records = story.records.get(time_s, ())
+        known = bool(story.track.has_estimate[frame])
+        self._controls.show_legend(legend_html(story, look.colour_by, has_estimate=known))
+        if story.target is not None:
+            self._measurements.content = measurements_html(records)
+        shot = shot_of(story, frame)
+        self._image.visible = shot is not None
+        if shot is not None and story.frames is not None:
+            picture = frame_picture(shot, records, look.colour_by, story.frames.scale_m)
+            self._image.image = picture
+        self._plots.move_cursor(time_s)
+        self._details_frame = frame
+
+    def _build_panel(self) -> None:
+        gui = self._client.gui
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(300)
+        panel = gui.add_panel()
+        self._plots = PlotsPanel(gui, panel.add_tab("Plots"), self._stories, self._wanted_s)
+        with panel.add_tab("This frame"):
+            self._facts = gui.add_html("")
+            self._image = gui.add_image(
+                np.zeros((8, 8, 3), dtype=np.uint8), label="depth image", format="png"
+            )
+            self._measurements = gui.add_html("")
+        panel.dock_right()
+        panel.set_width(_PANEL_PX)
+
+    # Cameras.
+
+    def _look_from(self, camera: Camera) -> None:
+        story, handle = self._first, self._client.camera
+        position, centre = story.viewpoint(self._wanted)
+        self._followed = None
+        with drawing(self._client):
+            handle.up_direction = (0.0, -1.0, 0.0)
+            if camera is Camera.CHASER:
+                eye = story.frames.camera() if story.frames is not None else None
+                handle.position = (0.0, 0.0, 0.0)
+                handle.look_at = (0.0, 0.0, max(float(centre[2]), 1.0))
+                handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
+                return
+            handle.fov = np.radians(40.0)
+            handle.position = vector(position)
+            handle.look_at = vector(centre)
+        if camera is Camera.FOLLOW:
+            self._followed = centre
+
+    def _follow(self, frame: int) -> None:
+        """Carry the camera along with the target, without touching what the user turned."""
+        if self._followed is None or not self._first.track.has_estimate[frame]:
+            return
+        shift = self._first.centre(frame) - self._followed
+        self._followed = self._followed + shift
+        if np.linalg.norm(shift) > 0.0:
+            self._client.camera.position = np.asarray(self._client.camera.position) + shift
+
+
+def _start_frame(edition: Edition, asked: int | None) -> int:
+    track = edition.stories[0].track
+    last = max(len(track) - 1, 0)
+    if edition.is_live:
+        return last
+    if asked is not None:
+        return min(asked, last)
+    known = np.flatnonzero(track.has_estimate)
+    return int(known[0]) if known.size else 0

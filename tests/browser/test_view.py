@@ -1,0 +1,194 @@
+"""The view in a real browser: what is on the screen, and what the controls change."""
+
+import io
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Locator, Page
+
+from pcnav.viewer.palette import LABELS, RUNS
+from tests.browser.conftest import FRAMES, PATIENCE_MS, Opened, Served
+
+Serve = Callable[..., Served]
+
+
+def scene(page: Page) -> np.ndarray:
+    """(h, w, 3) pixels of the scene between the panels."""
+    image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    pixels = np.asarray(image).astype(int)
+    # Below viser's warning of software rendering.
+    return pixels[190:, 310 : pixels.shape[1] - 410]
+
+
+def cloud_pixels(page: Page) -> int:
+    """How many pixels of the scene have the colour of a flat part."""
+    pixels = scene(page)
+    near = [np.abs(pixels - colour.astype(int)).max(axis=-1) < 30 for colour in LABELS]
+    return int(np.any(near, axis=0).sum())
+
+
+def wait_until(page: Page, holds: Callable[[], bool], what: str) -> None:
+    """Look again and again until something holds."""
+    deadline = time.monotonic() + 1e-3 * PATIENCE_MS
+    while time.monotonic() < deadline:
+        if holds():
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(f"never came: {what}")
+
+
+def ready(page: Page) -> None:
+    """Wait for the cloud to be on the screen."""
+    page.get_by_role("button", name="Play").wait_for()
+    wait_until(page, lambda: cloud_pixels(page) > 5_000, "the cloud")
+
+
+def frame_box(page: Page) -> Locator:
+    """The number beside the slider."""
+    return page.locator("input[type=text], input[type=number]").first
+
+
+def go_to(page: Page, frame: int) -> None:
+    box = frame_box(page)
+    box.fill(str(frame))
+    box.press("Enter")
+
+
+def cursor_s(page: Page) -> float:
+    """Where the cursor of the first plot is."""
+    return float(
+        page.evaluate(
+            """() => {
+                const chart = Object.values(window.__viserTestpoints.uplots)[0].chart;
+                const cursor = chart.data[chart.data.length - 1];
+                return chart.data[0][cursor.findIndex(value => value === 1)];
+            }"""
+        )
+    )
+
+
+def checkbox(page: Page, name: str) -> Locator:
+    """The box of a layer: the one that stands in the same row as its name."""
+    row = page.get_by_text(name, exact=True).locator("xpath=ancestor::div[.//input][1]")
+    return row.locator("input[type=checkbox]").first
+
+
+def test_a_run_is_on_the_screen_and_follows_its_controls(
+    runs: tuple[Path, Path], served: Serve, opened: Opened, report_folder: Path
+) -> None:
+    view = served("view", str(runs[0]), "--port", "0", "--frame", "20")
+    page = opened(view.url)
+    ready(page)
+    page.screenshot(path=report_folder / "view-1280x800.png")
+    assert frame_box(page).input_value() == "20"
+    wait_until(page, lambda: cursor_s(page) == 10.0, "the cursor at frame 20")
+
+    before = scene(page)
+    go_to(page, 35)
+    wait_until(page, lambda: cursor_s(page) == 17.5, "the cursor at frame 35")
+    wait_until(page, lambda: bool((scene(page) != before).mean() > 0.01), "another picture")
+
+    # Lines and names have some of the colours, too.
+    with_cloud = cloud_pixels(page)
+    checkbox(page, "points").click()
+    wait_until(page, lambda: cloud_pixels(page) < 0.4 * with_cloud, "no cloud")
+    checkbox(page, "points").click()
+    wait_until(page, lambda: cloud_pixels(page) > 0.9 * with_cloud, "the cloud again")
+
+    page.get_by_text("This frame", exact=True).click()
+    page.get_by_text("accepted").nth(1).wait_for()
+    page.screenshot(path=report_folder / "frame-1280x800.png")
+
+    page.get_by_role("button", name="Play").click()
+    page.get_by_role("button", name="Pause").wait_for()
+    page.get_by_role("button", name="Play").wait_for()
+    wait_until(page, lambda: frame_box(page).input_value() == str(FRAMES - 1), "the end")
+    page.get_by_role("button", name="previous").click()
+    page.get_by_text("at frame").wait_for()
+
+
+def test_two_pages_have_their_own_time(
+    runs: tuple[Path, Path], served: Serve, opened: Opened
+) -> None:
+    view = served("view", str(runs[0]), "--port", "0", "--frame", "20")
+    first, second = opened(view.url), opened(view.url)
+    ready(first)
+    ready(second)
+    go_to(first, 30)
+    wait_until(first, lambda: cursor_s(first) == 15.0, "the cursor at frame 30")
+    assert frame_box(second).input_value() == "20"
+    assert cursor_s(second) == 10.0
+
+
+def test_two_runs_are_laid_over_each_other(
+    runs: tuple[Path, Path], served: Serve, opened: Opened, report_folder: Path
+) -> None:
+    view = served("view", *map(str, runs), "--port", "0", "--frame", "20")
+    page = opened(view.url, 1920, 1080)
+    ready(page)
+    for run in runs:
+        assert page.get_by_text(run.name).count() >= 1
+    series = page.evaluate(
+        "Object.values(window.__viserTestpoints.uplots)[0].chart.series.map(s => s._stroke)"
+    )
+    assert len([stroke for stroke in series if stroke is not None]) >= 2 * len(RUNS)
+    page.screenshot(path=report_folder / "compare-1920x1080.png")
+
+
+def test_a_restarted_server_is_found_again(
+    runs: tuple[Path, Path], served: Serve, opened: Opened
+) -> None:
+    view = served("view", str(runs[0]), "--port", "8790")
+    page = opened(view.url)
+    ready(page)
+    port = view.url.rsplit(":", 1)[1]
+    view.stop()
+    served("view", str(runs[0]), "--port", port, "--frame", "33")
+    wait_until(page, lambda: frame_box(page).input_value() == "33", "the new server's frame")
+    ready(page)
+
+
+def test_a_run_is_followed_as_it_goes_on(
+    sequence: Path, tmp_path: Path, served: Serve, opened: Opened, report_folder: Path
+) -> None:
+    out = tmp_path / "result"
+    view = served("run", str(sequence), "-o", str(out), "--view", "--port", "0")
+    page = opened(view.url)
+    page.get_by_text("newest frame").wait_for()
+    view.wait_for("the view stays open")
+    wait_until(page, lambda: frame_box(page).input_value() == str(FRAMES - 1), "the last frame")
+    ready(page)
+    page.screenshot(path=report_folder / "live-1280x800.png")
+    assert (out / "report.html").is_file()
+
+
+def test_an_exported_page_opens_offline(
+    runs: tuple[Path, Path], tmp_path: Path, opened: Opened, report_folder: Path
+) -> None:
+    from pcnav.viewer.export import scene_html
+    from pcnav.viewer.look import Look
+    from pcnav.viewer.story import load_story
+
+    file = tmp_path / "frame.html"
+    file.write_bytes(scene_html((load_story(runs[0]),), 20, Look()))
+    page = opened(file.as_uri(), offline=True)
+    wait_until(page, lambda: cloud_pixels(page) > 5_000, "the cloud")
+    page.screenshot(path=report_folder / "exported-1280x800.png")
+
+
+def test_a_picture_can_be_downloaded(
+    runs: tuple[Path, Path], served: Serve, opened: Opened, tmp_path: Path
+) -> None:
+    view = served("view", str(runs[0]), "--port", "0", "--frame", "20")
+    page = opened(view.url)
+    ready(page)
+    page.get_by_text("Share", exact=True).click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="PNG of this view").click()
+    assert download.value.suggested_filename == "first-20.png"
+    download.value.save_as(tmp_path / "view.png")
+    with Image.open(tmp_path / "view.png") as picture:
+        assert min(picture.size) > 300

@@ -1,0 +1,44 @@
+"""A run of a few frames, shared by the tests of the web view."""
+
+from pathlib import Path
+
+import pytest
+
+from pcnav.config import Pipeline
+from pcnav.pipeline import run
+from pcnav.simulation.recording import simulate
+from pcnav.target import load_target
+from pcnav.viewer.story import Story, load_story
+
+FRAMES = 12
+
+
+def small_pipeline() -> Pipeline:
+    """A box satellite that turns before the camera."""
+    return Pipeline.model_validate(
+        {
+            "scenario": {"frames": FRAMES},
+            "orbit": {"r_hill_m": (20.0, 0.0, 0.0)},
+            "camera": {"horizontal_fov_deg": 32.0, "width_px": 128, "height_px": 128},
+            "body": {
+                "omega_body_deg_s": (1.0, -1.0, 2.0),
+                "attitude_rotvec_deg": (25.0, 40.0, -30.0),
+            },
+        }
+    )
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
+    """A result folder, beside the sequence that it was made from."""
+    base = tmp_path_factory.mktemp("viewer")
+    pipeline = small_pipeline()
+    simulate(pipeline, load_target(repository / "meshes" / "boxsat.obj"), base / "sequence")
+    run(base / "sequence", base / "result", pipeline)
+    return base / "result"
+
+
+@pytest.fixture(scope="session")
+def story(run_folder: Path) -> Story:
+    """The same, as the view has it."""
+    return load_story(run_folder)

@@ -1,0 +1,86 @@
+"""What the plots show against the track and its evaluation."""
+
+import numpy as np
+import pytest
+
+from pcnav.evaluation.metrics import evaluate
+from pcnav.evaluation.truth import read_truth
+from pcnav.viewer.clock import Playback, speeds
+from pcnav.viewer.curves import Chart, Curve, groups_of, linear_range
+from pcnav.viewer.plots import two_sided_ticks
+from pcnav.viewer.story import Story
+
+
+def test_every_group_has_plots_with_units(story: Story) -> None:
+    for name, make in groups_of(story).items():
+        group = make()
+        assert group.charts, name
+        for chart in group.charts:
+            assert "," in chart.label or "/" in chart.label or "%" in chart.label, chart.label
+            assert len(chart.curve.values) == len(chart.time_s) == len(story.track)
+
+
+def test_errors_are_those_of_the_evaluation(story: Story, run_folder: object) -> None:
+    from pathlib import Path
+
+    assert isinstance(run_folder, Path) and story.target is not None
+    truth = read_truth(run_folder.parent / "sequence")
+    errors = evaluate(story.track, truth, story.target.symmetry_rotations).errors
+    assert errors is not None
+    charts = groups_of(story)["mass centre"]().charts
+    assert all(chart.is_error for chart in charts)
+    scale = 1e3 if charts[0].label.endswith("mm") else 1.0
+    shown = np.column_stack([chart.curve.values for chart in charts])
+    assert np.allclose(shown, scale * errors.state[:, 6:9], equal_nan=True)
+    for k, chart in enumerate(charts):
+        assert chart.curve.high is not None and chart.curve.low is not None
+        expected = 3.0 * scale * story.track.sd[:, 6 + k]
+        assert np.allclose(chart.curve.high, expected, equal_nan=True)
+        assert np.allclose(chart.curve.low, -expected, equal_nan=True)
+
+
+def test_long_series_keep_their_peaks() -> None:
+    values = np.zeros(100_000)
+    values[12_345], values[67_890] = 5.0, -7.0
+    at = Chart("x, m", np.arange(100_000.0), Curve(values)).shown()
+    assert len(at) <= 1000
+    assert {12_345, 67_890} <= set(at.tolist())
+
+
+def test_inertia_is_shaded_where_data_halved_the_doubt(story: Story) -> None:
+    for chart, name in zip(
+        groups_of(story)["inertia ratios"]().charts,
+        ("i_yy", "i_zz", "i_xy", "i_xz", "i_yz"),
+        strict=True,
+    ):
+        verdict = story.verdicts[name]
+        assert chart.known is not None
+        if not verdict.from_data:
+            assert not chart.known.any()
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "expected"), [(1.0, 1.0, None), (100.0, 0.3, 1.0), (100.0, 4.0, 10.0)]
+)
+def test_bounds_that_shrink_by_decades_get_a_two_sided_log(
+    start: float, end: float, expected: float | None
+) -> None:
+    time_s = np.linspace(0.0, 100.0, 500)
+    bound = np.where(time_s < 50.0, start, end)
+    assert linear_range(time_s, bound) == expected
+
+
+def test_ticks_are_powers_of_ten_about_zero() -> None:
+    assert two_sided_ticks(0.1, 300.0, 6) == [-100.0, -1.0, 0.0, 1.0, 100.0]
+    assert two_sided_ticks(1.0, 1.0, 3) == [-1.0, 0.0, 1.0]
+
+
+def test_playback_follows_the_time_of_the_run() -> None:
+    times = np.array([0.0, 0.5, 1.0, 5.0, 5.5])
+    playback = Playback(started_s=100.0, from_s=0.5, speed=2.0)
+    assert [playback.frame_at(100.0 + dt, times) for dt in (0.0, 0.2, 0.25, 2.2, 2.25, 9.0)] == [
+        *(1, 1, 2, 2, 3, 4)
+    ]
+    assert not playback.has_ended(102.0, times) and playback.has_ended(102.5, times)
+    name, value = speeds(times)[-1]
+    assert name == "20 frames/s" and value == pytest.approx(10.0)

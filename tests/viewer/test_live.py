@@ -1,0 +1,196 @@
+"""A run that is looked at while it goes on."""
+
+import filecmp
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+from pcnav.config import read_pipeline
+from pcnav.pipeline import run
+from pcnav.results import FrameEstimate
+from pcnav.sequences.opening import open_sequence
+from pcnav.target import load_target
+from pcnav.tracking import Tracker
+from pcnav.viewer.app import serve
+from pcnav.viewer.live import LiveRun, run_live
+from pcnav.viewer.server import LocalServer
+from pcnav.viewer.source import Edition
+from pcnav.viewer.story import Story, load_story
+from tests.viewer.conftest import FRAMES, small_pipeline
+
+
+@contextmanager
+def stuck_page(port: int) -> Iterator[Connection]:
+    """A page that says where its camera is and then takes nothing any more."""
+    camera = {
+        "type": "ViewerCameraMessage",
+        "wxyz": (1.0, 0.0, 0.0, 0.0),
+        "position": (0.0, 0.0, 0.0),
+        "fov": 0.7,
+        "near": 0.01,
+        "far": 1000.0,
+        "image_height": 600,
+        "image_width": 800,
+        "look_at": (0.0, 0.0, 1.0),
+        "up_direction": (0.0, -1.0, 0.0),
+    }
+    protocol = Subprotocol(f"viser-v{viser.__version__}")
+    # The library stops reading from the socket when so many messages wait for their reader.
+    with connect(
+        f"ws://127.0.0.1:{port}", subprotocols=[protocol], max_queue=1, close_timeout=0.1
+    ) as page:
+        page.send(msgspec.msgpack.encode(camera))
+        yield page
+
+
+@pytest.fixture(scope="module")
+def estimates(run_folder: Path) -> list[FrameEstimate]:
+    """Those of the run, made anew."""
+    pipeline = read_pipeline(run_folder / "pipeline.toml")
+    sequence = open_sequence(run_folder.parent / "sequence")
+    assert sequence.info.target_mesh is not None
+    target = load_target(sequence.info.target_mesh)
+    tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
+    return [tracker.step(frame)[0] for frame in sequence]
+
+
+@pytest.fixture
+def live(run_folder: Path) -> LiveRun:
+    pipeline = read_pipeline(run_folder / "pipeline.toml")
+    sequence = open_sequence(run_folder.parent / "sequence")
+    assert sequence.info.target_mesh is not None
+    return LiveRun("live", sequence, load_target(sequence.info.target_mesh), pipeline)
+
+
+def test_the_newest_edition_has_all_frames_so_far(
+    live: LiveRun, estimates: list[FrameEstimate], story: Story
+) -> None:
+    assert len(live.edition.stories[0].track) == 0
+    for count, estimate in enumerate(estimates, start=1):
+        live.add(estimate)
+        edition = live.edition
+        assert edition.is_live and len(edition.stories[0].track) == count
+    track, stored = live.edition.stories[0].track, story.track
+    # The file holds attitudes as quaternions.
+    assert np.allclose(track.T_cam_model, stored.T_cam_model, atol=1e-12, equal_nan=True)
+    assert np.array_equal(track.sd, stored.sd, equal_nan=True)
+    assert track.status == stored.status
+    assert np.array_equal(track.n_rectangles, stored.n_rectangles)
+    covariance = live.edition.stories[0].com_spread_model(FRAMES - 1)
+    assert np.array_equal(covariance, story.com_spread_model(FRAMES - 1))
+
+
+def test_what_was_handed_out_does_not_change(live: LiveRun, estimates: list[FrameEstimate]) -> None:
+    for estimate in estimates[:3]:
+        live.add(estimate)
+    early = live.edition.stories[0].track
+    before = early.T_cam_model.copy()
+    for repeat in range(200):
+        for estimate in estimates[3:6]:
+            live.add(estimate)
+        assert len(live.edition.stories[0].track) == 3 + 3 * (repeat + 1)
+    assert np.array_equal(early.T_cam_model, before, equal_nan=True)
+
+
+def test_an_ended_run_is_shown_as_its_result(live: LiveRun, story: Story) -> None:
+    first = live.edition
+    live.finish(story)
+    assert live.edition.stories == (story,)
+    assert not live.edition.is_live and live.edition.number != first.number
+
+
+def test_results_are_the_same_bytes_with_and_without_the_view(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    """And the page stays when the run has ended."""
+    editions: list[Edition] = []
+    summary, server = run_live(
+        run_folder.parent / "sequence",
+        tmp_path / "result",
+        small_pipeline(),
+        None,
+        overwrite=False,
+        port=0,
+        on_served=lambda served: editions.append(Edition((), served.get_port(), is_live=True)),
+        on_progress=lambda done, total: None,
+    )
+    try:
+        assert editions and editions[0].number == server.get_port()
+        same = [file.name for file in run_folder.iterdir() if file.suffix != ".html"]
+        _, different, missing = filecmp.cmpfiles(run_folder, summary.folder, same, shallow=False)
+        assert different == [] and missing == []
+    finally:
+        server.stop()
+
+
+def test_a_run_that_fails_leaves_no_server(run_folder: Path, tmp_path: Path) -> None:
+    served: list[LocalServer] = []
+
+    def fail(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_live(
+            run_folder.parent / "sequence",
+            tmp_path / "result",
+            small_pipeline(),
+            None,
+            overwrite=False,
+            port=0,
+            on_served=served.append,
+            on_progress=fail,
+        )
+    assert not (tmp_path / "result").exists()
+    with pytest.raises(OSError):
+        connect(f"ws://127.0.0.1:{served[0].get_port()}", open_timeout=1.0)
+
+
+def test_a_stuck_page_does_not_hold_up_the_run(
+    live: LiveRun, estimates: list[FrameEstimate]
+) -> None:
+    """No call of the run waits for a page, and what is kept for the page stays bounded."""
+    server = serve(live, "127.0.0.1", 0)
+    try:
+        live.add(estimates[0])
+        with stuck_page(server.get_port()):
+            deadline = time.monotonic() + 20.0
+            while not server.get_clients() and time.monotonic() < deadline:
+                time.sleep(0.02)
+            (client,) = server.get_clients().values()
+            longest = 0.0
+            for _ in range(100):
+                for estimate in estimates[1:]:
+                    started = time.thread_time()
+                    live.add(estimate)
+                    longest = max(longest, time.thread_time() - started)
+                time.sleep(0.005)
+            buffer = client._websock_connection.get_message_buffer()
+            assert len(buffer.message_from_id) < 500
+            # Processor time of the run's own thread, which other programs do not change.
+            assert longest < 0.01
+            assert len(live.edition.stories[0].track) == 1 + 100 * (FRAMES - 1)
+    finally:
+        server.stop()
+
+
+def test_a_killed_run_can_be_looked_at(run_folder: Path, tmp_path: Path) -> None:
+    """While frames are written the folder has all that the view needs."""
+    seen: list[Story] = []
+
+    def look(estimate: FrameEstimate, total: int) -> None:
+        if estimate.index == FRAMES - 1:
+            (staging,) = tmp_path.glob(".result-*")
+            seen.append(load_story(staging))
+
+    run(run_folder.parent / "sequence", tmp_path / "result", small_pipeline(), on_estimate=look)
+    assert seen[0].target is not None and seen[0].frames is not None
+    assert "unfinished" in seen[0].notes[0]

@@ -1,0 +1,78 @@
+"""Runs on feature tracks and on images are stories, too."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.config import Pipeline, read_pipeline
+from pcnav.feature_pipeline import run_features
+from pcnav.image_results import ImageTrack, write_states
+from pcnav.provenance import pipeline_toml
+from pcnav.shipped import shipped_pipeline
+from pcnav.simulation.feature_recording import simulate_tracks
+from pcnav.spatial import exp_rotation
+from pcnav.viewer.controls import available_layers
+from pcnav.viewer.curves import groups_of
+from pcnav.viewer.look import Layer
+from pcnav.viewer.panels import facts_html
+from pcnav.viewer.source import Edition
+from pcnav.viewer.story import load_story
+
+_FRAMES = 150
+
+
+def test_a_run_on_feature_tracks_has_points_and_errors(tmp_path: Path) -> None:
+    path = shipped_pipeline("hu2024")
+    assert path is not None
+    pipeline = read_pipeline(path)
+    scenario = pipeline.scenario.model_copy(update={"frames": _FRAMES})
+    pipeline = pipeline.model_copy(update={"scenario": scenario})
+    simulate_tracks(pipeline, tmp_path / "tracks", False, path)
+    summary = run_features(tmp_path / "tracks", tmp_path / "result", pipeline)
+    story = load_story(summary.folder)
+    assert len(story.track) == _FRAMES
+    assert story.counted == "features"
+    assert story.evaluation is not None
+    known = np.flatnonzero(story.track.has_estimate)
+    assert known.size
+    if story.points_body is not None and len(story.points_body):
+        assert np.isfinite(story.points_body).all()
+    assert "mass centre" not in groups_of(story)
+    assert groups_of(story)["position"]().charts[0].is_error
+    assert "range" in facts_html(story, int(known[-1]), None)
+    layers = available_layers(Edition((story,), 0, is_live=False))
+    assert Layer.POINTS not in layers and Layer.RATE in layers
+
+
+def test_a_run_on_images_has_attitude_and_rate_only(tmp_path: Path) -> None:
+    n, rate = 5, np.array([0.0, 0.02, 0.01])
+    time_s = np.arange(n, dtype=float)
+    R = exp_rotation(time_s[:, None] * rate)
+    R[0] = np.nan
+    track = ImageTrack(
+        time_s=time_s,
+        R_world_body=R,
+        omega_body=np.tile(rate, (n, 1)),
+        covariance=np.tile(1e-4 * np.eye(3), (n, 1, 1)),
+        status=("acquiring", *["locked"] * (n - 1)),
+        outcome=("measured",) * n,
+        is_first=np.arange(n) == 0,
+        segment=np.zeros(n, dtype=np.intp),
+        reference=(None, *range(n - 1)),
+        n_features=np.full(n, 30),
+        n_matches=np.full(n, 20),
+        n_agreeing=np.full(n, 18),
+    )
+    write_states(tmp_path, track)
+    (tmp_path / "pipeline.toml").write_text(pipeline_toml(Pipeline(), {}))
+    story = load_story(tmp_path)
+    assert story.track.has_estimate.tolist() == [False, True, True, True, True]
+    assert np.allclose(story.track.T_cam_model[1:, :3, :3], R[1:])
+    assert not story.has_position
+    assert list(groups_of(story)) == ["attitude", "rate", "consistency"]
+    for make in groups_of(story).values():
+        assert make().charts
+    facts = facts_html(story, 2, None)
+    assert "range" not in facts and "deg/s" in facts and "nan" not in facts
+    layers = available_layers(Edition((story,), 0, is_live=False))
+    assert Layer.POSITION not in layers and Layer.BODY in layers
