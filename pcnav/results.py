@@ -17,7 +17,31 @@ import numpy as np
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.csv_table import read_csv
 from pcnav.errors import InputError
-from pcnav.spatial import make_transform, rotation_from_xyzw
+from pcnav.result_files import (
+    COVARIANCES_FILE as COVARIANCES_FILE,
+)
+from pcnav.result_files import (
+    KNOWLEDGE_FILE as KNOWLEDGE_FILE,
+)
+from pcnav.result_files import (
+    MEASUREMENTS_FILE as MEASUREMENTS_FILE,
+)
+from pcnav.result_files import (
+    METRICS_FILE as METRICS_FILE,
+)
+from pcnav.result_files import (
+    PIPELINE_FILE as PIPELINE_FILE,
+)
+from pcnav.result_files import (
+    POSES_FILE as POSES_FILE,
+)
+from pcnav.result_files import (
+    REPORT_FILE as REPORT_FILE,
+)
+from pcnav.result_files import (
+    STATES_FILE as STATES_FILE,
+)
+from pcnav.spatial import make_transform, rotation_from_xyzw, transform_points
 from pcnav.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -29,15 +53,6 @@ from pcnav.state import (
     NavigationState,
 )
 from pcnav.state_table import STATE_COLUMNS
-
-STATES_FILE = "states.csv"
-POSES_FILE = "poses.tum"
-COVARIANCES_FILE = "covariances.npz"
-MEASUREMENTS_FILE = "measurements.csv"
-METRICS_FILE = "metrics.json"
-KNOWLEDGE_FILE = "knowledge.csv"
-REPORT_FILE = "report.html"
-PIPELINE_FILE = "pipeline.toml"
 
 ACCEPTED = "accepted"
 """The outcome of a rectangle that the filter used."""
@@ -90,6 +105,13 @@ class RectangleRecord:
     """Which of the four proper rotations was chosen: I, X, Y or Z; empty when undecided."""
     outcome: str
     """`accepted`, or the reason why it was not."""
+
+    @property
+    def corners_cam(self) -> FloatArray:
+        """(4, 3) corners in the camera frame, m: x along the width, y along the length."""
+        x, y = 0.5 * self.width_m, 0.5 * self.length_m
+        p_rect = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]])
+        return transform_points(self.T_cam_rect, p_rect)
 
 
 @dataclass(frozen=True)

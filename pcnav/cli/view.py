@@ -52,23 +52,38 @@ def view(
     if len(runs) == 1 and runs[0].suffix == ".viser" and runs[0].is_file():
         _play(runs[0], host, port)
         return
-    from pcnav.viewer.app import serve
-    from pcnav.viewer.export import refuse_existing
-    from pcnav.viewer.source import FinishedRuns
+    from pcnav.viewer.folder import refuse_what_is_no_run
+
+    for run in runs:
+        refuse_what_is_no_run(run)
+    if asked:
+        _export(runs, asked, frame, overwrite)
+        return
+    from pcnav.viewer.server import LocalServer, label_of
+
+    # First of all, so that the page loads in the browser while the run is read.
+    server = LocalServer(host, port, label_of([run.resolve().name for run in runs]))
+    tell_address(server, host, port)
+    try:
+        from pcnav.viewer.app import show
+        from pcnav.viewer.source import FinishedRuns
+
+        show(server, FinishedRuns(_told(runs)), frame)
+    except BaseException:
+        server.stop()
+        raise
+    serve_until_interrupted(server)
+
+
+def _told(runs: list[Path]) -> "tuple[Story, ...]":
+    """Read the runs, and say what should be known before looking at them."""
     from pcnav.viewer.story import load_story
 
-    for path in asked.values():
-        refuse_existing(path, overwrite)
     stories = tuple(load_story(run) for run in runs)
     for story in stories:
         for note in story.notes:
             typer.echo(f"{story.name}: {note}")
-    if asked:
-        _export(stories, asked, frame)
-        return
-    server = serve(FinishedRuns(stories), host, port, frame)
-    tell_address(server, host, port)
-    serve_until_interrupted(server)
+    return stories
 
 
 def tell_address(server: "LocalServer", host: str, asked_port: int) -> None:
@@ -88,9 +103,12 @@ def serve_until_interrupted(server: "LocalServer") -> None:
     server.stop()
 
 
-def _export(stories: "tuple[Story, ...]", asked: dict[str, Path], frame: int | None) -> None:
-    from pcnav.viewer.export import export, shown_frame
+def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwrite: bool) -> None:
+    from pcnav.viewer.export import export, refuse_existing, shown_frame
 
+    for path in asked.values():
+        refuse_existing(path, overwrite)
+    stories = _told(runs)
     at = shown_frame(stories[0], frame)
     with progress("view") as advance:
         for kind, path in asked.items():

@@ -11,12 +11,12 @@ from pcnav.arrays import FloatArray
 from pcnav.attitude_results import AttitudeTrack
 from pcnav.estimation.rotation_model import INERTIA, OMEGA, SIZE, THETA
 from pcnav.evaluation import page
+from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.figures import (
     ALERT,
     LINE,
     add_legend,
     component_figure,
-    envelope,
     stacked_axes,
 )
 from pcnav.evaluation.metrics import Metrics

@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pcnav.arrays import FloatArray, IntArray
 from pcnav.evaluation import page
+from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.feature_metrics import FeatureErrors
 from pcnav.evaluation.figures import (
     ALERT,
@@ -19,7 +20,6 @@ from pcnav.evaluation.figures import (
     add_legend,
     component_figure,
     consistency_figure,
-    envelope,
     new_figure,
     stacked_axes,
     style_axes,

@@ -19,6 +19,7 @@ from matplotlib.ticker import (
 from scipy.stats import chi2
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.evaluation.envelope import BUCKETS, envelope
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.evaluation.summary import display_unit
 from pcnav.evaluation.track_errors import TrackErrors
@@ -30,31 +31,12 @@ CATEGORIES = ("#2563eb", "#f59e0b", "#0d9488", "#9333ea", "#db2777", "#65a30d", 
 
 _WIDTH_IN = 5.8
 _ROW_IN = 1.15
-_BUCKETS = 250
-"""Long series are drawn by the extremes of this many spans of time."""
 _MOST_OUTCOMES = 9
 _CONFIDENCE = 0.95
 _DECADES_FROM = 20.0
 """Bounds that shrink by this factor over a run get logarithmic axes."""
 LOG_FROM = 20.0
 """A squared error this many times its bound asks for a logarithmic axis."""
-
-
-def envelope(values: FloatArray, buckets: int = _BUCKETS) -> IntArray:
-    """Indices that draw (n,) values without losing a peak: each bucket's smallest and largest.
-
-    All of them when there are at most two per bucket; a bucket of nan stays a gap.
-    """
-    if len(values) <= 2 * buckets:
-        return np.arange(len(values))
-    size = -(-len(values) // buckets)
-    padded = np.full((-(-len(values) // size), size), np.nan)
-    padded.ravel()[: len(values)] = values
-    first = np.arange(0, len(values), size)
-    # In a bucket of nan both extremes are the first index, and the line breaks there.
-    smallest = first + np.where(np.isnan(padded), np.inf, padded).argmin(axis=1)
-    largest = first + np.where(np.isnan(padded), -np.inf, padded).argmax(axis=1)
-    return np.unique(np.concatenate([smallest, largest]))
 
 
 def component_figure(
@@ -183,7 +165,7 @@ def outcome_figure(outcomes: Counter[tuple[str, str]]) -> Figure:
 
 def time_spans(track: Track) -> tuple[list[IntArray], FloatArray]:
     """The frames in runs of equal length, and the times at which these begin and the last ends."""
-    spans = _spans(len(track), _BUCKETS)
+    spans = _spans(len(track), BUCKETS)
     return spans, np.array([*(track.time_s[span[0]] for span in spans), end_s(track.time_s)])
 
 

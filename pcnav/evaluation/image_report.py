@@ -12,13 +12,13 @@ from matplotlib.ticker import MaxNLocator
 
 from pcnav.arrays import FloatArray
 from pcnav.evaluation import page
+from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.figures import (
     ALERT,
     BAND,
     BOUND,
     LINE,
     add_legend,
-    envelope,
     new_figure,
     stacked_axes,
     style_axes,

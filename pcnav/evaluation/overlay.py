@@ -82,13 +82,6 @@ def visible_pieces(
     return pieces, middle[:, 2] <= surface * (1.0 + _HIDING_MARGIN)
 
 
-def rectangle_corners(record: RectangleRecord) -> FloatArray:
-    """(4, 3) corners in the camera frame: x along the width, y along the length."""
-    x, y = 0.5 * record.width_m, 0.5 * record.length_m
-    p_rect = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]])
-    return transform_points(record.T_cam_rect, p_rect)
-
-
 def _window(depth_m: DepthImage, p_image: FloatArray) -> tuple[float, float, float, float]:
     """Left, right, top and bottom pixel edges of what is worth showing."""
     height, width = depth_m.shape
@@ -136,7 +129,7 @@ def _draw_wireframe(
 
 def _draw_rectangle(axes: Axes, camera: PinholeCamera, record: RectangleRecord) -> None:
     """The outline and the name, dashed and red when it was not used."""
-    corners = rectangle_corners(record)
+    corners = record.corners_cam
     if not (np.isfinite(corners).all() and (corners[:, 2] > 0.0).all()):
         return
     used = record.outcome == ACCEPTED

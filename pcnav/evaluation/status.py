@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from pcnav.arrays import FloatArray
 from pcnav.evaluation import page
+from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.figures import (
     BAND,
     CATEGORIES,
@@ -16,7 +17,6 @@ from pcnav.evaluation.figures import (
     MUTED,
     add_legend,
     end_s,
-    envelope,
     new_figure,
     style_axes,
     svg_bytes,

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pcnav.arrays import FloatArray
+from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.figures import (
     ALERT,
     BAND,
@@ -15,7 +16,6 @@ from pcnav.evaluation.figures import (
     LINE,
     MUTED,
     add_legend,
-    envelope,
     style_axes,
     svg_bytes,
 )

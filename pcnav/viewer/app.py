@@ -5,7 +5,7 @@ import threading
 import viser
 
 from pcnav.viewer.layers import set_up_scene
-from pcnav.viewer.server import LocalServer
+from pcnav.viewer.server import LocalServer, label_of
 from pcnav.viewer.session import Session
 from pcnav.viewer.source import Source
 
@@ -13,13 +13,20 @@ from pcnav.viewer.source import Source
 def serve(
     source: Source, host: str = "127.0.0.1", port: int = 8080, first_frame: int | None = None
 ) -> LocalServer:
-    """Start the server; the caller keeps the process alive.
+    """Start a server that shows a source; see `show`.
 
-    A taken port moves up: read ``server.get_port()``. ``first_frame`` is where a browser opens,
-    else at the first estimate.
+    A taken port moves up: read ``server.get_port()``. The caller keeps the process alive.
     """
-    names = " and ".join(story.name for story in source.edition.stories)
-    server = LocalServer(host, port, f"pcnav: {names}")
+    server = LocalServer(host, port, label_of([story.name for story in source.edition.stories]))
+    show(server, source, first_frame)
+    return server
+
+
+def show(server: LocalServer, source: Source, first_frame: int | None = None) -> None:
+    """Give every browser of a server a session, those that have been waiting for it, too.
+
+    ``first_frame`` is where a browser opens, else at the first estimate.
+    """
     set_up_scene(server.scene)
     sessions: dict[int, Session] = {}
     lock = threading.Lock()
@@ -36,5 +43,3 @@ def serve(
             session = sessions.pop(client.client_id, None)
         if session is not None:
             session.close()
-
-    return server

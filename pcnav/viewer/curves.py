@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from pcnav.arrays import BoolArray, FloatArray
-from pcnav.evaluation.figures import envelope
+from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.summary import display_unit
 from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
 from pcnav.viewer.story import Story

@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pcnav.arrays import FloatArray, IntArray
-from pcnav.camera import PinholeCamera, unproject
+from pcnav.camera import PinholeCamera, pixel_rays
 from pcnav.config import PerceptionTable
 from pcnav.errors import InputError
-from pcnav.perception.perceive import perceive
 from pcnav.rendering import DepthRenderer
 from pcnav.sequences.sequence import Frame, Sequence
 from pcnav.target import Target
@@ -126,8 +125,12 @@ class FrameStore:
         rows, columns = np.nonzero(frame.depth_m > 0.0)
         step = max(1, -(-len(rows) // _MOST_POINTS))
         shown = (rows[::step], columns[::step])
-        points = unproject(frame.camera, frame.depth_m)[shown].astype(np.float32)
+        rays, depth_m = pixel_rays(frame.camera)[shown], frame.depth_m[shown]
+        points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)
         if T_cam_model is None:
+            # It brings Open3D, which most views never need and all would wait for.
+            from pcnav.perception.perceive import perceive
+
             seen = perceive(frame, (), self._settings, self.sigma_m, self._seed)
             return Shot(frame, shown, points, seen.image_labels, None, None)
         rendered = self._renderer(frame.camera).render(T_cam_model)

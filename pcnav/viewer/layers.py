@@ -12,7 +12,6 @@ import viser
 
 from pcnav.arrays import FloatArray
 from pcnav.camera import PinholeCamera
-from pcnav.evaluation.overlay import rectangle_corners
 from pcnav.results import ACCEPTED, RectangleRecord
 from pcnav.spatial import invert_transform, transform_points
 from pcnav.viewer.frames import Shot
@@ -163,7 +162,7 @@ def _moved(T: FloatArray, points: npt.NDArray[np.floating]) -> npt.NDArray[np.fl
 
 def _outline(record: RectangleRecord) -> FloatArray:
     """(4, 2, 3) the sides, a little inside and in front: the mesh's own edges would hide them."""
-    corners = rectangle_corners(record)
+    corners = record.corners_cam
     centre = corners.mean(axis=0)
     return closed((centre + _INSET * (corners - centre)) * _IN_FRONT)
 

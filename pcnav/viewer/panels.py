@@ -8,7 +8,6 @@ from PIL import Image, ImageDraw
 
 from pcnav.arrays import FloatArray
 from pcnav.camera import project
-from pcnav.evaluation.overlay import rectangle_corners
 from pcnav.results import ACCEPTED, RectangleRecord
 from pcnav.state import COM_MODEL, OMEGA_BODY, R_HILL, THETA_BODY
 from pcnav.status import Status
@@ -170,7 +169,7 @@ def frame_picture(
     )
     pen = ImageDraw.Draw(image)
     for record in records:
-        corners = rectangle_corners(record)
+        corners = record.corners_cam
         if not np.isfinite(corners).all() or corners[:, 2].min() <= 0.0:
             continue
         pixels = (project(camera, corners) - [left, top] + 0.5) * factor

@@ -2,7 +2,7 @@
 
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from urllib.parse import urlsplit
 
@@ -61,6 +61,11 @@ def is_own_origin(origin: str | None, host: str | None, serving: str) -> bool:
     if serving in _LOOPBACK and named not in _LOOPBACK:
         return False
     return urlsplit(origin).netloc == host
+
+
+def label_of(names: Sequence[str]) -> str:
+    """The title of a page that shows runs."""
+    return f"pcnav: {' and '.join(names)}"
 
 
 def is_loopback(host: str) -> bool:

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,7 @@ from pcnav.arrays import FloatArray
 from pcnav.viewer.clock import Playback
 from pcnav.viewer.controls import Camera, Controls, Share
 from pcnav.viewer.events import Kind, neighbour
+from pcnav.viewer.frames import Shot
 from pcnav.viewer.layers import StoryLayers, shot_of, vertical_fov
 from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
@@ -68,7 +70,12 @@ class Session:
             self._controls = Controls(client.gui, self._edition, self)
             self._build_panel()
             self._look_from(Camera.ORBIT)
-            self._draw(time.monotonic())
+            if len(self._first.track):
+                frame = min(self._wanted, len(self._first.track) - 1)
+                self._draw(time.monotonic(), frame, shot_of(self._first, frame))
+        self._questions = ThreadPoolExecutor(1, "pcnav questions")
+        self._page: Future[bool] | None = None
+        """Whether the browser has worked off what was drawn for it."""
         self._thread = threading.Thread(target=self._run, daemon=True, name="pcnav session")
         self._thread.start()
 
@@ -180,13 +187,10 @@ class Session:
                 if not self._has_work():
                     self._wake.wait(_IDLE_S)
                 if self._is_closed:
+                    self._questions.shutdown(wait=False)
                     return
             started = time.monotonic()
-            if self._turn(started):
-                # A slow browser holds up its own thread alone, and the next frame drawn is then
-                # the newest.
-                while not has_shown_all(self._client, _PATIENCE_S) and not self._is_closed:
-                    pass
+            self._turn(started)
             left_s = 1.0 / _MOST_DRAWN_HZ - (time.monotonic() - started)
             time.sleep(max(left_s, 0.002))
 
@@ -199,23 +203,37 @@ class Session:
             or self._details_frame != self._drawn
         )
 
-    def _turn(self, now_s: float) -> bool:
-        """Draw if there is anything to draw; whether there was."""
+    def _turn(self, now_s: float) -> None:
+        """Draw if there is anything to draw."""
         self._take_news(now_s)
         playback, times = self._playback, self._first.track.time_s
         if playback is not None:
             self._wanted = playback.frame_at(now_s, times)
             if playback.has_ended(now_s, times) and not self._edition.is_live:
                 self.play(False)
-        if self._redraw or self._wanted != self._drawn:
+        if (self._redraw or self._wanted != self._drawn) and len(times):
+            # Read and compared while the browser is busy with the frame before.
+            frame = min(self._wanted, len(times) - 1)
+            shot = shot_of(self._first, frame)
+            self._wait_for_page()
             with drawing(self._client):
-                self._draw(now_s)
-            return True
-        if self._details_frame != self._drawn and self._playback is None:
+                self._draw(now_s, frame, shot)
+        elif self._details_frame != self._drawn and self._playback is None and self._drawn >= 0:
+            self._wait_for_page()
             with drawing(self._client):
-                self._draw_details(self._drawn)
-            return True
-        return False
+                self._draw_details(self._drawn, shot_of(self._first, self._drawn))
+        else:
+            self._redraw = False
+            return
+        self._page = self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
+
+    def _wait_for_page(self) -> None:
+        """Until the browser has worked off the last frame: the next is then the newest.
+
+        A slow browser holds up its own thread alone.
+        """
+        while self._page is not None and not self._is_closed and not self._page.result():
+            self._page = self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
 
     def _take_news(self, now_s: float) -> None:
         edition = self._source.edition
@@ -233,14 +251,10 @@ class Session:
                 self._plots.go_on(self._stories, self._wanted_s)
         self._redraw = self._redraw or ended
 
-    def _draw(self, now_s: float) -> None:
-        if not len(self._first.track):
-            self._redraw = False
-            return
-        frame = min(self._wanted, len(self._first.track) - 1)
+    def _draw(self, now_s: float, frame: int, shot: Shot | None) -> None:
         self._redraw = False
         look = self._controls.look
-        self._layers.show(frame, shot_of(self._first, frame), look)
+        self._layers.show(frame, shot, look)
         self._follow(frame)
         at_rest = self._playback is None
         # Laying out a page anew costs a browser more than drawing the scene.
@@ -251,9 +265,9 @@ class Session:
             self._plots.move_cursor(float(self._first.track.time_s[frame]))
         self._drawn = frame
         if at_rest or self._picture.is_due(now_s):
-            self._draw_details(frame)
+            self._draw_details(frame, shot)
 
-    def _draw_details(self, frame: int) -> None:
+    def _draw_details(self, frame: int, shot: Shot | None) -> None:
         story, look = self._first, self._controls.look
         time_s = float(story.track.time_s[frame])
         records = story.records.get(time_s, ())
@@ -261,7 +275,6 @@ class Session:
         self._controls.show_legend(legend_html(story, look.colour_by, has_estimate=known))
         if story.target is not None:
             self._measurements.content = measurements_html(records)
-        shot = shot_of(story, frame)
         self._image.visible = shot is not None
         if shot is not None and story.frames is not None:
             picture = frame_picture(shot, records, look.colour_by, story.frames.scale_m)

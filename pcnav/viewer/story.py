@@ -31,6 +31,7 @@ from pcnav.state import COM_MODEL, R_HILL
 from pcnav.target import Target, load_target
 from pcnav.unfinished import is_unfinished, whole_rows
 from pcnav.viewer.events import Event, events_of
+from pcnav.viewer.folder import refuse_what_is_no_run
 from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.glyphs import SIGMAS, seen_magnification
 
@@ -149,10 +150,7 @@ def load_story(folder: Path) -> Story:
     """Read a result folder of any kind, finished or not. Raises `InputError` when it is none."""
     from pcnav.viewer.other_runs import OTHER_KINDS
 
-    if not folder.is_dir():
-        raise InputError(folder, "folder", _expected_folder(folder))
-    if not (folder / STATES_FILE).is_file():
-        raise InputError(folder / STATES_FILE, "file", "expected a result folder, which has one")
+    refuse_what_is_no_run(folder)
     header = _header(folder / STATES_FILE)
     for kind in OTHER_KINDS:
         if kind.marker in header:
@@ -264,13 +262,6 @@ def _header(path: Path) -> frozenset[str]:
             return frozenset(file.readline().strip().split(","))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(path, "file", f"expected a readable text file ({error})") from error
-
-
-def _expected_folder(folder: Path) -> str:
-    staged = sorted(folder.parent.glob(f".{folder.name}-*")) if folder.parent.is_dir() else []
-    if staged:
-        return f"expected a result folder; an unfinished run of this name is {staged[-1]}"
-    return "expected a result folder of pcnav run"
 
 
 _Loader = Callable[[Path, Pipeline], Story]

@@ -20,10 +20,11 @@ from scipy.stats import chi2
 from pcnav.arrays import DepthImage, FloatArray
 from pcnav.camera import PinholeCamera, project
 from pcnav.evaluation import report, status
-from pcnav.evaluation.figures import component_figure, envelope, outcome_figure, svg_bytes
+from pcnav.evaluation.envelope import envelope
+from pcnav.evaluation.figures import component_figure, outcome_figure, svg_bytes
 from pcnav.evaluation.knowledge import what_is_known
 from pcnav.evaluation.metrics import evaluate
-from pcnav.evaluation.overlay import frame_picture, rectangle_corners, visible_pieces
+from pcnav.evaluation.overlay import frame_picture, visible_pieces
 from pcnav.evaluation.report import ReportContent, report_html, write_report
 from pcnav.evaluation.status import (
     STATUS_COLOURS,
@@ -406,7 +407,7 @@ def test_the_picture_draws_what_it_is_given() -> None:
     axes = figure.axes[0]
     assert [text.get_text() for text in axes.texts] == ["panel", "<other>"]
     outline = np.asarray(axes.lines[0].get_xydata(), dtype=np.float64)
-    np.testing.assert_allclose(outline[:4], project(CAMERA, rectangle_corners(record)))
+    np.testing.assert_allclose(outline[:4], project(CAMERA, record.corners_cam))
     assert [line.get_linestyle() for line in axes.lines] == ["-", "--"]
     drawn = [c for c in axes.collections if isinstance(c, LineCollection)]
     points = np.concatenate([s for c in drawn for s in c.get_segments()])
@@ -419,7 +420,7 @@ def test_the_picture_draws_what_it_is_given() -> None:
 
 def test_corners_span_the_sides() -> None:
     T = make_transform(exp_rotation(np.array([0.4, -1.0, 2.0])), np.array([1.0, 2.0, 30.0]))
-    corners = rectangle_corners(RectangleRecord(0.0, "p", 4.0, 1.5, T, np.ones(6), "I", ACCEPTED))
+    corners = RectangleRecord(0.0, "p", 4.0, 1.5, T, np.ones(6), "I", ACCEPTED).corners_cam
     sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     np.testing.assert_allclose(sides, [1.5, 4.0, 1.5])
     np.testing.assert_allclose(corners.mean(axis=0), T[:3, 3])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pcnav.errors import InputError
-from pcnav.evaluation.overlay import rectangle_corners
 from pcnav.evaluation.truth import read_truth
 from pcnav.results import read_track
 from pcnav.viewer.curves import groups_of
@@ -44,7 +43,7 @@ def test_outlines_of_used_rectangles_lie_on_returns(story: Story) -> None:
     assert shot is not None
     depth_m = shot.frame.depth_m[shot.frame.depth_m > 0.0]
     for record in story.records[shot.frame.time_s]:
-        corners = rectangle_corners(record)
+        corners = record.corners_cam
         assert depth_m.min() - 0.2 < corners[:, 2].min()
         assert corners[:, 2].max() < depth_m.max() + 0.2
 

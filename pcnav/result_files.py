@@ -1,0 +1,10 @@
+"""Names of the files of a result folder."""
+
+STATES_FILE = "states.csv"
+POSES_FILE = "poses.tum"
+COVARIANCES_FILE = "covariances.npz"
+MEASUREMENTS_FILE = "measurements.csv"
+METRICS_FILE = "metrics.json"
+KNOWLEDGE_FILE = "knowledge.csv"
+REPORT_FILE = "report.html"
+PIPELINE_FILE = "pipeline.toml"
