@@ -204,7 +204,9 @@ def available_layers(edition: Edition) -> tuple[Layer, ...]:
     if not first.has_mass_centre:
         absent.add(Layer.COM)
     if not first.has_position:
-        absent |= {Layer.POSITION, Layer.TRAIL, Layer.PRINCIPAL, Layer.MOMENTUM}
+        absent |= {Layer.POSITION, Layer.TRAIL}
+    if not first.has_inertia:
+        absent |= {Layer.PRINCIPAL, Layer.MOMENTUM}
     return tuple(layer for layer in Layer if layer not in absent)
 
 

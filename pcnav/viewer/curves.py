@@ -76,7 +76,7 @@ def groups_of(story: Story) -> dict[str, Callable[[], ChartGroup]]:
     groups["rate"] = lambda: _components(story, "rate", OMEGA_BODY, _AXES, "deg/s")
     if story.has_mass_centre:
         groups["mass centre"] = lambda: _components(story, "mass centre", COM_MODEL, _AXES, "m")
-    if story.has_position:
+    if story.has_inertia:
         groups["inertia ratios"] = lambda: _inertia(story)
     groups["consistency"] = lambda: _consistency(story)
     return groups

@@ -1,10 +1,11 @@
-"""Runs on feature tracks and on images of one camera, told as a story."""
+"""Runs on feature tracks, on images of one camera and on attitudes, told as a story."""
 
 from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.arrays import BoolArray, FloatArray
+from pcnav.attitude_results import ATTITUDE_STATES_COLUMNS
 from pcnav.config import Pipeline
 from pcnav.csv_table import CsvTable, read_csv
 from pcnav.evaluation.truth import read_truth
@@ -13,7 +14,7 @@ from pcnav.image_results import IMAGE_STATES_COLUMNS
 from pcnav.results import POSES_FILE, STATES_FILE, Track, read_poses
 from pcnav.sequences.track_files import read_tracks
 from pcnav.spatial import make_transform, rotation_from_xyzw
-from pcnav.state import COM_MODEL, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
 from pcnav.viewer.story import RunKind, Story, judged
 
 _QUATERNION = ("q_x", "q_y", "q_z", "q_w")
@@ -78,11 +79,7 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
     sd = np.full((n, STATE_SIZE), np.nan)
     sd[:, THETA_BODY] = table.numbers(("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad"))
     sd[:, OMEGA_BODY] = np.nan
-    # An estimate is told by its position, which these have none of: zero stands for it.
-    place = np.where(known[:, None], 0.0, np.nan)
-    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), (n, 3))
-    T = np.full((n, 4, 4), np.nan)
-    T[known] = make_transform(R[known], shown_at[known])
+    place, T = _nowhere(R, known)
     track = Track(
         time_s=table.times(),
         r_hill=place,
@@ -113,7 +110,65 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
         notes=("attitude and rate only: drawn at a distance that is not known",),
         has_mass_centre=False,
         has_position=False,
+        has_inertia=False,
     )
+
+
+def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
+    """Attitudes, recorded or of images: rotation and inertia, at a distance that nobody knows."""
+    table = read_csv(folder / STATES_FILE, ATTITUDE_STATES_COLUMNS, ("status",))
+    names = ATTITUDE_STATES_COLUMNS[1 : ATTITUDE_STATES_COLUMNS.index("status")]
+    numbers = table.numbers(names)
+    R = _rotations(numbers[:, 0:4])
+    n, known = len(R), np.isfinite(R[:, 0, 0])
+    sd = np.full((n, STATE_SIZE), np.nan)
+    sd[:, THETA_BODY], sd[:, OMEGA_BODY] = numbers[:, 12:15], numbers[:, 15:18]
+    sd[:, INERTIA_RATIOS] = numbers[:, 18:23]
+    place, T = _nowhere(R, known)
+    track = Track(
+        time_s=table.times(),
+        r_hill=place,
+        v_hill=place,
+        com_model=np.zeros((n, 3)),
+        R_world_body=R,
+        omega_body=numbers[:, 4:7],
+        inertia_ratios=numbers[:, 7:12],
+        sd=sd,
+        T_cam_model=T,
+        status=table.words("status"),
+        nis=_column(table, "nis"),
+        nis_dof=table.counts("nis_dof"),
+        window_nis=np.full(n, np.nan),
+        explained=np.full(n, np.nan),
+        n_rectangles=np.isfinite(_column(table, "sd_measured_rad")).astype(np.intp),
+    )
+    return Story(
+        name=folder.name,
+        track=track,
+        counted="attitudes",
+        records={},
+        frames=None,
+        target=None,
+        mean_motion_rad_s=0.0,
+        evaluation=None,
+        verdicts={},
+        notes=("rotation and inertia only: drawn at a distance that is not known",),
+        has_mass_centre=False,
+        has_position=False,
+        has_inertia=True,
+    )
+
+
+def _nowhere(R: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Position (n, 3) and pose (n, 4, 4) of a target that only its attitude is known of.
+
+    An estimate is told by its position: zero stands for it.
+    """
+    place = np.where(known[:, None], 0.0, np.full((len(R), 3), np.nan))
+    T = np.full((len(R), 4, 4), np.nan)
+    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), (len(R), 3))
+    T[known] = make_transform(R[known], shown_at[known])
+    return place, T
 
 
 def _rotations(xyzw: FloatArray) -> FloatArray:
@@ -132,4 +187,5 @@ def _column(table: CsvTable, name: str) -> FloatArray:
 OTHER_KINDS = (
     RunKind("n_features", _feature_story),
     RunKind("reference", _image_story),
+    RunKind("sd_measured_rad", _attitude_story),
 )

@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 from pcnav.arrays import FloatArray
 from pcnav.camera import project
 from pcnav.results import ACCEPTED, RectangleRecord
-from pcnav.state import COM_MODEL, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
 from pcnav.status import Status
 from pcnav.viewer.colouring import depth_shades, label_colours, residual_colours
 from pcnav.viewer.frames import ColourBy, Shot
@@ -78,6 +78,9 @@ def _estimate_rows(story: Story, frame: int) -> list[tuple[str, str]]:
     if story.has_mass_centre:
         com = ", ".join(f"{value:.3f}" for value in track.com_model[frame])
         rows.append(("mass centre", f"({com}) m ± {1e3 * norm(sd[COM_MODEL]):.2f} mm"))
+    if story.has_inertia:
+        ratios = ", ".join(f"{value:.3f}" for value in track.inertia_ratios[frame])
+        rows.append(("Iyy, Izz, Ixy, Ixz, Iyz over Ixx", f"{ratios} ± {_worst_ratio_sd(sd):.2g}"))
     if story.evaluation is not None:
         errors = story.evaluation.errors
         position, angle = norm(errors.p_cam_m[frame]), norm(errors.theta_model_rad[frame])
@@ -85,6 +88,10 @@ def _estimate_rows(story: Story, frame: int) -> list[tuple[str, str]]:
             told = f"{1e3 * position:.2f} mm, {np.rad2deg(angle):.4f} deg"
             rows.append(("true pose error", told))
     return rows
+
+
+def _worst_ratio_sd(sd: FloatArray) -> float:
+    return float(np.max(sd[INERTIA_RATIOS]))
 
 
 def measurements_html(records: tuple[RectangleRecord, ...]) -> str:

@@ -81,6 +81,7 @@ class Story:
     """(m, 3) estimated points of a target without a model, body axes, m."""
     has_mass_centre: bool = True
     has_position: bool = True
+    has_inertia: bool = True
 
     @cached_property
     def events(self) -> tuple[Event, ...]:

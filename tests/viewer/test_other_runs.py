@@ -1,14 +1,16 @@
-"""Runs on feature tracks and on images are stories, too."""
+"""Runs on feature tracks, on images and on attitudes are stories, too."""
 
 from pathlib import Path
 
 import numpy as np
 
+from pcnav.attitude_pipeline import run_attitudes
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.feature_pipeline import run_features
 from pcnav.image_results import ImageTrack, write_states
 from pcnav.provenance import pipeline_toml
 from pcnav.shipped import shipped_pipeline
+from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.spatial import exp_rotation
 from pcnav.viewer.controls import available_layers
@@ -76,3 +78,22 @@ def test_a_run_on_images_has_attitude_and_rate_only(tmp_path: Path) -> None:
     assert "range" not in facts and "deg/s" in facts and "nan" not in facts
     layers = available_layers(Edition((story,), 0, is_live=False))
     assert Layer.POSITION not in layers and Layer.BODY in layers
+
+
+def test_a_run_on_attitudes_has_rotation_and_inertia(tmp_path: Path) -> None:
+    path = shipped_pipeline("deng2024")
+    assert path is not None
+    pipeline = read_pipeline(path)
+    scenario = pipeline.scenario.model_copy(update={"frames": 60})
+    pipeline = pipeline.model_copy(update={"scenario": scenario})
+    simulate_attitudes(pipeline, tmp_path / "recording")
+    summary = run_attitudes(tmp_path / "recording", tmp_path / "result", pipeline)
+    story = load_story(summary.folder)
+    assert len(story.track) == 60 and not story.has_position
+    assert list(groups_of(story)) == ["attitude", "rate", "inertia ratios", "consistency"]
+    for make in groups_of(story).values():
+        assert make().charts
+    facts = facts_html(story, 59, None)
+    assert "over Ixx" in facts and "nan" not in facts
+    layers = available_layers(Edition((story,), 0, is_live=False))
+    assert Layer.PRINCIPAL in layers and Layer.POSITION not in layers
