@@ -13,7 +13,7 @@ from pcnav.viewer.source import Edition
 
 _ANY_EVENT = "any event"
 _MAGNIFIED: dict[str, float | None] = {
-    "as is seen": None,
+    "enlarged to be seen": None,
     "true size": 1.0,
     "10 × larger": 10.0,
     "100 × larger": 100.0,
@@ -163,7 +163,7 @@ class Controls:
         )
         self._legend = gui.add_html("")
         self._magnified = gui.add_dropdown(
-            "3σ drawn", tuple(_MAGNIFIED), initial_value="as is seen"
+            "3σ drawn", tuple(_MAGNIFIED), initial_value="enlarged to be seen"
         )
         camera = gui.add_button_group("look from", tuple(str(each) for each in Camera))
         self._colour.on_update(lambda _: self._shown.change_look())
