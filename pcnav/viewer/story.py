@@ -225,7 +225,7 @@ def _depth_story(folder: Path, tables: Path, finished: bool, told: str | None) -
         frames=frames,
         target=target,
         mean_motion_rad_s=motion,
-        evaluation=judged(track, truth, target.symmetry_rotations),
+        evaluation=judged(without_covariance(track), truth, target.symmetry_rotations),
         verdicts=_verdicts(folder / KNOWLEDGE_FILE),
         notes=tuple(notes),
         position_covariance=blocks[0],
