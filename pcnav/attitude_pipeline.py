@@ -28,7 +28,7 @@ from pcnav.evaluation.truth import read_truth
 from pcnav.image_results import outcome_in_words
 from pcnav.image_source import ImageSource, chain_of, is_seen_by_one_camera, open_source
 from pcnav.new_folder import new_folder
-from pcnav.observability.sources import observability_of_run
+from pcnav.observability.sources import observability_of_run, tables_for_report
 from pcnav.provenance import library_versions, pipeline_toml
 from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 from pcnav.sequences.attitudes import AttitudeRecording, read_attitudes
@@ -96,12 +96,12 @@ def run_attitudes(
             (staging / METRICS_FILE).write_text(text, encoding="utf-8")
         versions = library_versions()
         (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
-        known = found.track.has_estimate.any()
+        name, known = folder.resolve().name, found.track.has_estimate.any()
         tables = (
-            observability_of_run(staging, title=folder.resolve().name).tables() if known else ()
+            tables_for_report(lambda: observability_of_run(staging, title=name)) if known else ()
         )
         report = AttitudeReport(
-            title=folder.resolve().name,
+            title=name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
             track=found.track,
             metrics=metrics,

@@ -19,7 +19,7 @@ from pcnav.evaluation.truth import read_truth
 from pcnav.feature_estimate import FeatureEstimate, FeatureEstimator
 from pcnav.feature_results import FeatureCollector, FeatureTrack, write_tables
 from pcnav.new_folder import new_folder
-from pcnav.observability.sources import observability_of_run
+from pcnav.observability.sources import observability_of_run, tables_for_report
 from pcnav.provenance import library_versions, pipeline_toml
 from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 from pcnav.sequences.track_files import read_tracks, read_truth_features, recording_folder
@@ -80,7 +80,6 @@ def run_features(
         versions = library_versions()
         (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
         known = track.has_estimate.any() and bool(track.last_points)
-        told = observability_of_run(staging, title=tracks.name) if known else None
         report = FeatureReport(
             title=tracks.name,
             estimator=str(pipeline.estimator.kind),
@@ -90,7 +89,11 @@ def run_features(
             errors=errors,
             configuration=as_run.model_dump(mode="json", include=_used_tables(pipeline)),
             versions=versions,
-            observability=() if told is None else told.tables(),
+            observability=tables_for_report(
+                lambda: observability_of_run(staging, title=tracks.name)
+            )
+            if known
+            else (),
         )
         write_feature_report(staging / REPORT_FILE, report)
     return FeatureRunSummary(out, metrics)

@@ -16,7 +16,11 @@ from pcnav.evaluation.truth import read_truth
 from pcnav.image_results import image_track, write_states
 from pcnav.image_source import ImageSource, OnFrame, chain_of, open_source
 from pcnav.new_folder import new_folder
-from pcnav.observability.sources import can_be_judged, observability_of_run
+from pcnav.observability.sources import (
+    can_be_judged,
+    observability_of_run,
+    tables_for_report,
+)
 from pcnav.provenance import library_versions, pipeline_toml
 from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 from pcnav.sequences.monocular import (
@@ -72,7 +76,7 @@ def run_images(
             (staging / METRICS_FILE).write_text(text, encoding="utf-8")
         versions = library_versions()
         (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
-        told = observability_of_run(staging, title=source.name) if can_be_judged(track) else None
+        told = can_be_judged(track)
         report = ImageReport(
             title=source.name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -81,7 +85,11 @@ def run_images(
             errors=errors,
             configuration=as_run.model_dump(mode="json", include=_used_tables(source)),
             versions=versions,
-            observability=() if told is None else told.tables(),
+            observability=tables_for_report(
+                lambda: observability_of_run(staging, title=source.name)
+            )
+            if told
+            else (),
         )
         write_image_report(staging / REPORT_FILE, report)
     return ImageRunSummary(out, metrics)

@@ -21,7 +21,7 @@ from pcnav.evaluation.report import ReportContent, write_report
 from pcnav.evaluation.text_table import TextTable
 from pcnav.evaluation.truth import read_truth
 from pcnav.mesh import wireframe_edges
-from pcnav.observability.sources import observability_of_depth
+from pcnav.observability.sources import observability_of_depth, tables_for_report
 from pcnav.prior import PriorMass
 from pcnav.provenance import library_versions, pipeline_toml
 from pcnav.result_writer import ResultWriter
@@ -186,7 +186,9 @@ def _observability(
     """What the motion of a run makes observable; nothing is told without an estimate."""
     if not track.has_estimate.any():
         return ()
-    return observability_of_depth(sequence.info.name, pipeline, sequence, target, track).tables()
+    return tables_for_report(
+        lambda: observability_of_depth(sequence.info.name, pipeline, sequence, target, track)
+    )
 
 
 def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:

@@ -10,7 +10,11 @@ from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.config_features import EstimatorKind, EstimatorTable
 from pcnav.errors import InputError
 from pcnav.feature_pipeline import run_features
-from pcnav.observability.sources import observability_of_pipeline, observability_of_run
+from pcnav.observability.sources import (
+    observability_of_pipeline,
+    observability_of_run,
+    tables_for_report,
+)
 from pcnav.results import PIPELINE_FILE
 from pcnav.shipped import shipped_mesh, shipped_pipeline
 from pcnav.simulation.feature_recording import simulate_tracks
@@ -96,3 +100,11 @@ def test_what_is_missing_is_told(bank_run, tmp_path):
     (bank_run / "features.csv").unlink()
     with pytest.raises(InputError, match=r"features\.csv"):
         observability_of_run(bank_run)
+
+
+def test_a_motion_that_cannot_be_judged_costs_the_report_its_part_alone(caplog):
+    def fails():
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    assert tables_for_report(fails) == ()
+    assert "does without its part on observability: Singular matrix" in caplog.text

@@ -1,6 +1,7 @@
 """From a result folder, or from a pipeline, to its observability."""
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator
 from pcnav.estimation.image_motion.chain import run_chain
 from pcnav.estimation.rotation_arc import parameters_of
 from pcnav.estimation.rotation_model import RotationState, TorqueFreeModel
+from pcnav.evaluation.text_table import TextTable
 from pcnav.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS
 from pcnav.image_results import SD_COLUMNS as IMAGE_SD_COLUMNS
 from pcnav.image_results import ImageTrack
@@ -45,6 +47,8 @@ from pcnav.spatial import exp_rotation, rotation_from_xyzw
 from pcnav.target import Target, load_target
 from pcnav.tracking.mass import prior_belief
 
+_LOG = logging.getLogger("pcnav")
+
 Wanted = Mapping[str, float] | None
 """See `judge`."""
 _FEWEST = 6
@@ -59,8 +63,8 @@ def observability_of_run(
     """What the motion of a run makes observable, as far as its estimates tell the motion.
 
     The trajectory is the one that leads to the last estimate. The title is the folder's name where
-    none is given. Raises `InputError` when the folder,
-    or what the run was made from, is missing or damaged, or when the run has no estimate.
+    none is given. Raises `InputError` when the folder, or what the run was made from, is missing or
+    damaged, or when the run has no estimate.
     """
     pipeline = read_pipeline(folder / PIPELINE_FILE)
     if pipeline.sequence is None:
@@ -112,6 +116,18 @@ def observability_of_pipeline(
         points=dict(enumerate(truth.points)),
     )
     return _of_features(title, pipeline, tracks, motion, wanted)
+
+
+def tables_for_report(judged: Callable[[], ObservabilityReport]) -> tuple[TextTable, ...]:
+    """What a motion makes observable, as tables; none where that cannot be told.
+
+    A run must not be lost to it: what stands in the way is said in a warning.
+    """
+    try:
+        return judged().tables()
+    except (InputError, ValueError, np.linalg.LinAlgError) as error:
+        _LOG.warning("the report does without its part on observability: %s", error)
+        return ()
 
 
 def can_be_judged(track: ImageTrack) -> bool:
