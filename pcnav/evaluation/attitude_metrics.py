@@ -21,7 +21,7 @@ from pcnav.evaluation.metrics import (
     Metrics,
     QuantityErrors,
     consistency,
-    distribution,
+    quantity_errors,
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times
@@ -141,11 +141,4 @@ def _quantities(time_s: FloatArray, errors: FloatArray) -> tuple[QuantityErrors,
         ("omega_body", "angular rate", "deg/s", np.rad2deg(errors[:, OMEGA])),
         ("inertia_ratios", "inertia ratios", "1", errors[:, INERTIA]),
     )
-    elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
-    quantities = []
-    for key, title, unit, vectors in series:
-        norms = np.asarray(np.linalg.norm(vectors, axis=1))
-        if np.isfinite(norms).any():
-            parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
-            quantities.append(QuantityErrors(key, title, unit, *parts))
-    return tuple(quantities)
+    return quantity_errors(time_s, series)

@@ -16,8 +16,8 @@ from pcnav.evaluation.metrics import (
     Metrics,
     QuantityErrors,
     consistency,
-    distribution,
     nis_consistency,
+    quantity_errors,
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times, relabelled
@@ -161,14 +161,7 @@ def _quantities(time_s: FloatArray, errors: FeatureErrors) -> tuple[QuantityErro
         ("inertia_ratios", "inertia ratios", "1", errors.state[:, INERTIA_RATIOS]),
         ("features", "features, RMS of a frame", "m", errors.features_rms_m[:, None]),
     )
-    elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
-    quantities = []
-    for key, title, unit, vectors in series:
-        norms = np.asarray(np.linalg.norm(vectors, axis=1))
-        if np.isfinite(norms).any():
-            parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
-            quantities.append(QuantityErrors(key, title, unit, *parts))
-    return tuple(quantities)
+    return quantity_errors(time_s, series)
 
 
 def _nees(track: FeatureTrack, errors: FeatureErrors) -> tuple[Consistency, ...]:

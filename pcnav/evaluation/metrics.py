@@ -6,6 +6,7 @@ estimate and a truth.
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -258,6 +259,23 @@ def consistency(name: str, squared: FloatArray, degrees: IntArray) -> Consistenc
     )
 
 
+def quantity_errors(
+    time_s: FloatArray, series: Iterable[tuple[str, str, str, FloatArray]]
+) -> tuple[QuantityErrors, ...]:
+    """Statistics of error vectors (n, k), each with key, title and unit, at times (n,).
+
+    A quantity without any error is left out.
+    """
+    elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
+    quantities = []
+    for key, title, unit, vectors in series:
+        norms = np.asarray(np.linalg.norm(vectors, axis=1))
+        if np.isfinite(norms).any():
+            parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
+            quantities.append(QuantityErrors(key, title, unit, *parts))
+    return tuple(quantities)
+
+
 def _quantities(time_s: FloatArray, errors: TrackErrors) -> tuple[QuantityErrors, ...]:
     """Statistics by quantity; those the truth does not know are left out."""
     # A truth without camera poses still knows the attitude.
@@ -271,14 +289,7 @@ def _quantities(time_s: FloatArray, errors: TrackErrors) -> tuple[QuantityErrors
         ("com_model", "mass centre in model", "m", errors.state[:, COM_MODEL]),
         ("inertia_ratios", "inertia ratios", "1", errors.state[:, INERTIA_RATIOS]),
     )
-    elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
-    quantities = []
-    for key, title, unit, vectors in series:
-        norms = np.asarray(np.linalg.norm(vectors, axis=1))
-        if np.isfinite(norms).any():
-            parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
-            quantities.append(QuantityErrors(key, title, unit, *parts))
-    return tuple(quantities)
+    return quantity_errors(time_s, series)
 
 
 _UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
