@@ -142,13 +142,11 @@ def _played(page: "Page") -> tuple[float, float]:
 
 def _cloud_alone(page: "Page", points: int) -> float:
     """Pictures a second of a scene that holds nothing but a cloud, which moves all the time."""
-    from pcnav.viewer.layers import set_up_scene
-    from pcnav.viewer.server import LocalServer, has_shown_all
+    from pcnav.viewer.server import UP, LocalServer, has_shown_all
 
     server = LocalServer("127.0.0.1", 0, "cloud")
-    set_up_scene(server.scene)
     camera = server.initial_camera
-    camera.position, camera.look_at, camera.up = (0.0, 0.0, 0.0), (0.0, 0.0, 20.0), (0.0, -1.0, 0.0)
+    camera.position, camera.look_at, camera.up = (0.0, 0.0, 0.0), (0.0, 0.0, 20.0), UP
     places = np.random.default_rng(0).uniform((-4.0, -4.0, 20.0), (4.0, 4.0, 20.1), (points, 3))
     cloud = server.scene.add_point_cloud(
         "/cloud",

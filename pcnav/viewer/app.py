@@ -4,7 +4,6 @@ import threading
 
 import viser
 
-from pcnav.viewer.layers import set_up_scene
 from pcnav.viewer.server import LocalServer, label_of
 from pcnav.viewer.session import Session
 from pcnav.viewer.source import Source
@@ -27,7 +26,6 @@ def show(server: LocalServer, source: Source, first_frame: int | None = None) ->
 
     ``first_frame`` is where a browser opens, else at the first estimate.
     """
-    set_up_scene(server.scene)
     sessions: dict[int, Session] = {}
     lock = threading.Lock()
 

@@ -10,10 +10,10 @@ import viser
 
 from pcnav.errors import InputError
 from pcnav.viewer.browser import opened_page, picture_png
-from pcnav.viewer.layers import StoryLayers, set_up_scene, shot_of, thinned
+from pcnav.viewer.layers import StoryLayers, shot_of, thinned
 from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
-from pcnav.viewer.server import LocalServer
+from pcnav.viewer.server import UP, LocalServer
 from pcnav.viewer.story import Story
 
 MOST_RECORDED_FRAMES = 300
@@ -131,11 +131,10 @@ def write_whole(path: Path, content: bytes) -> None:
 def _quiet_server(stories: tuple[Story, ...], frame: int) -> LocalServer:
     """A server for its scene alone, on a free port of this machine; it is stopped right after."""
     server = LocalServer("127.0.0.1", 0, stories[0].name)
-    set_up_scene(server.scene)
     position, centre = stories[0].viewpoint(frame)
     camera = server.initial_camera
     camera.position, camera.look_at = vector(position), vector(centre)
-    camera.up, camera.fov = (0.0, -1.0, 0.0), _CAMERA_FOV_RAD
+    camera.up, camera.fov = UP, _CAMERA_FOV_RAD
     return server
 
 

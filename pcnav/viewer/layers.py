@@ -24,14 +24,6 @@ from pcnav.viewer.target_layer import TargetLayer
 _MOST_NAMES = 16
 _INSET, _IN_FRONT = 0.95, 0.998
 _PIXELS_ACROSS = 1.4
-_UP = (0.0, -1.0, 0.0)
-
-
-def set_up_scene(scene: viser.SceneApi) -> None:
-    """Once for a server's own scene: the image's top is up, light casts no shadows."""
-    scene.set_up_direction(_UP)
-    scene.world_axes.visible = False
-    scene.configure_default_lights(enabled=True, cast_shadow=False)
 
 
 class SensorLayer:

@@ -1,6 +1,5 @@
 """The plots beside the scene, of one browser: one group at a time, with a cursor at its frame."""
 
-import threading
 from collections.abc import Callable
 from html import escape
 
@@ -40,47 +39,45 @@ class PlotsPanel:
         tab: viser.GuiTabHandle,
         stories: tuple[Story, ...],
         time_s: float,
+        on_choice: Callable[[], None],
     ) -> None:
         self._gui, self._tab, self._stories = gui, tab, stories
-        self._lock = threading.RLock()
         names = tuple(groups_of(stories[0]))
         with tab:
             self._choice = gui.add_dropdown("plots", names)
             self._key = gui.add_html("")
         self._plots: list[_Plot] = []
         self._time_s = time_s
-        self._choice.on_update(lambda _: self._draw_anew())
-        self._draw_anew()
+        self._choice.on_update(lambda _: on_choice())
+        self.draw_choice()
 
     def go_on(self, stories: tuple[Story, ...], time_s: float) -> None:
         """Draw the chosen group of later states of the same runs."""
-        with self._lock:
-            self._stories, self._time_s = stories, time_s
-            rows = self._rows()
-            fits = len(rows) == len(self._plots)
-            if not (fits and all(map(_Plot.takes, self._plots, rows, [time_s] * len(rows)))):
-                self._draw_anew()
+        self._stories, self._time_s = stories, time_s
+        rows = self._rows()
+        fits = len(rows) == len(self._plots)
+        if not (fits and all(map(_Plot.takes, self._plots, rows, [time_s] * len(rows)))):
+            self.draw_choice()
 
     def move_cursor(self, time_s: float) -> None:
         """Move the line that marks the frame."""
-        with self._lock:
-            if time_s == self._time_s:
-                return
-            self._time_s = time_s
-            for plot in self._plots:
-                plot.move_cursor(time_s)
+        if time_s == self._time_s:
+            return
+        self._time_s = time_s
+        for plot in self._plots:
+            plot.move_cursor(time_s)
 
-    def _draw_anew(self) -> None:
-        with self._lock:
-            rows = self._rows()
-            for plot in self._plots:
-                plot.remove()
-            self._plots = []
-            height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1) - _FRAME_PX, _MOST_HEIGHT_PX)
-            with self._tab:
-                for k, row in enumerate(rows):
-                    last = k == len(rows) - 1
-                    self._plots.append(_Plot(self._gui, row, height, self._time_s, last=last))
+    def draw_choice(self) -> None:
+        """Draw the chosen group, in place of what is there."""
+        rows = self._rows()
+        for plot in self._plots:
+            plot.remove()
+        self._plots = []
+        height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1) - _FRAME_PX, _MOST_HEIGHT_PX)
+        with self._tab:
+            for k, row in enumerate(rows):
+                last = k == len(rows) - 1
+                self._plots.append(_Plot(self._gui, row, height, self._time_s, last=last))
 
     def _rows(self) -> list[_Row]:
         """The plots from top to bottom: the charts of each and the colours of their runs."""

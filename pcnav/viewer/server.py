@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 import viser
 
 LOOPBACK = "127.0.0.1"
+UP = (0.0, -1.0, 0.0)
+"""The top of the image, in the camera frame."""
 _LOOPBACK = {LOOPBACK, "localhost", "::1"}
 _REFUSED = 1008
 """WebSocket close code: policy violation."""
@@ -27,6 +29,11 @@ class LocalServer(viser.ViserServer):
         # viser prints a frame with its addresses; the command line says its own.
         with redirect_stdout(io.StringIO()):
             super().__init__(host=host, port=port, label=label, verbose=False)
+        # Before any page is there: nothing says whether a page is told of it before or after its
+        # own camera's place, which it reckons from the axes that it knows.
+        self.scene.set_up_direction(UP)
+        self.scene.world_axes.visible = False
+        self.scene.configure_default_lights(enabled=True, cast_shadow=False)
         self._websock_server.on_client_connect(self._close_foreign)
         self.gui.configure_theme(
             dark_mode=True, show_share_button=False, show_logo=False, brand_color=(80, 150, 255)

@@ -18,7 +18,7 @@ from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
-from pcnav.viewer.server import drawing, has_shown_all
+from pcnav.viewer.server import UP, drawing, has_shown_all
 from pcnav.viewer.source import Edition, Source
 from pcnav.viewer.story import Story
 
@@ -57,7 +57,7 @@ class Session:
         self._is_closed = False
         self._wake = threading.Condition()
         self._playback: Playback | None = None
-        self._redraw = True
+        self._redraw, self._redraw_plots = True, False
         self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
         self._texts = _Paced(1.0 / _TEXTS_HZ)
         self._plots_paced = _Paced(_PLOTS_LIVE_S)
@@ -74,7 +74,7 @@ class Session:
                 frame = min(self._wanted, len(self._first.track) - 1)
                 self._draw(time.monotonic(), frame, shot_of(self._first, frame))
         self._questions = ThreadPoolExecutor(1, "pcnav questions")
-        self._page: Future[bool] | None = None
+        self._page = self._asked_page()
         """Whether the browser has worked off what was drawn for it."""
         self._thread = threading.Thread(target=self._run, daemon=True, name="pcnav session")
         self._thread.start()
@@ -125,6 +125,12 @@ class Session:
         """Draw the same frame anew."""
         with self._wake:
             self._redraw = True
+            self._wake.notify()
+
+    def change_plots(self) -> None:
+        """Draw the plots that were chosen."""
+        with self._wake:
+            self._redraw_plots = True
             self._wake.notify()
 
     def change_speed(self) -> None:
@@ -198,6 +204,7 @@ class Session:
         return (
             self._is_closed
             or self._redraw
+            or self._redraw_plots
             or self._playback is not None
             or self._wanted != self._drawn
             or self._details_frame != self._drawn
@@ -205,54 +212,67 @@ class Session:
 
     def _turn(self, now_s: float) -> None:
         """Draw if there is anything to draw."""
-        self._take_news(now_s)
+        news = self._take_news()
         playback, times = self._playback, self._first.track.time_s
         if playback is not None:
             self._wanted = playback.frame_at(now_s, times)
             if playback.has_ended(now_s, times) and not self._edition.is_live:
                 self.play(False)
-        if (self._redraw or self._wanted != self._drawn) and len(times):
-            # Read and compared while the browser is busy with the frame before.
-            frame = min(self._wanted, len(times) - 1)
-            shot = shot_of(self._first, frame)
-            self._wait_for_page()
-            with drawing(self._client):
-                self._draw(now_s, frame, shot)
-        elif self._details_frame != self._drawn and self._playback is None and self._drawn >= 0:
-            self._wait_for_page()
-            with drawing(self._client):
-                self._draw_details(self._drawn, shot_of(self._first, self._drawn))
-        else:
-            self._redraw = False
+        with self._wake:
+            redraw, self._redraw = self._redraw, False
+            redraw_plots, self._redraw_plots = self._redraw_plots, False
+        moves = (redraw or self._wanted != self._drawn) and len(times) > 0
+        frame = min(self._wanted, len(times) - 1) if moves else self._drawn
+        lacks_details = self._details_frame != frame and playback is None and frame >= 0
+        if not (news or moves or lacks_details or redraw_plots):
             return
-        self._page = self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
+        # Read and compared while the browser is busy with the frame before.
+        shot = shot_of(self._first, frame) if moves or lacks_details else None
+        self._wait_for_page()
+        with drawing(self._client):
+            if news:
+                self._go_on(now_s)
+            if redraw_plots:
+                self._plots.draw_choice()
+            if moves:
+                self._draw(now_s, frame, shot)
+            elif lacks_details:
+                self._draw_details(frame, shot)
+        self._page = self._asked_page()
+
+    def _asked_page(self) -> Future[bool]:
+        return self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
 
     def _wait_for_page(self) -> None:
-        """Until the browser has worked off the last frame: the next is then the newest.
+        """Until the browser has worked off what was drawn: the next frame is then the newest.
 
-        A slow browser holds up its own thread alone.
+        A slow browser holds up its own thread alone. Nor could it take a plot off that it is yet
+        to change: of messages that come together it carries out the changes last.
         """
-        while self._page is not None and not self._is_closed and not self._page.result():
-            self._page = self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
+        while not self._is_closed and not self._page.result():
+            self._page = self._asked_page()
 
-    def _take_news(self, now_s: float) -> None:
+    def _take_news(self) -> bool:
+        """Look at the source's newest edition from now on; whether it is a new one."""
         edition = self._source.edition
         if edition.number == self._edition.number:
-            return
-        ended = self._edition.is_live and not edition.is_live
+            return False
+        if self._edition.is_live and not edition.is_live:
+            self.change_look()
         self._edition = edition
         if self._controls.follows_newest:
             self._wanted = max(len(self._first.track) - 1, 0)
-        with drawing(self._client):
-            self._controls.refresh(edition)
-            self._layers.go_on(self._stories)
-            if self._plots_paced.is_due(now_s) or ended:
-                self._layers.refresh_trails()
-                self._plots.go_on(self._stories, self._wanted_s)
-        self._redraw = self._redraw or ended
+        return True
+
+    def _go_on(self, now_s: float) -> None:
+        """Lengthen what is drawn of the whole run."""
+        self._controls.refresh(self._edition)
+        self._layers.go_on(self._stories)
+        if self._plots_paced.is_due(now_s) or not self._edition.is_live:
+            self._layers.refresh_trails()
+            self._plots.go_on(self._stories, self._wanted_s)
 
     def _draw(self, now_s: float, frame: int, shot: Shot | None) -> None:
-        self._redraw = False
         look = self._controls.look
         self._layers.show(frame, shot, look)
         self._follow(frame)
@@ -287,7 +307,9 @@ class Session:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(300)
         panel = gui.add_panel()
-        self._plots = PlotsPanel(gui, panel.add_tab("Plots"), self._stories, self._wanted_s)
+        self._plots = PlotsPanel(
+            gui, panel.add_tab("Plots"), self._stories, self._wanted_s, self.change_plots
+        )
         with panel.add_tab("This frame"):
             self._facts = gui.add_html("")
             self._image = gui.add_image(
@@ -304,7 +326,7 @@ class Session:
         position, centre = story.viewpoint(self._wanted)
         self._followed = None
         with drawing(self._client):
-            handle.up_direction = (0.0, -1.0, 0.0)
+            handle.up_direction = UP
             if camera is Camera.CHASER:
                 eye = story.frames.camera() if story.frames is not None else None
                 handle.position = (0.0, 0.0, 0.0)
