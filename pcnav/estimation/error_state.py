@@ -14,8 +14,8 @@ from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import FloatArray
 
 
@@ -196,7 +196,7 @@ class ErrorStateFilter(Generic[S]):
 @lru_cache(maxsize=64)
 def innovation_gate(probability: float, dof: int) -> float:
     """Normalised innovation squared that a true measurement stays below with a probability."""
-    return float(chi2.ppf(probability, dof))
+    return float(chi_square.quantile(probability, dof))
 
 
 class _Stack(Measurement[S]):

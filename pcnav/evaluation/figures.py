@@ -16,8 +16,8 @@ from matplotlib.ticker import (
     NullLocator,
     StrMethodFormatter,
 )
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.evaluation.envelope import BUCKETS, envelope
 from pcnav.evaluation.metrics import squared_normalised_errors
@@ -250,7 +250,7 @@ def add_legend(figure: Figure, axes: Axes, most_columns: int = 4) -> None:
 def _draw_squared(axes: Axes, time_s: FloatArray, squared: FloatArray, degrees: IntArray) -> None:
     """Squared normalised errors as dots, over the 95 % chi-square bound of their frame."""
     # The bound changes with the number of measurements; their ratio has one line to compare with.
-    ratio = squared / chi2.ppf(_CONFIDENCE, degrees)
+    ratio = squared / chi_square.quantile(_CONFIDENCE, degrees)
     axes.axhspan(0.0, 1.0, color=BAND, linewidth=0, label="95 % of the frames belong here")
     for shown, colour, text in ((ratio <= 1.0, LINE, "inside"), (ratio > 1.0, ALERT, "outside")):
         dots = axes.plot(time_s[shown], ratio[shown], ".", markersize=3, color=colour, label=text)

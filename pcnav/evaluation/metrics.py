@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.evaluation.track_errors import TrackErrors, best_symmetry, relabelled, track_errors
 from pcnav.evaluation.truth import Truth
@@ -234,7 +234,7 @@ def _squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
 def chi_square_bounds(degrees: IntArray | FloatArray | int) -> tuple[FloatArray, FloatArray]:
     """Two-sided 95 % bounds of a chi-square variable, element by element."""
     tail = 0.5 * (1.0 - _CONFIDENCE)
-    return np.asarray(chi2.ppf(tail, degrees)), np.asarray(chi2.ppf(1.0 - tail, degrees))
+    return chi_square.quantile(tail, degrees), chi_square.quantile(1.0 - tail, degrees)
 
 
 def consistency(name: str, squared: FloatArray, degrees: IntArray) -> Consistency:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav.chi_square import exceeds, upper_quantile
 from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, RectangleObservation
 from pcnav.target import Rectangle
 
@@ -54,4 +54,4 @@ def recognise(
 @lru_cache(maxsize=16)
 def size_gate(gate_sigma: float, dof: int) -> float:
     """Chi-square of ``dof`` differences that is as rare as one of ``gate_sigma`` deviations."""
-    return float(chi2.isf(float(chi2.sf(gate_sigma**2, 1)), dof))
+    return float(upper_quantile(exceeds(gate_sigma**2, 1), dof))

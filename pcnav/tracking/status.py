@@ -3,8 +3,8 @@
 from collections import deque
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.estimation.error_state import UpdateResult
 from pcnav.results import NIS_WINDOW_FRAMES
 
@@ -52,7 +52,7 @@ class Evidence:
         if len(self._explained) < _WINDOW_FRAMES:
             return False
         nis, dof = self._sums()
-        errs = bool(nis > chi2.isf(_NIS_PROBABILITY, dof)) if dof else False
+        errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
         return errs or float(np.mean(self._explained)) < _POOR_EXPLAINED
 
     def _sums(self) -> tuple[float, int]:

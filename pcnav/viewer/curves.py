@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.evaluation.envelope import envelope
 from pcnav.evaluation.summary import display_unit
@@ -161,7 +161,7 @@ def _consistency(story: Story) -> ChartGroup:
     track = story.track
     used = np.isfinite(track.nis) & (track.nis_dof > 0)
     ratio = np.full(len(track), np.nan)
-    ratio[used] = track.nis[used] / chi2.ppf(_CONFIDENCE, track.nis_dof[used])
+    ratio[used] = track.nis[used] / chi_square.quantile(_CONFIDENCE, track.nis_dof[used])
     charts = []
     if used.any():
         charts.append(

@@ -34,6 +34,10 @@ class LocalServer(viser.ViserServer):
         self.scene.set_up_direction(UP)
         self.scene.world_axes.visible = False
         self.scene.configure_default_lights(enabled=True, cast_shadow=False)
+        # Light of viser's photographed surroundings costs a browser without a graphics card three
+        # seconds before it draws anything.
+        self.scene.configure_environment_map(hdri=None)
+        self.scene.add_light_ambient("/light", intensity=1.5)
         self._websock_server.on_client_connect(self._close_foreign)
         self.gui.configure_theme(
             dark_mode=True, show_share_button=False, show_logo=False, brand_color=(80, 150, 255)

@@ -57,7 +57,7 @@ class Session:
         self._is_closed = False
         self._wake = threading.Condition()
         self._playback: Playback | None = None
-        self._redraw, self._redraw_plots = True, False
+        self._redraw = self._redraw_plots = False
         self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
         self._texts = _Paced(1.0 / _TEXTS_HZ)
         self._plots_paced = _Paced(_PLOTS_LIVE_S)

@@ -147,15 +147,21 @@ class Story:
         return _block(self.com_covariance, self.track, frame, COM_MODEL)
 
 
+_DEPTH_MARKER = "com_x_m"
+"""A column of depth runs alone."""
+
+
 def load_story(folder: Path) -> Story:
     """Read a result folder of any kind, finished or not. Raises `InputError` when it is none."""
-    from pcnav.viewer.other_runs import OTHER_KINDS
-
     refuse_what_is_no_run(folder)
     header = _header(folder / STATES_FILE)
-    for kind in OTHER_KINDS:
-        if kind.marker in header:
-            return kind.load(folder, read_pipeline(folder / PIPELINE_FILE))
+    if _DEPTH_MARKER not in header:
+        # The other kinds need the estimators, which take longer to import than a run to read.
+        from pcnav.viewer.other_runs import OTHER_KINDS
+
+        for kind in OTHER_KINDS:
+            if kind.marker in header:
+                return kind.load(folder, read_pipeline(folder / PIPELINE_FILE))
     if is_unfinished(folder):
         with whole_rows(folder) as rows:
             told = f"unfinished: {{}} frames so far in {folder.name}"

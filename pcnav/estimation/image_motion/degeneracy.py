@@ -7,8 +7,8 @@ the camera alone (no parallax), and points of one plane (a homography).
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.estimation.image_motion.essential import homogeneous, in_front
 from pcnav.spatial import exp_rotation, skew
@@ -46,7 +46,7 @@ def judge(residuals: FloatArray, sigma: float, parameters: int) -> Simpler:
     explains = (
         few_others
         and degrees > 0
-        and float(squared[agreeing].sum()) <= float(chi2.ppf(_CONFIDENCE, degrees))
+        and float(squared[agreeing].sum()) <= float(chi_square.quantile(_CONFIDENCE, degrees))
     )
     return Simpler(bool(explains), agreeing)
 

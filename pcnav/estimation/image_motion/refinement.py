@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import BoolArray, FloatArray
 from pcnav.estimation.image_motion.essential import essential_of, homogeneous
 from pcnav.spatial import exp_rotation, skew
@@ -64,7 +64,7 @@ def refine(
     steps: the mirrored motion lies in a long curved valley that leads to the right one.
     """
     R, t = R.copy(), t.copy()
-    enough = float(chi2.ppf(_EXPLAINED, max(len(first) - 5, 1)))
+    enough = float(chi_square.quantile(_EXPLAINED, max(len(first) - 5, 1)))
     damping = np.full(len(R), _FIRST_DAMPING)
     residuals, jacobian = _linearised(R, t, first, second, sigma)
     squared = np.sum(residuals**2, axis=-1)

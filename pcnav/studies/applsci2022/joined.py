@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import FloatArray
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
@@ -139,7 +139,9 @@ def joined_chapter(tasks: list[JoinedTask], workers: Workers, progress: Progress
         "NEES per dof",
     )
     runs_each = len(tasks) // len(_NOISES_PX)
-    low, high = (float(chi2.ppf(p, 5 * runs_each)) / (5 * runs_each) for p in (0.025, 0.975))
+    low, high = (
+        float(chi_square.quantile(p, 5 * runs_each)) / (5 * runs_each) for p in (0.025, 0.975)
+    )
     note = (
         "Jxx, Jyy, Jxy, Jxz, Jyz over Jzz, from a prior of 0.3 about those of a ball; "
         f"{runs_each} runs of each noise, a frame every {INTERVAL_S:g} s. The 95 % bounds of the "

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import FloatArray
 from pcnav.batch.runs import run_seed
 from pcnav.config_attitude import AttitudeInertiaTable
@@ -63,7 +63,7 @@ class CaseResult:
         """95 % of `mean_nees` if the covariance is right."""
         runs = self.nees.shape[1]
         tail = 0.5 * (1.0 - CONFIDENCE)
-        low, high = chi2.ppf([tail, 1.0 - tail], SIZE * runs) / (SIZE * runs)
+        low, high = chi_square.quantile([tail, 1.0 - tail], SIZE * runs) / (SIZE * runs)
         return float(low), float(high)
 
     def share_inside(self, from_s: float) -> float:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from pcnav import chi_square
 from pcnav.arrays import FloatArray
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
@@ -230,7 +230,7 @@ def _nees_table(printed: FilterRun, tumble: FilterRun, disturbed: list[FilterRun
         size = block.stop - block.start
         runs = len(disturbed)
         at_end = [float(run.nees[name][-1]) for run in disturbed]
-        low, high = np.asarray(chi2.ppf([0.025, 0.975], runs * size)) / (runs * size)
+        low, high = np.asarray(chi_square.quantile([0.025, 0.975], runs * size)) / (runs * size)
         rows.append(
             (
                 name,
@@ -298,7 +298,7 @@ def _ratio_series(run: FilterRun) -> list[Series]:
 
 def _nees_figure(runs: list[FilterRun]) -> StudyFigure:
     degrees = len(runs) * STATE_SIZE
-    low, high = np.asarray(chi2.ppf([0.025, 0.975], degrees)) / degrees
+    low, high = np.asarray(chi_square.quantile([0.025, 0.975], degrees)) / degrees
     mean: FloatArray = np.mean([run.nees["all"] for run in runs], axis=0)
     return band_figure(
         "nees",
