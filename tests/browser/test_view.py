@@ -9,7 +9,11 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Locator, Page
 
+from pcnav.viewer.app import show
 from pcnav.viewer.palette import LABELS, RUNS
+from pcnav.viewer.server import LOOPBACK, LocalServer
+from pcnav.viewer.source import FinishedRuns
+from pcnav.viewer.story import load_story
 from tests.browser.conftest import FRAMES, PATIENCE_MS, Opened, Served
 
 Serve = Callable[..., Served]
@@ -170,7 +174,6 @@ def test_an_exported_page_opens_offline(
 ) -> None:
     from pcnav.viewer.export import scene_html
     from pcnav.viewer.look import Look
-    from pcnav.viewer.story import load_story
 
     file = tmp_path / "frame.html"
     file.write_bytes(scene_html((load_story(runs[0]),), 20, Look()))
@@ -192,3 +195,33 @@ def test_a_picture_can_be_downloaded(
     download.value.save_as(tmp_path / "view.png")
     with Image.open(tmp_path / "view.png") as picture:
         assert min(picture.size) > 300
+
+
+def test_a_page_that_was_there_first_looks_at_the_target(
+    runs: tuple[Path, Path], opened: Opened
+) -> None:
+    server = LocalServer(LOOPBACK, 0, "early")
+    try:
+        page = opened(f"http://{LOOPBACK}:{server.get_port()}")
+        # As long as it takes to read a run.
+        wait_until(page, lambda: bool(server.get_clients()), "the page")
+        show(server, FinishedRuns((load_story(runs[0]),)))
+        ready(page)
+    finally:
+        server.stop()
+
+
+def test_other_plots_of_a_busy_page_replace_those_that_change(
+    runs: tuple[Path, Path], served: Serve, opened: Opened
+) -> None:
+    view = served("view", str(runs[0]), "--port", "0")
+    page = opened(view.url)
+    ready(page)
+    page.get_by_role("button", name="Play").click()
+    for group in ("attitude", "rate"):
+        page.get_by_role("combobox", name="plots").click()
+        page.get_by_role("option", name=group, exact=True).click()
+        # What comes in the meantime is worked off at once; the fixture sees any complaint.
+        page.evaluate("const end = performance.now() + 800; while (performance.now() < end) {}")
+        page.locator("b", has_text=group).wait_for()
+    page.get_by_role("button", name="Play").wait_for()
