@@ -37,17 +37,31 @@ _ROUNDING = 1e-9
 _MOST_PLANES = 20
 
 
-def _share_units() -> FloatArray:
+def _units() -> FloatArray:
     units = np.zeros((5, 3, 3))
     for unit, (i, j) in zip(units, _ENTRIES, strict=True):
-        unit[i, j] = unit[j, i] = -2.0 / 3.0
-        unit[0, 0] = 2.0 / 3.0 * float(i == j)
+        unit[i, j] = unit[j, i] = 1.0
+        unit[0, 0] = -1.0 if i == j else 0.0
     return units
 
 
-_SHARE_UNITS = _share_units()
+INERTIA_UNITS = _units()
+"""(5, 3, 3) derivative of N by its parameters; its trace stays 3."""
+_INERTIA_AT_ZERO = np.diag([3.0, 0.0, 0.0])
+_SHARE_UNITS = -2.0 / 3.0 * INERTIA_UNITS
 """(5, 3, 3) derivative of S / tr(S) by each parameter."""
 _SHARES_AT_ZERO = np.diag([-1.0, 1.0, 1.0])
+
+
+def inertia_of(parameters: FloatArray) -> FloatArray:
+    """(..., 3, 3) N of its parameters (..., 5)."""
+    return np.asarray(_INERTIA_AT_ZERO + np.einsum("...p,pij->...ij", parameters, INERTIA_UNITS))
+
+
+def parameters_of(inertia: FloatArray) -> FloatArray:
+    """(..., 5) parameters of inertia matrices (..., 3, 3) of any scale."""
+    scaled = 3.0 * inertia / np.trace(inertia, axis1=-2, axis2=-1)[..., None, None]
+    return np.stack([scaled[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
 def parameters_from_ratios(ratios: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pcnav.arrays import FloatArray
 from pcnav.config_features import Identification, PrincipalAxesTable
+from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.principal_inertia import ratios_from_moments
@@ -32,12 +33,7 @@ from pcnav.estimation.linearised import Leg, filter_about
 from pcnav.estimation.photogrammetric_frame import best_triple, photogrammetric_axes
 from pcnav.estimation.principal_choice import FrameKnowledge, frame_knowledge
 from pcnav.estimation.principal_frame import free_axes, principal_axes
-from pcnav.estimation.rotation_arc import (
-    fit_rotation_arc,
-    inertia_of,
-    parameters_of,
-    positive,
-)
+from pcnav.estimation.rotation_arc import fit_rotation_arc, positive
 from pcnav.sequences.tracks import TrackFrame
 from pcnav.stereo import StereoRig
 

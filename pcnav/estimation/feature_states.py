@@ -22,7 +22,7 @@ Roumeliotis 2010, on the same effect in mapping).
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from pcnav.dynamics.principal_inertia import (
     transport,
 )
 from pcnav.dynamics.principal_inertia import ratios_from_moments as ratios_from_moments
+from pcnav.dynamics.rotation_step import Rotation, rotate
 from pcnav.estimation.error_state import MotionModel
 from pcnav.spatial import exp_rotation, left_jacobian, skew
 
@@ -225,13 +226,13 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
     ) -> tuple[PrincipalState, FloatArray, FloatArray]:
         """See `MotionModel.propagate`."""
         size = MOTION_SIZE + 3 * len(state.points)
-        turn = propagate_rotation(state.omega_body, state.ratios, step_s)
+        rotation = propagate_rotation(state.omega_body, state.ratios, step_s)
         # From errors as they are defined here to plain differences, over the step, and back.
-        to_plain = turn.transition.copy()
-        to_plain[:, THETA] += turn.transition[:, OMEGA] @ skew(state.omega_body)
+        to_plain = rotation.transition
+        to_plain[:, THETA] += to_plain[:, OMEGA] @ skew(state.omega_body)
         from_plain = np.zeros((size, 6))
         from_plain[THETA, THETA] = from_plain[OMEGA, OMEGA] = np.eye(3)
-        from_plain[OMEGA, THETA] = -skew(turn.omega)
+        from_plain[OMEGA, THETA] = -skew(rotation.omega_body)
         from_plain[MOTION_SIZE:, THETA] = -skew(state.points).reshape(-1, 3)
         transition = np.eye(size)
         transition[:, :8] = from_plain @ to_plain[:6]
@@ -240,8 +241,8 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
         r, v, transition[8:14, 8:14] = self._orbit_step(state, time_s, step_s)
         moved = replace(
             state,
-            R_world_body=state.R_world_body @ turn.R,
-            omega_body=turn.omega,
+            R_world_body=state.R_world_body @ rotation.turn,
+            omega_body=rotation.omega_body,
             r_hill=r,
             v_hill=v,
         )
@@ -272,68 +273,19 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
         return noise
 
 
-@dataclass(frozen=True)
-class Turn:
-    """What a body does over a time."""
-
-    R: FloatArray
-    """(3, 3) R_before_after."""
-    omega: FloatArray
-    """(3,) rate after it."""
-    transition: FloatArray
-    """(8, 8) of plain errors of attitude (rotation vector, body axes), rate and ratios."""
+def propagate_rotation(omega: FloatArray, ratios: FloatArray, duration_s: float) -> Rotation:
+    """Torque-free rotation over a time, of rate (3,) and ratios (2,), with derivatives by both."""
+    return rotate(partial(_slope, ratios), omega, duration_s, 5, _LARGEST_TURN_RAD)
 
 
-def propagate_rotation(omega: FloatArray, ratios: FloatArray, duration_s: float) -> Turn:
-    """Torque-free rotation over a time in as many steps as keep the turn of each small."""
-    angle = float(np.sqrt(omega @ omega)) * abs(duration_s)
-    steps = max(1, int(np.ceil(angle / _LARGEST_TURN_RAD)))
-    turn = _rotation_step(omega, ratios, duration_s / steps)
-    for _ in range(steps - 1):
-        after = _rotation_step(turn.omega, ratios, duration_s / steps)
-        turn = Turn(turn.R @ after.R, after.omega, after.transition @ turn.transition)
-    return turn
-
-
-def _rotation_step(omega: FloatArray, ratios: FloatArray, h: float) -> Turn:
-    """One step of Runge-Kutta (rate, variational equations) and of Magnus (attitude), order 4.
-
-    The columns of Y are the rate and its derivatives by the rate (3) and the ratios (2) at the
-    start, so that one combination of slopes moves them all; see
-    `pcnav.estimation.mass_centre` for the attitude's part.
-    """
-    start = _START.copy()
-    start[:, 0] = omega
-    s1 = _slope(start, ratios)
-    s2 = _slope(start + 0.5 * h * s1, ratios)
-    s3 = _slope(start + 0.5 * h * s2, ratios)
-    s4 = _slope(start + h * s3, ratios)
-    after = start + (h / 6.0) * (s1 + 2.0 * (s2 + s3) + s4)
-    # Cubic Hermite interpolation gives the mid-point to order 4.
-    middle = 0.5 * (start + after) + (h / 8.0) * (s1 - s4)
-    cross = skew(omega) @ after
-    cross[:, 1:] -= skew(after[:, 0]) @ start[:, 1:]
-    # In the first column the vector itself, in the others its derivatives.
-    phi = (h / 6.0) * (start + 4.0 * middle + after) + (h**2 / 12.0) * cross
-    R = exp_rotation(phi[:, 0])
-    transition = np.eye(8)
-    transition[:3, :3] = R.T
-    transition[:3, 3:] = left_jacobian(-phi[:, 0]) @ phi[:, 1:]
-    transition[3:6, 3:] = after[:, 1:]
-    return Turn(R, after[:, 0], transition)
-
-
-_START = np.hstack([np.zeros((3, 1)), np.eye(3), np.zeros((3, 2))])
-
-
-def _slope(Y: FloatArray, ratios: FloatArray) -> FloatArray:
+def _slope(ratios: FloatArray, rates: FloatArray) -> FloatArray:
     """(3, 6) time derivative of the rate (21) and of its derivatives: M and N of (30)."""
-    x, y, z = Y[:, 0].tolist()
+    x, y, z = rates[:, 0].tolist()
     px, pz = ratios.tolist()
     scale = 1.0 / (1.0 + px * pz)
     py = -(px + pz) * scale
     M = np.array([[0.0, px * z, px * y], [py * z, 0.0, py * x], [pz * y, pz * x, 0.0]])
-    slope = M @ Y
+    slope = M @ rates
     # M holds every product twice, once for either factor.
     slope[:, 0] *= 0.5
     slope[0, 4] += y * z

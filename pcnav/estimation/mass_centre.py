@@ -13,8 +13,9 @@ from pcnav.arrays import BoolArray, FloatArray
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
 from pcnav.dynamics.orbit import hill_process_noise, hill_transition
 from pcnav.dynamics.rigid_body import euler_derivatives, inertia_from_ratios
+from pcnav.dynamics.rotation_step import Slope, rotate
 from pcnav.estimation.error_state import Measurement, MotionModel
-from pcnav.spatial import exp_rotation, left_jacobian, skew
+from pcnav.spatial import skew
 from pcnav.state import (
     COM_MODEL,
     OMEGA_BODY,
@@ -23,9 +24,6 @@ from pcnav.state import (
     THETA_BODY,
     NavigationState,
 )
-
-_LARGEST_TURN_RAD = 0.1
-"""Rotation in one Runge-Kutta step: its error, of order turn^5 / 120, stays below 1e-7 rad."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +42,14 @@ class MassCentreModel(MotionModel[NavigationState]):
         orbit = hill_transition(self.mean_motion_rad_s, step_s)
         transition[:6, :6] = orbit
         relative = orbit @ np.concatenate([state.r_hill, state.v_hill])
-        turn = _propagate_rotation(state, step_s)
-        transition[9:, 9:] = turn.transition
+        rotation = rotate(_slope(state.inertia_ratios), state.omega_body, step_s, 8)
+        transition[9:, 9:] = rotation.transition
         moved = NavigationState(
             r_hill=relative[:3],
             v_hill=relative[3:],
             com_model=state.com_model,
-            R_world_body=state.R_world_body @ turn.R,
-            omega_body=turn.omega,
+            R_world_body=state.R_world_body @ rotation.turn,
+            omega_body=rotation.omega_body,
             inertia_ratios=state.inertia_ratios,
         )
         return moved, transition, self._process_noise(step_s)
@@ -67,29 +65,6 @@ class MassCentreModel(MotionModel[NavigationState]):
         noise[THETA_BODY, OMEGA_BODY] = noise[OMEGA_BODY, THETA_BODY] = q * step_s**2 / 2.0
         noise[OMEGA_BODY, OMEGA_BODY] = q * step_s
         return noise
-
-
-@dataclass(frozen=True)
-class _Turn:
-    R: FloatArray
-    """(3, 3) from the body axes after it to those before."""
-    omega: FloatArray
-    """(3,) rate after it."""
-    transition: FloatArray
-    """(11, 11) of the errors of attitude, rate and inertia."""
-
-
-def _propagate_rotation(state: NavigationState, step_s: float) -> _Turn:
-    """Turn of the body over the step."""
-    by_rate, by_inertia = _euler_forms(state.inertia_ratios.tobytes())
-    omega = state.omega_body
-    angle = float(np.sqrt(omega @ omega)) * abs(step_s)
-    substeps = max(1, int(np.ceil(angle / _LARGEST_TURN_RAD)))
-    turn = _rotation_step(by_rate, by_inertia, omega, step_s / substeps)
-    for _ in range(substeps - 1):
-        after = _rotation_step(by_rate, by_inertia, turn.omega, step_s / substeps)
-        turn = _Turn(turn.R @ after.R, after.omega, after.transition @ turn.transition)
-    return turn
 
 
 @lru_cache(maxsize=8)
@@ -122,46 +97,18 @@ def _by_ratios(inertia: FloatArray, inverse: FloatArray, omega: FloatArray) -> F
     return euler_derivatives(inertia, inverse, omega)[2]
 
 
-_START = np.hstack([np.zeros((3, 1)), np.eye(3), np.zeros((3, 5))])
+def _slope(ratios: FloatArray) -> Slope:
+    """Of a body's rate, by the rate (3) and by the inertia's parameters (5)."""
+    by_rate, by_inertia = _euler_forms(ratios.tobytes())
 
-
-def _rotation_step(
-    by_rate: FloatArray, by_inertia: FloatArray, omega: FloatArray, h: float
-) -> _Turn:
-    """One step of Runge-Kutta (rate, variational equations) and of Magnus (attitude), both order 4.
-
-    The first column of Y is the rate, the others its derivatives D by the rate (3) and the inertia
-    (5) at the start: ``D' = A D + [0 B]`` with the Jacobians A and B of Euler's equation, so one
-    combination of slopes moves them all. The attitude turns by ``exp(phi)`` with
-    ``phi = h/6 (w0 + 4 w1/2 + w1) + h^2/12 w0 x w1`` (Magnus, in body axes); an attitude error
-    is carried by ``exp(-phi)`` and an error of phi enters through the right Jacobian.
-    """
-
-    def slope(Y: FloatArray) -> FloatArray:
-        w = Y[:, 0]
-        change = (by_rate @ w).reshape(3, 3) @ Y
+    def slope(rates: FloatArray) -> FloatArray:
+        w = rates[:, 0]
+        change = (by_rate @ w).reshape(3, 3) @ rates
         change[:, 0] *= 0.5
         change[:, 4:] += (by_inertia @ (w[:, None] * w).ravel()).reshape(3, 5)
-        return change
+        return np.asarray(change)
 
-    start = _START.copy()
-    start[:, 0] = omega
-    s1 = slope(start)
-    s2 = slope(start + (0.5 * h) * s1)
-    s3 = slope(start + (0.5 * h) * s2)
-    s4 = slope(start + h * s3)
-    after = start + (h / 6.0) * (s1 + 2.0 * (s2 + s3) + s4)
-    # Cubic Hermite interpolation gives the mid-point to order 4.
-    middle = 0.5 * (start + after) + (h / 8.0) * (s1 - s4)
-    cross = skew(omega) @ after
-    cross[:, 1:] -= skew(after[:, 0]) @ start[:, 1:]
-    phi = (h / 6.0) * (start + 4.0 * middle + after) + (h**2 / 12.0) * cross
-    R = exp_rotation(phi[:, 0])
-    transition = np.eye(11)
-    transition[:3, :3] = R.T
-    transition[:3, 3:] = left_jacobian(-phi[:, 0]) @ phi[:, 1:]
-    transition[3:6, 3:] = after[:, 1:]
-    return _Turn(R, after[:, 0], transition)
+    return slope
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
-from pcnav.dynamics.relative_attitude import step_torque_free
+from pcnav.dynamics.rotation_step import rotate, torque_free
 from pcnav.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.stereo import StereoRig
 
@@ -224,7 +224,7 @@ class RelativeMotion:
         """See `BatchedMotion`."""
         orbit = self.orbit
         r, v, relative = step_relative(orbit, states.r_hill, states.v_hill, time_s, step_s)
-        step = step_torque_free(self.inertia, self.inverse, states.omega_body, step_s)
+        step = rotate(torque_free(self.inertia, self.inverse), states.omega_body, step_s)
         R_hill1_hill0 = orbit.R_hill_world(time_s + step_s) @ orbit.R_hill_world(time_s).T
         moved = RelativeStates(
             r_hill=r,

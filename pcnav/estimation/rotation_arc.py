@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pcnav.arrays import BoolArray, FloatArray
-from pcnav.spatial import exp_rotation, left_jacobian, log_rotation, skew
+from pcnav.dynamics.inertia_parameters import inertia_of
+from pcnav.dynamics.rotation_step import at_rest, torque_free_by_inertia
+from pcnav.spatial import exp_rotation, log_rotation
 
 SIZE = 11
 """Attitude error and rate at the start (3 each), inertia parameters (5)."""
@@ -23,20 +25,6 @@ _LEAST_MOMENT = 0.05
 """Over the mean moment."""
 _SETTLED = 1e-3
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e9
-_ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-def _units() -> FloatArray:
-    units = np.zeros((5, 3, 3))
-    for unit, (i, j) in zip(units, _ENTRIES, strict=True):
-        unit[i, j] = unit[j, i] = 1.0
-        unit[0, 0] = -1.0 if i == j else 0.0
-    return units
-
-
-_UNITS = _units()
-"""(5, 3, 3) derivative of N = 3 I / tr(I) by its parameters; its trace stays 3."""
-_NO_INERTIA = np.diag([3.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -59,17 +47,6 @@ class RotationArc:
     def inertia(self) -> FloatArray:
         """(B, 3, 3) N."""
         return inertia_of(self.parameters)
-
-
-def inertia_of(parameters: FloatArray) -> FloatArray:
-    """(..., 3, 3) N of its parameters (..., 5)."""
-    return np.asarray(_NO_INERTIA + np.einsum("...p,pij->...ij", parameters, _UNITS))
-
-
-def parameters_of(inertia: FloatArray) -> FloatArray:
-    """(..., 5) parameters of inertia matrices (..., 3, 3) of any scale."""
-    scaled = 3.0 * inertia / np.trace(inertia, axis1=-2, axis2=-1)[..., None, None]
-    return np.stack([scaled[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
 def positive(parameters: FloatArray) -> FloatArray:
@@ -160,13 +137,9 @@ def _normal_equations(
     """Normal matrix (B, 11, 11), right-hand side (B, 11) and cost (B,) about a state."""
     R, omega, parameters = state
     inertia = inertia_of(parameters)
-    inverse = _array(np.linalg.inv(inertia))
+    slope = torque_free_by_inertia(inertia, _array(np.linalg.inv(inertia)))
     batch = len(R)
-    transition = np.zeros((batch, 3, SIZE))
-    transition[:, :, :3] = np.eye(3)
-    Y = np.zeros((batch, 3, 9))
-    Y[:, :, 0] = omega
-    Y[:, :, 1:4] = np.eye(3)
+    done = at_rest(omega, SIZE - 3)
     away = (parameters - _BALL) / _PRIOR_SD**2
     normal = np.zeros((batch, SIZE, SIZE))
     normal[:, 6:, 6:] = np.eye(5) / _PRIOR_SD**2
@@ -174,56 +147,12 @@ def _normal_equations(
     cost = np.sum((parameters - _BALL) * away, axis=1)
     for k in range(len(times_s)):
         if k > 0:
-            R, transition, Y = _step(
-                inertia, inverse, R, transition, Y, float(times_s[k] - times_s[k - 1])
-            )
-        error = log_rotation(np.swapaxes(R, -1, -2) @ measured[:, k])
+            done = done.then(slope, float(times_s[k] - times_s[k - 1]))
+        transition = np.concatenate([np.swapaxes(done.turn, -1, -2), done.by_start], axis=-1)
+        error = log_rotation(np.swapaxes(R @ done.turn, -1, -2) @ measured[:, k])
         # log(exp(-theta) exp(e)) = e - theta to first order in small e.
         weighted = np.swapaxes(transition, -1, -2) @ weight[:, k]
         normal += weighted @ transition
         gradient += (weighted @ error[..., None])[..., 0]
         cost += (error[:, None] @ weight[:, k] @ error[..., None])[:, 0, 0]
     return normal, gradient, cost
-
-
-def _step(
-    inertia: FloatArray,
-    inverse: FloatArray,
-    R: FloatArray,
-    transition: FloatArray,
-    Y: FloatArray,
-    h: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Attitudes, derivatives of their errors (B, 3, 11) and of the rates after a time step.
-
-    Y (B, 3, 9): the rate, then its derivatives by rate and inertia at the start. Runge-Kutta and
-    Magnus of order 4, as in `pcnav.estimation.feature_states`.
-    """
-    s1 = _slope(inertia, inverse, Y)
-    s2 = _slope(inertia, inverse, Y + 0.5 * h * s1)
-    s3 = _slope(inertia, inverse, Y + 0.5 * h * s2)
-    s4 = _slope(inertia, inverse, Y + h * s3)
-    after = Y + (h / 6.0) * (s1 + 2.0 * (s2 + s3) + s4)
-    middle = 0.5 * (Y + after) + (h / 8.0) * (s1 - s4)
-    cross = skew(Y[..., 0]) @ after
-    cross[..., 1:] -= skew(after[..., 0]) @ Y[..., 1:]
-    phi = (h / 6.0) * (Y + 4.0 * middle + after) + (h**2 / 12.0) * cross
-    turn = exp_rotation(phi[..., 0])
-    moved = np.swapaxes(turn, -1, -2) @ transition
-    moved[..., 3:] += left_jacobian(-phi[..., 0]) @ phi[..., 1:]
-    return R @ turn, moved, after
-
-
-def _slope(inertia: FloatArray, inverse: FloatArray, Y: FloatArray) -> FloatArray:
-    """(B, 3, 9) time derivative of Y by Euler's equation (3) without torque."""
-    omega = Y[..., 0]
-    momentum = (inertia @ Y[..., :1])[..., 0]
-    cross = skew(omega)
-    acceleration = -(inverse @ (cross @ momentum[..., None]))
-    slope = inverse @ ((skew(momentum) - cross @ inertia) @ Y)
-    slope[..., :1] = acceleration
-    # dI of every parameter times acceleration and rate, (B, 5, 3, 2), then parameters last.
-    pair = np.concatenate([acceleration, Y[..., :1]], axis=-1)
-    twisted = np.swapaxes(_UNITS @ pair[:, None], 1, 2)
-    slope[..., 4:] -= inverse @ (twisted[..., 0] + cross @ twisted[..., 1])
-    return slope

@@ -12,15 +12,14 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from pcnav.arrays import BoolArray, FloatArray
+from pcnav.dynamics.inertia_parameters import INERTIA_UNITS, inertia_of
 from pcnav.estimation.rotation_arc import positive
 from pcnav.estimation.rotation_model import (
     INERTIA,
-    INERTIA_UNITS,
     SIZE,
     THETA,
     RotationState,
     TorqueFreeModel,
-    inertia_of,
 )
 from pcnav.spatial import left_jacobian, log_rotation
 

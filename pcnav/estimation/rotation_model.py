@@ -18,40 +18,20 @@ import numpy as np
 
 from pcnav.arrays import FloatArray, IntArray
 from pcnav.config_attitude import Propagation
-from pcnav.dynamics.inertia_parameters import inside, shares
+from pcnav.dynamics.inertia_parameters import INERTIA_UNITS, inertia_of, inside, shares
+from pcnav.dynamics.rotation_step import Slope, at_rest, rotate, torque_free_by_inertia
 from pcnav.estimation.error_state import Measurement, MotionModel
 from pcnav.spatial import exp_rotation, left_jacobian, log_rotation, rotation_from_xyzw, skew
 
 THETA, OMEGA, INERTIA = slice(0, 3), slice(3, 6), slice(6, 11)
 """Attitude error (body axes, right, rad), rate (rad/s), N_yy, N_zz, N_xy, N_xz, N_yz."""
 SIZE = 11
+_QUANTITIES = 8
+"""Rate and inertia."""
 PRINTED_RATIOS = ("Jxx", "Jyy", "Jxy", "Jxz", "Jyz")
 """Over Jzz, in the order of (15)."""
 
-_LARGEST_TURN_RAD = 0.1
-"""Rotation in one Runge-Kutta step: its error, of order turn^5 / 120, stays below 1e-7 rad."""
-_ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _PRINTED_ENTRIES = ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))
-
-
-def _units() -> FloatArray:
-    units = np.zeros((5, 3, 3))
-    for unit, (i, j) in zip(units, _ENTRIES, strict=True):
-        unit[i, j] = unit[j, i] = 1.0
-        unit[0, 0] = -1.0 if i == j else 0.0
-    return units
-
-
-INERTIA_UNITS = _units()
-"""(5, 3, 3) derivative of N by its parameters; its trace stays 3."""
-_UNIT_ROWS = np.moveaxis(INERTIA_UNITS, (0, 1, 2), (2, 1, 0)).reshape(3, 15)
-"""(3, 15) the same, to be multiplied by a vector from the left."""
-_NO_INERTIA = np.diag([3.0, 0.0, 0.0])
-
-
-def inertia_of(parameters: FloatArray) -> FloatArray:
-    """(..., 3, 3) N of its parameters (..., 5)."""
-    return np.asarray(_NO_INERTIA + np.einsum("...p,pij->...ij", parameters, INERTIA_UNITS))
 
 
 def parameters_from_printed(ratios: FloatArray) -> FloatArray:
@@ -212,92 +192,25 @@ def _euler(state: RotationState, step_s: float) -> tuple[RotationState, FloatArr
     """One step of ``x + f dT`` with the quaternion normalised, and ``1 + C dT`` ((33), (36))."""
     half = 0.5 * step_s * state.omega_body
     turn = rotation_from_xyzw(np.concatenate([half, np.ones((*half.shape[:-1], 1))], axis=-1))
-    inertia = inertia_of(state.parameters)
-    Y = _start(state.omega_body)
-    slope = _slope(inertia, np.asarray(np.linalg.inv(inertia)), Y)
+    change = _slope(state)(at_rest(state.omega_body, _QUANTITIES).rates)
     transition = np.zeros((*half.shape[:-1], SIZE, SIZE))
     transition[..., :, :] = np.eye(SIZE)
     transition[..., THETA, THETA] -= step_s * skew(state.omega_body)
     transition[..., THETA, OMEGA] = step_s * np.eye(3)
-    transition[..., OMEGA, OMEGA.start :] += step_s * slope[..., 1:]
-    omega = state.omega_body + step_s * slope[..., 0]
+    transition[..., OMEGA, OMEGA.start :] += step_s * change[..., 1:]
+    omega = state.omega_body + step_s * change[..., 0]
     return RotationState(state.R_world_body @ turn, omega, state.parameters), transition
 
 
 def _integrated(state: RotationState, step_s: float) -> tuple[RotationState, FloatArray]:
-    """As many steps as keep the fastest body's turn in each small."""
-    fastest = float(np.max(np.linalg.norm(state.omega_body, axis=-1)))
-    steps = max(1, int(np.ceil(fastest * abs(step_s) / _LARGEST_TURN_RAD)))
+    done = rotate(_slope(state), state.omega_body, step_s, _QUANTITIES)
+    R = state.R_world_body @ done.turn
+    return RotationState(R, done.omega_body, state.parameters), done.transition
+
+
+def _slope(state: RotationState) -> Slope:
     inertia = inertia_of(state.parameters)
-    inverse = np.asarray(np.linalg.inv(inertia))
-    R, Y = state.R_world_body, _start(state.omega_body)
-    by_start = np.zeros((*state.omega_body.shape[:-1], 3, SIZE))
-    by_start[..., THETA] = np.eye(3)
-    for _ in range(steps):
-        R, by_start, Y = _rotation_step(inertia, inverse, R, by_start, Y, step_s / steps)
-    transition = np.zeros((*state.omega_body.shape[:-1], SIZE, SIZE))
-    transition[..., :, :] = np.eye(SIZE)
-    transition[..., THETA, :] = by_start
-    transition[..., OMEGA, OMEGA.start :] = Y[..., 1:]
-    return RotationState(R, Y[..., 0], state.parameters), transition
-
-
-def _start(omega: FloatArray) -> FloatArray:
-    """(..., 3, 9) the rate, then its derivatives by rate (3) and inertia (5) at the start."""
-    Y = np.zeros((*omega.shape, 9))
-    Y[..., 0] = omega
-    Y[..., 1:4] = np.eye(3)
-    return Y
-
-
-def _rotation_step(
-    inertia: FloatArray,
-    inverse: FloatArray,
-    R: FloatArray,
-    by_start: FloatArray,
-    Y: FloatArray,
-    h: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """One step of Runge-Kutta (rate, variational equations) and of Magnus (attitude), order 4.
-
-    ``by_start`` (..., 3, 11) are the attitude error's derivatives; see
-    `pcnav.estimation.mass_centre` for the attitude's part.
-    """
-    s1 = _slope(inertia, inverse, Y)
-    s2 = _slope(inertia, inverse, Y + 0.5 * h * s1)
-    s3 = _slope(inertia, inverse, Y + 0.5 * h * s2)
-    s4 = _slope(inertia, inverse, Y + h * s3)
-    after = Y + (h / 6.0) * (s1 + 2.0 * (s2 + s3) + s4)
-    # Cubic Hermite interpolation gives the mid-point to order 4.
-    middle = 0.5 * (Y + after) + (h / 8.0) * (s1 - s4)
-    cross = skew(Y[..., 0]) @ after
-    cross[..., 1:] -= skew(after[..., 0]) @ Y[..., 1:]
-    # In the first column the vector itself, in the others its derivatives.
-    phi = (h / 6.0) * (Y + 4.0 * middle + after) + (h**2 / 12.0) * cross
-    turn = exp_rotation(phi[..., 0])
-    moved = np.swapaxes(turn, -1, -2) @ by_start
-    moved[..., OMEGA.start :] += left_jacobian(-phi[..., 0]) @ phi[..., 1:]
-    return R @ turn, moved, after
-
-
-def _slope(inertia: FloatArray, inverse: FloatArray, Y: FloatArray) -> FloatArray:
-    """(..., 3, 9) time derivative of Y: Euler's equation (14), and M and N of (24).
-
-    From ``J a = -w x (J w)``: ``J da = ([J w]x - [w]x J) dw - dJ a - w x (dJ w)``.
-    """
-    momentum = inertia @ Y
-    omega = skew(Y[..., 0])
-    torque = -omega @ momentum
-    torque[..., 1:] += skew(momentum[..., 0]) @ Y[..., 1:]
-    slope = inverse @ torque
-    by_inertia = _by_parameters(slope[..., 0]) + omega @ _by_parameters(Y[..., 0])
-    slope[..., 4:] -= inverse @ by_inertia
-    return np.asarray(slope)
-
-
-def _by_parameters(vector: FloatArray) -> FloatArray:
-    """(..., 3, 5) derivative of ``N v`` by the parameters of N."""
-    return np.asarray((vector @ _UNIT_ROWS).reshape(*vector.shape, 5))
+    return torque_free_by_inertia(inertia, np.asarray(np.linalg.inv(inertia)))
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from pcnav.config import Pipeline, read_pipeline
 from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.config_features import EstimatorKind
 from pcnav.csv_table import read_csv
+from pcnav.dynamics.inertia_parameters import parameters_of
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.errors import InputError
 from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator
 from pcnav.estimation.image_motion.chain import run_chain
-from pcnav.estimation.rotation_arc import parameters_of
 from pcnav.estimation.rotation_model import RotationState, TorqueFreeModel
 from pcnav.evaluation.text_table import TextTable
 from pcnav.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS

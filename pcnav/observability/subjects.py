@@ -15,6 +15,7 @@ from pcnav.arrays import FloatArray, IntArray
 from pcnav.camera import R_cam_hill
 from pcnav.config_attitude import AttitudeInertiaTable
 from pcnav.config_features import InertiaBankTable, PrincipalAxesTable
+from pcnav.dynamics.inertia_parameters import inertia_of
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimation.attitude_inertia import initial_belief
 from pcnav.estimation.error_state import ManifoldState, Measurement, MotionModel
@@ -37,7 +38,6 @@ from pcnav.estimation.rotation_model import (
     AttitudeMeasurement,
     RotationState,
     TorqueFreeModel,
-    inertia_of,
 )
 from pcnav.observability.information import reference_arc
 from pcnav.observability.report import Subject

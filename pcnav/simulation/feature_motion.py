@@ -13,6 +13,7 @@ from pcnav.arrays import FloatArray
 from pcnav.config import OrbitModel
 from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative, step_relative
 from pcnav.dynamics.orbit import hill_transition
+from pcnav.dynamics.rotation_step import rotate, torque_free
 from pcnav.simulation.scenario import rotate_torque_free
 from pcnav.spatial import exp_rotation
 
@@ -84,14 +85,14 @@ def rotation(
     """(n, 3, 3) true R_world_body and (n, 3) body rates, rad/s, at increasing times."""
     if angular_acceleration_psd_rad2_s3 == 0.0:
         return rotate_torque_free(start.R_world_body, start.omega_body, inertia, times_s)
-    inverse = np.asarray(np.linalg.inv(inertia), dtype=np.float64)
+    slope = torque_free(inertia, np.asarray(np.linalg.inv(inertia)))
     attitudes, rates = [start.R_world_body], [start.omega_body]
     for before, after in pairwise(times_s.tolist()):
         step = after - before
-        R, omega = _turned(attitudes[-1], rates[-1], inertia, inverse, step)
+        done = rotate(slope, rates[-1], step, 0, _LARGEST_TURN_RAD)
         angle, change = _kick(angular_acceleration_psd_rad2_s3, step, rng)
-        attitudes.append(R @ exp_rotation(angle))
-        rates.append(omega + change)
+        attitudes.append(attitudes[-1] @ done.turn @ exp_rotation(angle))
+        rates.append(done.omega_body + change)
     return np.stack(attitudes), np.stack(rates)
 
 
@@ -102,26 +103,3 @@ def _kick(psd: float, step_s: float, rng: np.random.Generator) -> tuple[FloatArr
     # The place is the integral of the noise's integral: half of the rate's change, and what is
     # independent of it.
     return 0.5 * step_s * rate + np.sqrt(psd * step_s**3 / 12.0) * second, rate
-
-
-def _turned(
-    R: FloatArray, omega: FloatArray, inertia: FloatArray, inverse: FloatArray, step_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Attitude and rate after a step without torque: Runge-Kutta and Magnus, both of order 4."""
-    turn = float(np.linalg.norm(omega)) * step_s
-    substeps = max(1, int(np.ceil(turn / _LARGEST_TURN_RAD)))
-    h = step_s / substeps
-
-    def slope(w: FloatArray) -> FloatArray:
-        return np.asarray(-inverse @ np.cross(w, inertia @ w))
-
-    for _ in range(substeps):
-        a1 = slope(omega)
-        a2 = slope(omega + 0.5 * h * a1)
-        a3 = slope(omega + 0.5 * h * a2)
-        a4 = slope(omega + h * a3)
-        after = omega + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        middle = 0.5 * (omega + after) + h / 8.0 * (a1 - a4)
-        phi = h / 6.0 * (omega + 4.0 * middle + after) + h**2 / 12.0 * np.cross(omega, after)
-        R, omega = R @ exp_rotation(phi), after
-    return R, omega

@@ -78,7 +78,8 @@ def test_a_quick_study() -> None:
     study = STUDIES["applsci2022"](2, lambda *at: done.append(at), Workers())
     assert done[-1][0] == done[-1][1]
     assert {table.key for chapter in study.chapters for table in chapter.tables} == {
-        *("noise", "faults", "intervals", "accuracy", "degenerate", "translation")
+        *("noise", "faults", "intervals", "accuracy", "degenerate", "translation"),
+        *("noise_outcomes", "faults_outcomes", "intervals_outcomes", "inertia_from_images"),
     }
     keys = {figure.key for chapter in study.chapters for figure in chapter.figures}
     assert {"fig_5", "fig_6", "fig_7", "fig_8", "fig_9", "growth"} <= keys

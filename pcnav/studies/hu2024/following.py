@@ -146,11 +146,11 @@ def disturbed_truth(
     R, omega = start.R_world_body, start.omega_body
     attitudes, rates = [R], [omega]
     for step in np.diff(times).tolist():
-        turn = propagate_rotation(omega, ratios_from_moments(moments), step)
+        done = propagate_rotation(omega, ratios_from_moments(moments), step)
         first, second = rng.standard_normal((2, 3)) * scale
         change = np.sqrt(step) * first
         kick = 0.5 * step * change + np.sqrt(step**3 / 12.0) * second
-        R, omega = R @ turn.R @ exp_rotation(kick), turn.omega + change
+        R, omega = R @ done.turn @ exp_rotation(kick), done.omega_body + change
         attitudes.append(R)
         rates.append(omega)
     return FeatureTruth(

@@ -8,6 +8,7 @@ import numpy as np
 
 from pcnav.arrays import FloatArray, IntArray
 from pcnav.camera import R_cam_hill
+from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
 from pcnav.estimation.inertia_identification import (
     angular_rate,
     momentum_rows,
@@ -15,13 +16,7 @@ from pcnav.estimation.inertia_identification import (
 )
 from pcnav.estimation.photogrammetric_frame import align, best_triple, photogrammetric_axes
 from pcnav.estimation.principal_frame import principal_axes
-from pcnav.estimation.rotation_arc import (
-    SIZE,
-    fit_rotation_arc,
-    inertia_of,
-    parameters_of,
-    positive,
-)
+from pcnav.estimation.rotation_arc import SIZE, fit_rotation_arc, positive
 from pcnav.simulation.feature_motion import FeatureTruth
 from pcnav.simulation.features import draw_points, simulate_motion, stereo_rig
 from pcnav.spatial import log_rotation

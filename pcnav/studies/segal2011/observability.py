@@ -19,8 +19,8 @@ from pcnav.dynamics.inertia_parameters import (
     parameters_from_ratios,
     ratios_from_parameters,
 )
-from pcnav.dynamics.relative_attitude import step_torque_free
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
+from pcnav.dynamics.rotation_step import rotate, torque_free
 from pcnav.spatial import exp_rotation, log_rotation
 
 _STEP = 1e-5
@@ -113,12 +113,12 @@ def _derivatives(inertia: FloatArray, omega_body: FloatArray, times_s: FloatArra
     tensors = np.stack(bodies)
     rates = omega_body + _STEP * rate_unit * unknowns[:, :3]
     # Body axes at the first frame serve as world axes.
-    inverse = np.asarray(np.linalg.inv(tensors), dtype=np.float64)
+    slope = torque_free(tensors, np.asarray(np.linalg.inv(tensors)))
     R = np.broadcast_to(np.eye(3), tensors.shape)
     jacobian = np.zeros((len(times_s), 3, 14))
     jacobian[..., :3] = np.eye(3)
     for k in range(1, len(times_s)):
-        step = step_torque_free(tensors, inverse, rates, float(times_s[k] - times_s[k - 1]))
+        step = rotate(slope, rates, float(times_s[k] - times_s[k - 1]))
         R, rates = R @ step.turn, step.omega_body
         apart = log_rotation(R[0::2] @ np.swapaxes(R[1::2], -1, -2)) / (2.0 * _STEP)
         jacobian[k, :, 3:] = apart.T
