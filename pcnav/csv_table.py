@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
+from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.errors import InputError
 
 
@@ -32,9 +32,7 @@ class CsvTable:
     def times(self) -> FloatArray:
         """(n,) the `time_s` column, which must have a finite number in every row."""
         time_s = self.numbers(("time_s",))[:, 0]
-        bad = np.flatnonzero(~np.isfinite(time_s))
-        if bad.size:
-            raise InputError(self.path, f"line {bad[0] + 2}, time_s", "expected a finite number")
+        self.require(np.isfinite(time_s), "expected a finite number", "time_s")
         return time_s
 
     def counts(self, column: str) -> IntArray:
@@ -45,6 +43,17 @@ class CsvTable:
             field = f"line {bad[0] + 2}, {column}"
             raise InputError(self.path, field, f"expected a whole number, got {values[bad[0]]}")
         return values.astype(np.intp)
+
+    def require(self, good: BoolArray, expected: str, column: str = "") -> None:
+        """Refuse the first row that is not good (n,). Raises `InputError`, which names its line."""
+        if not good.all():
+            line = f"line {int(np.argmin(good)) + 2}"
+            raise InputError(self.path, f"{line}, {column}" if column else line, expected)
+
+    def require_any(self) -> None:
+        """Refuse a table without rows. Raises `InputError`."""
+        if not any(self.values.values()) and not any(self.texts.values()):
+            raise InputError(self.path, "rows", "expected at least one row")
 
 
 def read_csv(path: Path, names: tuple[str, ...], texts: tuple[str, ...] = ()) -> CsvTable:

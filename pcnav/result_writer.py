@@ -1,18 +1,16 @@
 """Writes a result folder frame by frame: memory does not grow with the length of the run.
 
-Everything goes into a hidden sibling folder that takes the final name only once it is complete,
-so a result folder is either whole or not there.
+A result folder is either whole or not there: see `pcnav.new_folder`.
 """
 
 import csv
 import json
 import math
-import secrets
 import shutil
 import zipfile
 from array import array
-from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
@@ -20,7 +18,7 @@ from typing import Self, TextIO
 import numpy as np
 
 from pcnav.arrays import FloatArray
-from pcnav.errors import InputError
+from pcnav.new_folder import new_folder
 from pcnav.results import (
     COVARIANCES_FILE,
     MEASUREMENT_COLUMNS,
@@ -59,24 +57,16 @@ class ResultWriter:
     """
 
     def __init__(self, folder: Path, overwrite: bool = False) -> None:
-        self._folder = folder.resolve()
-        self._overwrite = overwrite
-        # A sibling lies on the same file system, so that the final rename is atomic.
-        self._staging = self._folder.parent / f".{self._folder.name}-{secrets.token_hex(4)}"
+        self._place = new_folder(folder, overwrite, STATES_FILE)
         self._open_files = ExitStack()
         self._estimate_times = array("d")
         self._finished = False
 
     def __enter__(self) -> Self:
-        _refuse_unless_replaceable(self._folder, self._overwrite)
-        self._new_parents = [p for p in self._folder.parents if not p.exists()]
-        try:
-            self._folder.parent.mkdir(parents=True, exist_ok=True)
-            self._staging.mkdir()
-        except OSError as error:
-            expected = f"expected a place that can be written ({error.strerror})"
-            raise InputError(self._folder, "folder", expected) from error
-        self._open_tables()
+        with ExitStack() as begun:
+            self._staging = begun.enter_context(self._place)
+            begun.enter_context(self._tables())
+            self._begun = begun.pop_all()
         return self
 
     def __exit__(
@@ -85,16 +75,7 @@ class ResultWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        try:
-            if kind is None:
-                self.finish_tables()
-                _move_into_place(self._staging, self._folder)
-        finally:
-            self._open_files.close()
-            # Does nothing after a successful move.
-            shutil.rmtree(self._staging, ignore_errors=True)
-            for parent in self._new_parents:
-                _remove_if_empty(parent)
+        self._begun.__exit__(kind, error, trace)
 
     def add(self, estimate: FrameEstimate) -> None:
         """Append one frame. Only between entry and `finish_tables`."""
@@ -130,18 +111,21 @@ class ResultWriter:
         """Write a JSON file of the result folder. Raises ``ValueError`` on nan and infinity."""
         self.write_text(name, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
-    def _open_tables(self) -> None:
-        with ExitStack() as files:
+    @contextmanager
+    def _tables(self) -> Iterator[None]:
+        """Open files, completed where the block ends well and closed in any case."""
+        with self._open_files as files:
             states = files.enter_context(_new_text_file(self._staging / STATES_FILE))
             measurements = files.enter_context(_new_text_file(self._staging / MEASUREMENTS_FILE))
             self._poses = files.enter_context(_new_text_file(self._staging / POSES_FILE))
             raw_covariances = (self._staging / _RAW_COVARIANCES_FILE).open("wb")
             self._covariances = files.enter_context(raw_covariances)
-            self._open_files = files.pop_all()
-        self._states = csv.writer(states, lineterminator="\n")
-        self._states.writerow(TRACK_COLUMNS)
-        self._measurements = csv.writer(measurements, lineterminator="\n")
-        self._measurements.writerow(MEASUREMENT_COLUMNS)
+            self._states = csv.writer(states, lineterminator="\n")
+            self._states.writerow(TRACK_COLUMNS)
+            self._measurements = csv.writer(measurements, lineterminator="\n")
+            self._measurements.writerow(MEASUREMENT_COLUMNS)
+            yield
+            self.finish_tables()
 
     def _pack_covariances(self) -> None:
         """Copy the raw covariances behind the header that needed to know their count."""
@@ -205,38 +189,3 @@ def _measurement_row(record: RectangleRecord) -> list[float | str]:
 def _pose_fields(T: FloatArray) -> list[float]:
     """Position and scalar-last quaternion of a (4, 4) pose."""
     return [float(value) for value in (*T[:3, 3], *xyzw_from_rotation(T[:3, :3]))]
-
-
-def _refuse_unless_replaceable(folder: Path, overwrite: bool) -> None:
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise InputError(folder, "folder", "expected a folder, this is a file")
-    if not any(folder.iterdir()):
-        return
-    if not overwrite:
-        raise InputError(folder, "folder", "expected an empty or new folder (or ask to overwrite)")
-    # Being told to overwrite must not cost somebody a folder that never was a run.
-    if not (folder / STATES_FILE).is_file():
-        expected = f"expected an earlier result folder to overwrite, but it has no {STATES_FILE}"
-        raise InputError(folder, "folder", expected)
-
-
-def _move_into_place(staging: Path, folder: Path) -> None:
-    """Rename the complete folder to its name; an earlier one is deleted only afterwards."""
-    if not folder.exists():
-        staging.rename(folder)
-        return
-    earlier = staging.with_name(f"{staging.name}-earlier")
-    folder.rename(earlier)
-    try:
-        staging.rename(folder)
-    except OSError:
-        earlier.rename(folder)
-        raise
-    shutil.rmtree(earlier)
-
-
-def _remove_if_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()

@@ -56,22 +56,21 @@ def read_attitudes(path: Path) -> AttitudeRecording:
     stated = _has_deviations(file)
     table = read_csv(file, ATTITUDES_COLUMNS + (SD_COLUMNS if stated else ()))
     times_s, xyzw = table.times(), table.numbers(ATTITUDES_COLUMNS[1:])
-    if not len(times_s):
-        raise InputError(file, "rows", "expected at least one row")
+    table.require_any()
     known = np.asarray(np.isfinite(xyzw).all(axis=1))
     empty = np.asarray(np.isnan(xyzw).all(axis=1))
-    _require(file, np.diff(times_s, prepend=-np.inf) > 0.0, "time_s", "expected times in order")
-    _require(file, known | empty, "q_x to q_w", "expected all four or none")
+    table.require(np.diff(times_s, prepend=-np.inf) > 0.0, "expected times in order", "time_s")
+    table.require(known | empty, "expected all four or none", "q_x to q_w")
     length = np.where(known, np.linalg.norm(np.where(known[:, None], xyzw, 1.0), axis=1), 1.0)
     unit = np.abs(length - 1.0) < _NORM_TOLERANCE
-    _require(file, unit | ~known, "q_x to q_w", "expected a unit quaternion")
+    table.require(unit | ~known, "expected a unit quaternion", "q_x to q_w")
     R = np.full((len(times_s), 3, 3), np.nan)
     if known.any():
         R[known] = rotation_from_xyzw(xyzw[known])
     sd = table.numbers(SD_COLUMNS) if stated else None
     if sd is not None:
         good = np.asarray(np.isfinite(sd).all(axis=1) & (sd >= 0.0).all(axis=1))
-        _require(file, good | ~known, "sd_theta", "expected standard deviations")
+        table.require(good | ~known, "expected standard deviations", "sd_theta")
     folder = file.parent.resolve()
     return AttitudeRecording(folder.name, folder, times_s, R, sd)
 
@@ -94,8 +93,3 @@ def _has_deviations(file: Path) -> bool:
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(file, "file", f"expected CSV text ({error})") from error
     return all(name in header for name in SD_COLUMNS)
-
-
-def _require(path: Path, good: BoolArray, field: str, expected: str) -> None:
-    if not good.all():
-        raise InputError(path, f"line {int(np.argmin(good)) + 2}, {field}", expected)

@@ -1,10 +1,9 @@
 """Writer of our own sequence format: a BOP scene, sequence.toml and, for simulations, truth."""
 
 import json
-import os
 import shutil
-import tempfile
-from contextlib import ExitStack, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +13,7 @@ import numpy as np
 
 from pcnav.arrays import FloatArray
 from pcnav.errors import InputError
+from pcnav.new_folder import new_folder
 from pcnav.sequences.bop import DEPTH_FOLDER, depth_file_name
 from pcnav.sequences.bop_scene import OBJECT_ID, SCENE_CAMERA_FILE, SCENE_GT_FILE
 from pcnav.sequences.depth_png import MAXIMUM_UNITS, write_depth_png
@@ -28,9 +28,8 @@ TRUTH_FILE = "truth.csv"
 class SequenceWriter:
     """Writes frames one by one into a folder that appears, whole, when the block ends.
 
-    Everything goes to a temporary folder beside the final one; an exception in the block removes
-    it. Raises `InputError` on entry when the folder exists and ``overwrite`` is false, or when it
-    is not a sequence (nothing else is ever replaced).
+    See `pcnav.new_folder`: an exception in the block leaves nothing. Raises `InputError` on entry
+    when the folder holds anything and ``overwrite`` is false, or when it is not a sequence.
     """
 
     def __init__(
@@ -39,30 +38,16 @@ class SequenceWriter:
         self._path = path
         self._info = info
         self._depth_step_m = depth_step_m
-        self._overwrite = overwrite
-        self._open_files = ExitStack()
+        self._place = new_folder(path, overwrite, SCENE_CAMERA_FILE)
+        self._poses: _JsonObject | None = None
+        self._states: TextIO | None = None
         self._last_index = -1
 
     def __enter__(self) -> "SequenceWriter":
-        self._require_free()
-        parent = self._path.absolute().parent
-        try:
-            self._made_parents = _make_folders(parent)
-            self._folder = _sibling(self._path)
-        except OSError as error:
-            raise InputError(
-                self._path, "folder", f"expected a place to write to ({error.strerror})"
-            ) from error
-        try:
-            (self._folder / DEPTH_FOLDER).mkdir()
-            info = replace(self._info, target_mesh=self._copied_mesh())
-            write_sequence_file(self._folder / SEQUENCE_FILE, info)
-            self._cameras = _JsonObject(self._open(SCENE_CAMERA_FILE))
-            self._poses: _JsonObject | None = None
-            self._states: TextIO | None = None
-        except BaseException:
-            self._discard()
-            raise
+        with ExitStack() as begun:
+            self._folder = begun.enter_context(self._place)
+            begun.enter_context(self._tables())
+            self._begun = begun.pop_all()
         return self
 
     def write(
@@ -103,26 +88,22 @@ class SequenceWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        try:
-            if kind is None:
-                self._finish()
-        finally:
-            self._discard()
+        self._begun.__exit__(kind, error, trace)
 
-    def _require_free(self) -> None:
-        if not os.path.lexists(self._path):
-            return
-        if not self._path.is_dir() or self._path.is_symlink():
-            raise InputError(self._path, "folder", "expected a folder, but it is something else")
-        empty = next(self._path.iterdir(), None) is None
-        if empty:
-            return
-        if not self._overwrite:
-            expected = "expected a new folder, but it exists (ask to overwrite to replace it)"
-            raise InputError(self._path, "folder", expected)
-        if not (self._path / SCENE_CAMERA_FILE).is_file():
-            expected = f"expected a sequence to overwrite, but it has no {SCENE_CAMERA_FILE}"
-            raise InputError(self._path, "folder", expected)
+    @contextmanager
+    def _tables(self) -> Iterator[None]:
+        """Open files, completed where the block ends well and closed in any case."""
+        (self._folder / DEPTH_FOLDER).mkdir()
+        info = replace(self._info, target_mesh=self._copied_mesh())
+        write_sequence_file(self._folder / SEQUENCE_FILE, info)
+        with ExitStack() as self._open_files:
+            self._cameras = _JsonObject(self._open(SCENE_CAMERA_FILE))
+            yield
+            if self._last_index < 0:
+                raise ValueError("no frame was written")
+            self._cameras.end()
+            if self._poses is not None:
+                self._poses.end()
 
     def _open(self, name: str) -> TextIO:
         file = (self._folder / name).open("w", encoding="utf-8", newline="\n")
@@ -147,42 +128,6 @@ class SequenceWriter:
             if file.is_file():
                 shutil.copyfile(file, self._folder / file.name)
         return self._folder / mesh.name
-
-    def _finish(self) -> None:
-        if self._last_index < 0:
-            raise ValueError("no frame was written")
-        self._cameras.end()
-        if self._poses is not None:
-            self._poses.end()
-        self._open_files.close()
-        # mkdtemp makes folders private; a result is as readable as any other folder.
-        mask = os.umask(0)
-        os.umask(mask)
-        self._folder.chmod(0o777 & ~mask)
-        self._require_free()
-        if self._path.exists():
-            replaced = _sibling(self._path)
-            self._path.rename(replaced / "replaced")
-            self._folder.rename(self._path)
-            shutil.rmtree(replaced)
-        else:
-            self._folder.rename(self._path)
-        self._made_parents = ()
-
-    def _discard(self) -> None:
-        """Remove whatever of the temporary folder and of the parents made for it is left."""
-        self._open_files.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
-        for parent in self._made_parents:
-            # Someone else may have put something there meanwhile: then it stays.
-            with suppress(OSError):
-                parent.rmdir()
-
-
-def _sibling(path: Path) -> Path:
-    """A new, empty, hidden folder beside a path, hence on the same disk: renaming is instant."""
-    path = path.absolute()
-    return Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
 
 
 class _JsonObject:
@@ -216,10 +161,3 @@ def _pose_entry(T_cam_model: FloatArray) -> dict[str, object]:
         "cam_t_m2c": (1000.0 * T_cam_model[:3, 3]).tolist(),
         "obj_id": OBJECT_ID,
     }
-
-
-def _make_folders(folder: Path) -> tuple[Path, ...]:
-    """Create a folder with its parents; those that had to be made, innermost first."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    return tuple(missing)

@@ -1,18 +1,16 @@
 """The folder a study leaves behind: tables, figures, pipelines as run, and one page."""
 
-import secrets
-import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.table import Table
 
 from pcnav.config import Pipeline
-from pcnav.errors import InputError
 from pcnav.evaluation import page
 from pcnav.evaluation.text_table import TextTable
+from pcnav.new_folder import new_folder
 from pcnav.provenance import library_versions, pipeline_toml
 
 INDEX_FILE = "index.html"
@@ -71,46 +69,9 @@ class Study:
         return StudySummary(tuple(shown), folder / INDEX_FILE)
 
 
-@contextmanager
-def study_folder(out: Path, overwrite: bool) -> Iterator[Path]:
-    """A temporary sibling of the folder; it takes the folder's place when the block ends well.
-
-    Raises `InputError` at once when the folder holds anything and ``overwrite`` is false, or
-    when it holds something that no study wrote. An exception in the block leaves things as they
-    were.
-    """
-    folder = out.resolve()
-    _refuse_unless_replaceable(folder, overwrite)
-    staging = folder.parent / f".{folder.name}-{secrets.token_hex(4)}"
-    try:
-        staging.mkdir(parents=True)
-    except OSError as error:
-        expected = f"expected a place that can be written ({error.strerror})"
-        raise InputError(out, "folder", expected) from error
-    try:
-        yield staging
-        if folder.exists():
-            earlier = staging.with_name(f"{staging.name}-earlier")
-            folder.rename(earlier)
-            staging.rename(folder)
-            shutil.rmtree(earlier)
-        else:
-            staging.rename(folder)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-def _refuse_unless_replaceable(folder: Path, overwrite: bool) -> None:
-    if not folder.exists():
-        return
-    if not folder.is_dir():
-        raise InputError(folder, "folder", "expected a folder, this is a file")
-    names = {path.name for path in folder.iterdir()}
-    if names and not overwrite:
-        raise InputError(folder, "folder", "expected an empty or new folder (or ask to overwrite)")
-    if names and not (INDEX_FILE in names and names <= _CONTENT):
-        expected = "expected an earlier study's folder to overwrite, this holds something else"
-        raise InputError(folder, "folder", expected)
+def study_folder(out: Path, overwrite: bool) -> AbstractContextManager[Path]:
+    """A folder that takes its place when the block ends well: see `pcnav.new_folder`."""
+    return new_folder(out, overwrite, INDEX_FILE, _CONTENT)
 
 
 def write_study(staging: Path, study: Study) -> None:

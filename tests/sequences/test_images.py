@@ -177,7 +177,7 @@ def test_a_recording_comes_back_as_it_was(tmp_path: Path) -> None:
         ("1.0,1.5,2.0,3.0", "whole number"),
         ("1.0,1,nan,3.0", "finite"),
         ("1.0,1,2.0,3.0\n1.0,1,2.0,3.0", "each feature once"),
-        ("1.0,1,2.0,3.0\n1.0,,,", "each feature once"),
+        ("1.0,1,2.0,3.0\n1.0,,,", "no other row at a time"),
     ],
 )
 def test_bad_rows_are_refused_with_their_line(tmp_path: Path, row: str, message: str) -> None:

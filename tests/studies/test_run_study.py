@@ -37,7 +37,16 @@ def test_folder_is_refused_replaced_or_left_alone(tmp_path: Path) -> None:
     foreign = tmp_path / "thesis"
     foreign.mkdir()
     (foreign / "chapter.txt").write_text("years of work")
-    with pytest.raises(InputError, match="something else"), study_folder(foreign, overwrite=True):
+    with (
+        pytest.raises(InputError, match=r"has no index\.html"),
+        study_folder(foreign, overwrite=True),
+    ):
+        pass
+    (foreign / "index.html").write_text("of a site")
+    with (
+        pytest.raises(InputError, match=r"has chapter\.txt"),
+        study_folder(foreign, overwrite=True),
+    ):
         pass
     assert sorted(path.name for path in tmp_path.iterdir()) == ["study", "thesis"]
 
