@@ -5,8 +5,7 @@ constant rotation between them and the target's is then taken out of the truth a
 Attitudes that come from elsewhere are in the axes that they came in.
 """
 
-import math
-from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from pcnav.evaluation.metrics import (
     QuantityErrors,
     consistency,
     quantity_errors,
+    run_metrics,
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times
@@ -45,23 +45,16 @@ def evaluate_attitudes(
     Raises `InputError` when the truth shares no time with the run.
     """
     errors = None if truth is None else attitude_errors(track, truth)
-    known = np.flatnonzero(track.has_estimate)
-    first = track.time_s[known[0]] - track.time_s[0] if known.size else math.nan
     judged = np.isfinite(track.nis)
-    metrics = Metrics(
-        frames=len(track),
-        frames_with_estimate=len(known),
-        duration_s=float(np.ptp(track.time_s)),
-        first_estimate_after_s=float(first),
-        status_share={
-            status: count / len(track) for status, count in Counter(track.status).most_common()
-        },
-        nis=consistency("nis", track.nis[judged], np.full(int(judged.sum()), 3, dtype=np.intp)),
-        frames_compared=0 if errors is None else int(_compared(errors).sum()),
-        symmetry=0,
-        quantities=() if errors is None else _quantities(track.time_s, errors),
-        nees=() if errors is None else _nees(track, errors),
-    )
+    nis = consistency("nis", track.nis[judged], np.full(int(judged.sum()), 3, dtype=np.intp))
+    metrics = run_metrics(track, track.has_estimate, nis)
+    if errors is not None:
+        metrics = replace(
+            metrics,
+            frames_compared=int(_compared(errors).sum()),
+            quantities=_quantities(track.time_s, errors),
+            nees=_nees(track, errors),
+        )
     return metrics, errors
 
 

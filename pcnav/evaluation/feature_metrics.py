@@ -1,9 +1,7 @@
 """How good a run on feature tracks is: errors of motion, mass properties and points, and NEES."""
 
-import math
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -18,6 +16,7 @@ from pcnav.evaluation.metrics import (
     consistency,
     nis_consistency,
     quantity_errors,
+    run_metrics,
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times, relabelled
@@ -71,22 +70,14 @@ def evaluate_features(
     the truth shares no time with it.
     """
     errors = None if truth is None else _errors(track, truth, points or {}, principal)
-    known = np.flatnonzero(track.has_estimate)
-    first = track.time_s[known[0]] - track.time_s[0] if known.size else math.nan
-    metrics = Metrics(
-        frames=len(track),
-        frames_with_estimate=len(known),
-        duration_s=float(np.ptp(track.time_s)),
-        first_estimate_after_s=float(first),
-        status_share={
-            status: count / len(track) for status, count in Counter(track.status).most_common()
-        },
-        nis=nis_consistency(track.as_track()),
-        frames_compared=0 if errors is None else int(np.isfinite(errors.state).all(axis=1).sum()),
-        symmetry=0,
-        quantities=() if errors is None else _quantities(track.time_s, errors),
-        nees=() if errors is None else _nees(track, errors),
-    )
+    metrics = run_metrics(track, track.has_estimate, nis_consistency(track.as_track()))
+    if errors is not None:
+        metrics = replace(
+            metrics,
+            frames_compared=int(np.isfinite(errors.state).all(axis=1).sum()),
+            quantities=_quantities(track.time_s, errors),
+            nees=_nees(track, errors),
+        )
     return metrics, errors
 
 

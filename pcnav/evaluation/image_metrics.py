@@ -4,9 +4,7 @@ Such a run cannot know the target's own axes: its body axes are the camera's at 
 a segment. The constant rotation between the two at that frame is taken out of the truth.
 """
 
-import math
-from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from pcnav.evaluation.metrics import (
     QuantityErrors,
     consistency,
     quantity_errors,
+    run_metrics,
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times
@@ -46,22 +45,15 @@ def evaluate_images(track: ImageTrack, truth: Truth | None) -> tuple[Metrics, Im
     Raises `InputError` when the truth shares no time with it.
     """
     errors = None if truth is None else _errors(track, truth)
-    known = np.flatnonzero(track.has_attitude)
-    first = track.time_s[known[0]] - track.time_s[0] if known.size else math.nan
-    metrics = Metrics(
-        frames=len(track),
-        frames_with_estimate=len(known),
-        duration_s=float(np.ptp(track.time_s)),
-        first_estimate_after_s=float(first),
-        status_share={
-            status: count / len(track) for status, count in Counter(track.status).most_common()
-        },
-        nis=consistency("nis", np.zeros(0), np.zeros(0, dtype=np.intp)),
-        frames_compared=0 if errors is None else int(_compared(errors).sum()),
-        symmetry=0,
-        quantities=() if errors is None else _quantities(track.time_s, errors),
-        nees=() if errors is None else _nees(track, errors),
-    )
+    no_nis = consistency("nis", np.zeros(0), np.zeros(0, dtype=np.intp))
+    metrics = run_metrics(track, track.has_attitude, no_nis)
+    if errors is not None:
+        metrics = replace(
+            metrics,
+            frames_compared=int(_compared(errors).sum()),
+            quantities=_quantities(track.time_s, errors),
+            nees=_nees(track, errors),
+        )
     return metrics, errors
 
 

@@ -7,7 +7,8 @@ estimate and a truth.
 import math
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -31,8 +32,6 @@ BLOCKS = {
 """Blocks of the error state whose NEES is told apart."""
 
 _CONFIDENCE = 0.95
-
-
 _FRAMES_AT_ONCE = 512
 
 
@@ -147,22 +146,41 @@ def evaluate(
             symmetry = best_symmetry(track, truth, symmetry_rotations, tolerance_s)
             truth = relabelled(truth, symmetry_rotations[symmetry])
         errors = track_errors(track, truth, tolerance_s)
-    known = np.flatnonzero(track.has_estimate)
-    first = track.time_s[known[0]] - track.time_s[0] if known.size else math.nan
-    return Metrics(
-        frames=len(track),
-        frames_with_estimate=len(known),
-        duration_s=float(np.ptp(track.time_s)) if len(track) else 0.0,
-        first_estimate_after_s=float(first),
-        status_share={
-            status: count / len(track) for status, count in Counter(track.status).most_common()
-        },
-        nis=nis_consistency(track),
-        frames_compared=int((errors.has_pose | errors.has_state).sum()) if errors else 0,
+    of_run = run_metrics(track, track.has_estimate, nis_consistency(track))
+    if errors is None:
+        return of_run
+    return replace(
+        of_run,
+        frames_compared=int((errors.has_pose | errors.has_state).sum()),
         symmetry=symmetry,
-        quantities=_quantities(track.time_s, errors) if errors else (),
-        nees=nees_consistency(errors, track.covariance) if errors else (),
+        quantities=_quantities(track.time_s, errors),
+        nees=nees_consistency(errors, track.covariance),
         errors=errors,
+    )
+
+
+class _Run(Protocol):
+    @property
+    def time_s(self) -> FloatArray: ...
+    @property
+    def status(self) -> tuple[str, ...]: ...
+
+
+def run_metrics(run: _Run, has_estimate: BoolArray, nis: Consistency) -> Metrics:
+    """What a run of any kind says of itself, without a truth."""
+    time_s, n = run.time_s, len(run.status)
+    known = np.flatnonzero(has_estimate)
+    return Metrics(
+        frames=n,
+        frames_with_estimate=len(known),
+        duration_s=float(np.ptp(time_s)) if n else 0.0,
+        first_estimate_after_s=float(time_s[known[0]] - time_s[0]) if known.size else math.nan,
+        status_share={status: count / n for status, count in Counter(run.status).most_common()},
+        nis=nis,
+        frames_compared=0,
+        symmetry=0,
+        quantities=(),
+        nees=(),
     )
 
 

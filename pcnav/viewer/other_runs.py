@@ -1,10 +1,11 @@
 """Runs on feature tracks, on images of one camera and on attitudes, told as a story."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray
+from pcnav.arrays import FloatArray
 from pcnav.attitude_results import ATTITUDE_STATES_COLUMNS
 from pcnav.config import Pipeline
 from pcnav.csv_table import CsvTable, read_csv
@@ -75,43 +76,15 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
     """Images of one camera: attitude and rate, at a distance that nobody knows."""
     table = read_csv(folder / STATES_FILE, IMAGE_STATES_COLUMNS, ("status", "outcome"))
     R = _rotations(table.numbers(_QUATERNION))
-    n, known = len(R), np.isfinite(R[:, 0, 0])
-    sd = np.full((n, STATE_SIZE), np.nan)
+    sd = np.full((len(R), STATE_SIZE), np.nan)
     sd[:, THETA_BODY] = table.numbers(("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad"))
-    sd[:, OMEGA_BODY] = np.nan
-    place, T = _nowhere(R, known)
-    track = Track(
-        time_s=table.times(),
-        r_hill=place,
-        v_hill=place,
-        com_model=np.zeros((n, 3)),
-        R_world_body=R,
+    track = replace(
+        _turning(table, R, sd),
         omega_body=table.numbers(("w_x_rad_s", "w_y_rad_s", "w_z_rad_s")),
-        inertia_ratios=np.tile([1.0, 1.0, 0.0, 0.0, 0.0], (n, 1)),
-        sd=sd,
-        T_cam_model=T,
-        status=table.words("status"),
-        nis=np.full(n, np.nan),
-        nis_dof=np.zeros(n, dtype=np.intp),
-        window_nis=np.full(n, np.nan),
-        explained=np.full(n, np.nan),
         n_rectangles=table.counts("agreeing"),
     )
-    return Story(
-        name=folder.name,
-        track=track,
-        counted="matches",
-        records={},
-        frames=None,
-        target=None,
-        mean_motion_rad_s=0.0,
-        evaluation=None,
-        verdicts={},
-        notes=("attitude and rate only: drawn at a distance that is not known",),
-        has_mass_centre=False,
-        has_position=False,
-        has_inertia=False,
-    )
+    note = "attitude and rate only: drawn at a distance that is not known"
+    return _turning_story(folder, track, "matches", note, has_inertia=False)
 
 
 def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
@@ -120,55 +93,66 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
     names = ATTITUDE_STATES_COLUMNS[1 : ATTITUDE_STATES_COLUMNS.index("status")]
     numbers = table.numbers(names)
     R = _rotations(numbers[:, 0:4])
-    n, known = len(R), np.isfinite(R[:, 0, 0])
-    sd = np.full((n, STATE_SIZE), np.nan)
+    sd = np.full((len(R), STATE_SIZE), np.nan)
     sd[:, THETA_BODY], sd[:, OMEGA_BODY] = numbers[:, 12:15], numbers[:, 15:18]
     sd[:, INERTIA_RATIOS] = numbers[:, 18:23]
-    place, T = _nowhere(R, known)
-    track = Track(
+    track = replace(
+        _turning(table, R, sd),
+        omega_body=numbers[:, 4:7],
+        inertia_ratios=numbers[:, 7:12],
+        nis=_column(table, "nis"),
+        nis_dof=table.counts("nis_dof"),
+        n_rectangles=np.isfinite(_column(table, "sd_measured_rad")).astype(np.intp),
+    )
+    note = "rotation and inertia only: drawn at a distance that is not known"
+    return _turning_story(folder, track, "attitudes", note, has_inertia=True)
+
+
+def _turning(table: CsvTable, R: FloatArray, sd: FloatArray) -> Track:
+    """A track of attitudes (n, 3, 3), nan where unknown; of the rest nothing is known."""
+    n, known = len(R), np.isfinite(R[:, 0, 0])
+    # An estimate is told by its position: zero stands for it.
+    place = np.where(known[:, None], 0.0, np.full((n, 3), np.nan))
+    T = np.full((n, 4, 4), np.nan)
+    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), (n, 3))
+    T[known] = make_transform(R[known], shown_at[known])
+    return Track(
         time_s=table.times(),
         r_hill=place,
         v_hill=place,
         com_model=np.zeros((n, 3)),
         R_world_body=R,
-        omega_body=numbers[:, 4:7],
-        inertia_ratios=numbers[:, 7:12],
+        omega_body=np.full((n, 3), np.nan),
+        inertia_ratios=np.tile([1.0, 1.0, 0.0, 0.0, 0.0], (n, 1)),
         sd=sd,
         T_cam_model=T,
         status=table.words("status"),
-        nis=_column(table, "nis"),
-        nis_dof=table.counts("nis_dof"),
+        nis=np.full(n, np.nan),
+        nis_dof=np.zeros(n, dtype=np.intp),
         window_nis=np.full(n, np.nan),
         explained=np.full(n, np.nan),
-        n_rectangles=np.isfinite(_column(table, "sd_measured_rad")).astype(np.intp),
+        n_rectangles=np.zeros(n, dtype=np.intp),
     )
+
+
+def _turning_story(
+    folder: Path, track: Track, counted: str, note: str, *, has_inertia: bool
+) -> Story:
     return Story(
         name=folder.name,
         track=track,
-        counted="attitudes",
+        counted=counted,
         records={},
         frames=None,
         target=None,
         mean_motion_rad_s=0.0,
         evaluation=None,
         verdicts={},
-        notes=("rotation and inertia only: drawn at a distance that is not known",),
+        notes=(note,),
         has_mass_centre=False,
         has_position=False,
-        has_inertia=True,
+        has_inertia=has_inertia,
     )
-
-
-def _nowhere(R: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Position (n, 3) and pose (n, 4, 4) of a target that only its attitude is known of.
-
-    An estimate is told by its position: zero stands for it.
-    """
-    place = np.where(known[:, None], 0.0, np.full((len(R), 3), np.nan))
-    T = np.full((len(R), 4, 4), np.nan)
-    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), (len(R), 3))
-    T[known] = make_transform(R[known], shown_at[known])
-    return place, T
 
 
 def _rotations(xyzw: FloatArray) -> FloatArray:
