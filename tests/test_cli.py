@@ -509,7 +509,9 @@ def test_overwriting_deletes_neither_the_input_nor_other_folders(
         answer = pcnav("run", outer / "sequence", "-o", out, "--overwrite")
         expect_refusal(answer, out, "folder", words)
     expect_refusal(
-        pcnav("simulate", recorded / "six.toml", "-o", other, "--overwrite"), other, "sequence"
+        pcnav("simulate", recorded / "six.toml", "-o", other, "--overwrite"),
+        other,
+        "scene_camera.json",
     )
     assert content(tmp_path) == before
 
