@@ -13,7 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.attitude_results import AttitudeCollector, AttitudeTrack, write_states
+from pcnav.attitude_results import (
+    AttitudeFrame,
+    AttitudeTrack,
+    attitude_frame,
+    attitude_track,
+    write_states,
+)
 from pcnav.config import Pipeline
 from pcnav.config_features import EstimatorKind
 from pcnav.errors import InputError
@@ -34,8 +40,8 @@ from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 from pcnav.sequences.attitudes import AttitudeRecording, read_attitudes
 from pcnav.sequences.monocular import write_monocular_files
 
-OnFrame = Callable[[int, int], None]
-"""Told how many frames are done, and of how many."""
+OnFrame = Callable[[AttitudeFrame, int, int], None]
+"""Told of every frame, how many are done, and of how many."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +125,7 @@ def _from_attitudes(
     recording: AttitudeRecording, pipeline: Pipeline, on_frame: OnFrame | None
 ) -> _Estimated:
     """The filter of Deng 2024, carried on where there is no attitude."""
-    table, collector = pipeline.attitude_inertia, AttitudeCollector()
+    table, frames = pipeline.attitude_inertia, list[AttitudeFrame]()
     estimator = AttitudeInertiaEstimator(table)
     model = TorqueFreeModel(table.angular_acceleration_psd_rad2_s3, table.propagation)
     last: RotationEstimate | None = None
@@ -132,36 +138,38 @@ def _from_attitudes(
                 noise = default
             last = estimator.step(time_s, recording.R_world_body[k], noise)
             accepted, nis = bool(last.accepted[0]), float(last.nis[0])
-            collector.add(time_s, (last.state, last.covariance[0]), noise, nis, accepted)
+            found = attitude_frame(time_s, (last.state, last.covariance[0]), noise, nis, accepted)
         elif last is not None:
             state, P = carry(model, last.state, last.covariance, time_s - last.time_s)
-            collector.add(time_s, (state, P[0]), None)
+            found = attitude_frame(time_s, (state, P[0]), None)
         else:
-            collector.add(time_s, None, None)
+            found = attitude_frame(time_s, None, None)
+        frames.append(found)
         if on_frame is not None:
-            on_frame(k + 1, count)
-    return _Estimated(collector.track(), [])
+            on_frame(found, k + 1, count)
+    return _Estimated(attitude_track(frames), [])
 
 
 def _from_images(
     source: ImageSource, pipeline: Pipeline, staging: Path, on_frame: OnFrame | None
 ) -> _Estimated:
     """The chain, and the whole arc of its attitudes fitted as it grows."""
-    estimator, collector = ChainedInertiaEstimator(pipeline.attitude_inertia), AttitudeCollector()
+    estimator = ChainedInertiaEstimator(pipeline.attitude_inertia)
+    frames: list[AttitudeFrame] = []
 
     def take(frame: ChainFrame, done: int, count: int) -> None:
         found = estimator.step(frame)
         estimate = None if found is None else (found.state, found.covariance)
         measured = frame.covariance if frame.reference is not None else None
-        collector.add(frame.time_s, estimate, measured)
+        frames.append(attitude_frame(frame.time_s, estimate, measured))
         if on_frame is not None:
-            on_frame(done, count)
+            on_frame(frames[-1], done, count)
 
     tracks, chained = chain_of(source, pipeline, take)
     if source.is_images:
         write_monocular_files(staging, tracks)
     words = Counter(outcome_in_words(frame.outcome, pipeline.image_motion) for frame in chained)
-    track = collector.track(estimator.axes)
+    track = attitude_track(frames, estimator.axes)
     return _Estimated(track, words.most_common())
 
 

@@ -66,60 +66,77 @@ class AttitudeTrack:
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
 
 
-class AttitudeCollector:
-    """Gathers the estimates of a run."""
+@dataclass(frozen=True)
+class AttitudeFrame:
+    """What a run knows at one time."""
 
-    def __init__(self) -> None:
-        self._time_s: list[float] = []
-        self._rows: list[tuple[RotationState, FloatArray] | None] = []
-        self._status: list[str] = []
-        self._nis: list[float] = []
-        self._measured_sd: list[float] = []
+    time_s: float
+    status: Status
+    R_world_body: FloatArray
+    """(3, 3), nan as all of the estimate where there is none."""
+    omega_body: FloatArray
+    """(3,) rad/s"""
+    inertia_ratios: FloatArray
+    """(5,) over Ixx."""
+    covariance: FloatArray
+    """(11, 11) of attitude (body axes, rad), rate and ratios."""
+    nis: float
+    measured_sd: float
+    """Of the attitude taken in, root mean square about an axis, rad; nan without one."""
 
-    def add(
-        self,
-        time_s: float,
-        estimate: tuple[RotationState, FloatArray] | None,
-        noise: FloatArray | None,
-        nis: float = float("nan"),
-        accepted: bool = True,
-    ) -> str:
-        """One frame; its status.
+    @property
+    def sd(self) -> FloatArray:
+        """(11,) standard deviations."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
 
-        Args:
-            time_s: of the frame.
-            estimate: state (of one body) and covariance (11, 11) of its errors.
-            noise: (3, 3) of the attitude taken in, rad^2; None without one.
-            nis: of its innovation.
-            accepted: whether it passed the gate.
-        """
+
+_NOTHING = (
+    *(np.full((3, 3), np.nan), np.full(3, np.nan)),
+    *(np.full(5, np.nan), np.full((SIZE, SIZE), np.nan)),
+)
+
+
+def attitude_frame(
+    time_s: float,
+    estimate: tuple[RotationState, FloatArray] | None,
+    noise: FloatArray | None,
+    nis: float = float("nan"),
+    accepted: bool = True,
+) -> AttitudeFrame:
+    """One frame of a run.
+
+    Args:
+        time_s: of the frame.
+        estimate: state (of one body) and covariance (11, 11) of its errors.
+        noise: (3, 3) of the attitude taken in, rad^2; None without one.
+        nis: of its innovation.
+        accepted: whether it passed the gate.
+    """
+    rms = np.nan if noise is None else float(np.sqrt(np.trace(noise) / 3.0))
+    if estimate is None:
+        status, told = Status.ACQUIRING, _NOTHING
+    else:
         measured = noise is not None and accepted
-        seen = Status.LOCKED if measured else Status.COASTING
-        status = Status.ACQUIRING if estimate is None else seen
-        self._time_s.append(time_s)
-        self._rows.append(estimate)
-        self._status.append(str(status))
-        self._nis.append(nis)
-        rms = np.nan if noise is None else float(np.sqrt(np.trace(noise) / 3.0))
-        self._measured_sd.append(rms)
-        return str(status)
+        status = Status.LOCKED if measured else Status.COASTING
+        told = _told(*estimate)
+    return AttitudeFrame(time_s, status, *told, nis, rms)
 
-    def track(self, axes: Sequence[tuple[int, FloatArray]] = ()) -> AttitudeTrack:
-        """All frames so far; see `AttitudeTrack.axes`."""
-        n = len(self._time_s)
-        R, omega = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan)
-        ratios, P = np.full((n, 5), np.nan), np.full((n, SIZE, SIZE), np.nan)
-        for k, row in enumerate(self._rows):
-            if row is not None:
-                R[k], omega[k], ratios[k], P[k] = _told(*row)
-        return AttitudeTrack(
-            np.array(self._time_s),
-            *(R, omega, ratios, P),
-            tuple(self._status),
-            np.array(self._nis),
-            np.array(self._measured_sd),
-            tuple(axes),
-        )
+
+def attitude_track(
+    frames: Sequence[AttitudeFrame], axes: Sequence[tuple[int, FloatArray]] = ()
+) -> AttitudeTrack:
+    """All frames of a run, at least one; see `AttitudeTrack.axes`."""
+    return AttitudeTrack(
+        time_s=np.array([frame.time_s for frame in frames]),
+        R_world_body=np.stack([frame.R_world_body for frame in frames]),
+        omega_body=np.stack([frame.omega_body for frame in frames]),
+        inertia_ratios=np.stack([frame.inertia_ratios for frame in frames]),
+        covariance=np.stack([frame.covariance for frame in frames]),
+        status=tuple(str(frame.status) for frame in frames),
+        nis=np.array([frame.nis for frame in frames]),
+        measured_sd=np.array([frame.measured_sd for frame in frames]),
+        axes=tuple(axes),
+    )
 
 
 def _told(

@@ -14,7 +14,7 @@ import numpy as np
 
 from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.feature_estimate import FeatureEstimate, FeaturePoint
+from pcnav.feature_estimate import FeatureEstimate, FeaturePoint, MotionEstimate
 from pcnav.results import (
     COVARIANCES_FILE,
     NIS_WINDOW_FRAMES,
@@ -107,8 +107,6 @@ class FeatureTrack:
     def as_track(self) -> Track:
         """As the track of a depth run, for what judges and draws these; its mass centre is 0."""
         n = len(self)
-        sd = np.zeros((n, STATE_SIZE))
-        sd[:, np.delete(np.arange(STATE_SIZE), COM_MODEL)] = self.sd
         return Track(
             time_s=self.time_s,
             r_hill=self.r_hill,
@@ -117,7 +115,7 @@ class FeatureTrack:
             R_world_body=self.R_world_body,
             omega_body=self.omega_body,
             inertia_ratios=self.inertia_ratios,
-            sd=sd,
+            sd=with_known_mass_centre(self.sd),
             T_cam_model=self.T_rig_body,
             status=self.status,
             nis=self.nis,
@@ -126,6 +124,19 @@ class FeatureTrack:
             explained=np.full(n, np.nan),
             n_rectangles=self.n_used,
         )
+
+
+def with_known_mass_centre(sd: FloatArray) -> FloatArray:
+    """(..., 20) standard deviations as of a depth run, of (..., 17) without a mass centre."""
+    full = np.zeros((*sd.shape[:-1], STATE_SIZE))
+    full[..., np.delete(np.arange(STATE_SIZE), COM_MODEL)] = sd
+    return full
+
+
+def pose_in_rig(frame: TrackFrame, orbit: KeplerOrbit, motion: MotionEstimate) -> FloatArray:
+    """(4, 4) T_rig_body of an estimate at the time of a frame."""
+    p_world = orbit.R_hill_world(frame.time_s).T @ motion.r_hill
+    return make_transform(frame.R_rig_world @ motion.R_world_body, frame.R_rig_world @ p_world)
 
 
 class FeatureCollector:
@@ -166,8 +177,7 @@ class FeatureCollector:
         parts = (motion.r_hill, motion.v_hill, R.ravel(), motion.omega_body, motion.inertia_ratios)
         self._motions.append(np.concatenate(parts))
         self._covariances.append(P)
-        p_world = self._orbit.R_hill_world(frame.time_s).T @ motion.r_hill
-        self._poses.append(make_transform(frame.R_rig_world @ R, frame.R_rig_world @ p_world))
+        self._poses.append(pose_in_rig(frame, self._orbit, motion))
         self._points.append({i: point.p_body for i, point in motion.features.items()})
         self._last = dict(motion.features)
 

@@ -141,14 +141,15 @@ def _rows(track: ImageTrack) -> Iterator[list[object]]:
 def _status(frames: Sequence[ChainFrame]) -> tuple[str, ...]:
     """Locked where measured; before that in a segment acquiring, afterwards coasting."""
     measured: set[int] = set()
-    statuses = []
-    for frame in frames:
-        if frame.outcome is Outcome.MEASURED:
-            measured.add(frame.segment)
-            statuses.append(LOCKED)
-        else:
-            statuses.append(COASTING if frame.segment in measured else ACQUIRING)
-    return tuple(statuses)
+    return tuple(image_status(frame, measured) for frame in frames)
+
+
+def image_status(frame: ChainFrame, measured: set[int]) -> str:
+    """Of the frame after those whose measured segments are given; its own is added to them."""
+    if frame.outcome is Outcome.MEASURED:
+        measured.add(frame.segment)
+        return LOCKED
+    return COASTING if frame.segment in measured else ACQUIRING
 
 
 def outcome_in_words(outcome: Outcome, settings: ImageMotionTable) -> str:

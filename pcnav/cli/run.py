@@ -11,7 +11,7 @@ from pcnav.cli.progress import progress
 from pcnav.errors import InputError
 
 if TYPE_CHECKING:
-    from pcnav.config import Pipeline
+    from pcnav.cli.run_kinds import Work
 
 
 def run(
@@ -39,7 +39,7 @@ def run(
     ] = None,
     overwrite: Overwrite = False,
     view: Annotated[
-        bool, typer.Option("--view", help="Look at a depth run in the browser while it goes on.")
+        bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
     ] = False,
     port: Annotated[int, typer.Option(help="Of the view; a taken port moves up.")] = 8080,
 ) -> None:
@@ -61,11 +61,9 @@ def run_into(
     overwrite: bool,
     view_port: int | None = None,
 ) -> None:
-    from rich.console import Console
-
+    from pcnav.cli.run_kinds import attitudes_run, depth_run, images_run, tracks_run
     from pcnav.config import Pipeline
     from pcnav.config_features import EstimatorKind
-    from pcnav.evaluation.summary import summary_table
     from pcnav.image_source import is_seen_by_one_camera
     from pcnav.sequences.attitudes import ATTITUDES_FILE, is_attitude_recording
     from pcnav.sequences.monocular import CAMERA_FILE
@@ -74,21 +72,13 @@ def run_into(
     path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:
         path, content = named_pipeline(pipeline)
-    seen_otherwise = (
-        is_seen_by_one_camera(sequence)
-        or is_track_recording(sequence)
-        or is_attitude_recording(sequence)
-    )
-    if view_port is not None and seen_otherwise:
-        expected = "expected a depth sequence; look at the result with pcnav view"
-        raise InputError(sequence, "--view", expected)
     if content.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
         if target_mesh is not None:
             raise InputError(sequence, "--target", "expected none: attitudes need no mesh")
         if not (is_seen_by_one_camera(sequence) or is_attitude_recording(sequence)):
             expected = f"expected a table of attitudes, a folder with {ATTITUDES_FILE}, or images"
             raise InputError(sequence, "recording", expected)
-        _run_attitudes(sequence, content, out, overwrite)
+        _carry_out(attitudes_run(sequence, content, out, overwrite), view_port)
         return
     by_images = content.estimator.kind is EstimatorKind.IMAGE_MOTION
     if by_images or is_seen_by_one_camera(sequence):
@@ -97,7 +87,7 @@ def run_into(
             raise InputError(path, "estimator.kind", f'{expected}, got "{content.estimator.kind}"')
         if target_mesh is not None:
             raise InputError(sequence, "--target", "expected none: images of one camera need none")
-        _run_images(sequence, content, out, overwrite)
+        _carry_out(images_run(sequence, content, out, overwrite), view_port)
         return
     if is_track_recording(sequence):
         if pipeline is None:
@@ -106,7 +96,7 @@ def run_into(
             raise InputError(sequence, "--pipeline", expected + beside)
         if target_mesh is not None:
             raise InputError(sequence, "--target", "expected none: feature tracks need no mesh")
-        _run_tracks(sequence, path, content, out, overwrite)
+        _carry_out(tracks_run(sequence, path, content, out, overwrite), view_port)
         return
     if is_attitude_recording(sequence):
         expected = (
@@ -119,102 +109,35 @@ def run_into(
             f"expected a folder with {TRACKS_FILE}, or that file",
         )
         raise InputError(sequence, "folder", f'{expected}, for the estimator "{kind}" of {path}')
-    from pcnav.pipeline import run as run_sequence
-
     if content.target_mesh is not None and target_mesh is None:
         mesh = mesh_of_pipeline(path, content.target_mesh)
         content = content.model_copy(update={"target_mesh": str(mesh)})
     mesh_path = None if target_mesh is None else named_mesh(target_mesh)
-    if view_port is not None:
-        _run_in_view(sequence, mesh_path, content, out, overwrite, view_port)
-        return
-    with progress("run") as advance:
-        summary = run_sequence(
-            sequence,
-            out,
-            content,
-            target_mesh=mesh_path,
-            overwrite=overwrite,
-            on_estimate=lambda estimate, total: advance(estimate.index + 1, total),
-        )
-    Console().print(summary_table(summary.metrics, summary.knowledge))
-    typer.echo(f"report: {summary.report}")
-    typer.echo(f"web view: pcnav view {summary.folder}")
+    _carry_out(depth_run(sequence, mesh_path, content, out, overwrite), view_port)
 
 
-def _run_in_view(
-    sequence: Path, mesh: Path | None, pipeline: "Pipeline", out: Path, overwrite: bool, port: int
-) -> None:
-    """The same run, seen by whoever opens the page; the page stays when it has ended."""
+def _carry_out(work: "Work", view_port: int | None) -> None:
+    """Do it, seen by whoever opens the page if a port is given, and tell what was found."""
     from rich.console import Console
 
     from pcnav.cli.view import serve_until_interrupted, tell_address
-    from pcnav.evaluation.summary import summary_table
-    from pcnav.viewer.live import run_live
-    from pcnav.viewer.server import LOOPBACK
 
+    server = None
     with progress("run") as advance:
-        summary, server = run_live(
-            sequence,
-            out,
-            pipeline,
-            mesh,
-            overwrite=overwrite,
-            port=port,
-            on_served=lambda server: tell_address(server, LOOPBACK, port),
-            on_progress=advance,
-        )
-    Console().print(summary_table(summary.metrics, summary.knowledge))
-    typer.echo(f"report: {summary.report}")
-    serve_until_interrupted(server)
+        if view_port is None:
+            done = work(advance, None)
+        else:
+            from pcnav.viewer.live import run_live
+            from pcnav.viewer.server import LOOPBACK
 
-
-def _run_tracks(
-    recording: Path, path: Path, pipeline: "Pipeline", out: Path, overwrite: bool
-) -> None:
-    from rich.console import Console
-
-    from pcnav.evaluation.summary import summary_table
-    from pcnav.feature_pipeline import run_features
-
-    with progress("run") as advance:
-        summary = run_features(
-            recording,
-            out,
-            pipeline,
-            overwrite=overwrite,
-            on_estimate=lambda _, done, total: advance(done, total),
-            source=path,
-        )
-    Console().print(summary_table(summary.metrics))
-    typer.echo(f"report: {summary.report}")
-
-
-def _run_images(recording: Path, pipeline: "Pipeline", out: Path, overwrite: bool) -> None:
-    from rich.console import Console
-
-    from pcnav.evaluation.summary import summary_table
-    from pcnav.image_pipeline import run_images
-
-    with progress("run") as advance:
-        summary = run_images(
-            recording,
-            out,
-            pipeline,
-            overwrite=overwrite,
-            on_frame=lambda _, done, total: advance(done, total),
-        )
-    Console().print(summary_table(summary.metrics))
-    typer.echo(f"report: {summary.report}")
-
-
-def _run_attitudes(recording: Path, pipeline: "Pipeline", out: Path, overwrite: bool) -> None:
-    from rich.console import Console
-
-    from pcnav.attitude_pipeline import run_attitudes
-    from pcnav.evaluation.summary import summary_table
-
-    with progress("run") as advance:
-        summary = run_attitudes(recording, out, pipeline, overwrite=overwrite, on_frame=advance)
-    Console().print(summary_table(summary.metrics))
-    typer.echo(f"report: {summary.report}")
+            done, server = run_live(
+                lambda view: work(advance, view),
+                view_port,
+                lambda served: tell_address(served, LOOPBACK, view_port),
+            )
+    Console().print(done.table)
+    typer.echo(f"report: {done.report}")
+    if server is None:
+        typer.echo(f"web view: pcnav view {done.folder}")
+    else:
+        serve_until_interrupted(server)

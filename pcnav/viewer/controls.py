@@ -62,7 +62,7 @@ class Controls:
         self._frames = len(first.track)
         self._notes = gui.add_html(_notes_html(edition))
         self._add_time(gui, edition)
-        self._add_look(gui)
+        self._add_look(gui, first.frames is not None)
         self._checkboxes = self._add_layers(gui, edition)
         self._add_share(gui)
 
@@ -157,9 +157,12 @@ class Controls:
 
         self._speed.on_update(lambda _: self._shown.change_speed())
 
-    def _add_look(self, gui: viser.GuiApi) -> None:
+    def _add_look(self, gui: viser.GuiApi, has_frames: bool) -> None:
         self._colour = gui.add_dropdown(
-            "points by", tuple(str(by) for by in ColourBy), initial_value=str(ColourBy.PLANE)
+            "points by",
+            tuple(str(by) for by in ColourBy),
+            initial_value=str(ColourBy.PLANE),
+            visible=has_frames,
         )
         self._legend = gui.add_html("")
         self._magnified = gui.add_dropdown(

@@ -1,27 +1,22 @@
 """A run as it goes on: estimates are taken in as they come, frames read again to be looked at."""
 
 import threading
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.config import Pipeline
-from pcnav.pipeline import RunSummary, run
-from pcnav.results import FrameEstimate, RectangleRecord, Track
-from pcnav.sequences.opening import open_sequence
-from pcnav.sequences.sequence import Sequence
-from pcnav.state import COM_MODEL, R_HILL, STATE_SIZE
-from pcnav.target import Target, load_target
+from pcnav.arrays import FloatArray, IntArray
+from pcnav.results import RectangleRecord, Track
+from pcnav.state import STATE_SIZE
 from pcnav.viewer.app import serve
-from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.server import LOOPBACK, LocalServer
 from pcnav.viewer.source import Edition
 from pcnav.viewer.story import Story, load_story
 
-_FIELDS = {
+_FIELDS: dict[str, tuple[int, ...]] = {
     "time_s": (),
     "r_hill": (3,),
     "v_hill": (3,),
@@ -42,19 +37,27 @@ _FIELDS = {
 _FIRST_ROWS = 256
 
 
+@dataclass(frozen=True)
+class LiveRow:
+    """A frame of any kind of run."""
+
+    time_s: float
+    status: str
+    values: Mapping[str, FloatArray | float]
+    """By field of `Track`, besides ``position_covariance`` and ``com_covariance`` (3, 3), m^2; nan
+    is kept of what is not given."""
+    records: tuple[RectangleRecord, ...] = ()
+
+
 class LiveRun:
     """The source of a run that goes on: what it is given costs the run next to nothing.
 
     About 700 bytes of numbers a frame are kept, and the records of its rectangles. The newest
-    frames are there for whoever asks; nobody is waited for.
+    frames are there for whoever asks; nobody is waited for. ``story`` tells what is known before
+    the first frame; its track and records are made here.
     """
 
-    def __init__(self, name: str, sequence: Sequence, target: Target, pipeline: Pipeline) -> None:
-        # Opened and loaded anew: readers and ray caster of the run are not shared with threads
-        # that draw.
-        own_target = load_target(target.mesh_path)
-        own_sequence = open_sequence(sequence.path, target.mesh_path)
-        frames = FrameStore(own_sequence, own_target, pipeline.perception, pipeline.seed)
+    def __init__(self, story: Story) -> None:
         self._rows = {
             field: np.full((_FIRST_ROWS, *shape), np.nan) for field, shape in _FIELDS.items()
         }
@@ -62,29 +65,20 @@ class LiveRun:
         self._records: dict[float, tuple[RectangleRecord, ...]] = {}
         self._lock = threading.Lock()
         self._finished: Edition | None = None
-        self._empty = Story(
-            name=name,
-            track=self._track(0),
-            counted="rectangles",
-            records=self._records,
-            frames=frames,
-            target=own_target,
-            mean_motion_rad_s=sequence.info.mean_motion_rad_s,
-            evaluation=None,
-            verdicts={},
-        )
+        self._empty = replace(story, track=empty_track(), records=self._records)
         self._newest = Edition((self._empty,), 0, is_live=True)
 
-    def add(self, estimate: FrameEstimate) -> None:
+    def add(self, row: LiveRow) -> None:
         """Take in a frame; called by the run."""
         with self._lock:
             k = len(self._status)
             if k == len(self._rows["time_s"]):
                 self._grow()
-            for field, value in _values(estimate).items():
+            self._rows["time_s"][k] = row.time_s
+            for field, value in row.values.items():
                 self._rows[field][k] = value
-            self._records[estimate.time_s] = estimate.records
-            self._status.append(estimate.status)
+            self._records[row.time_s] = row.records
+            self._status.append(row.status)
 
     def finish(self, story: Story) -> None:
         """The run has ended: from now on its result folder is shown."""
@@ -115,95 +109,103 @@ class LiveRun:
             self._rows[field] = grown
 
     def _track(self, n: int) -> Track:
-        rows = {field: values[:n] for field, values in self._rows.items()}
-        return Track(
-            time_s=rows["time_s"],
-            r_hill=rows["r_hill"],
-            v_hill=rows["v_hill"],
-            com_model=rows["com_model"],
-            R_world_body=rows["R_world_body"],
-            omega_body=rows["omega_body"],
-            inertia_ratios=rows["inertia_ratios"],
-            sd=rows["sd"],
-            T_cam_model=rows["T_cam_model"],
-            status=tuple(self._status),
-            nis=rows["nis"],
-            nis_dof=rows["nis_dof"].astype(np.intp),
-            window_nis=rows["window_nis"],
-            explained=rows["explained"],
-            n_rectangles=rows["n_rectangles"].astype(np.intp),
-        )
+        return _track_of({field: values[:n] for field, values in self._rows.items()}, self._status)
+
+
+def empty_track() -> Track:
+    """Of a run that has not begun."""
+    return _track_of({field: np.empty((0, *shape)) for field, shape in _FIELDS.items()}, ())
+
+
+def _track_of(rows: Mapping[str, FloatArray], status: Sequence[str]) -> Track:
+    return Track(
+        time_s=rows["time_s"],
+        r_hill=rows["r_hill"],
+        v_hill=rows["v_hill"],
+        com_model=rows["com_model"],
+        R_world_body=rows["R_world_body"],
+        omega_body=rows["omega_body"],
+        inertia_ratios=rows["inertia_ratios"],
+        sd=rows["sd"],
+        T_cam_model=rows["T_cam_model"],
+        status=tuple(status),
+        nis=rows["nis"],
+        nis_dof=_counts(rows["nis_dof"]),
+        window_nis=rows["window_nis"],
+        explained=rows["explained"],
+        n_rectangles=_counts(rows["n_rectangles"]),
+    )
+
+
+def _counts(values: FloatArray) -> IntArray:
+    return np.nan_to_num(values).astype(np.intp)
+
+
+class _Summary(Protocol):
+    @property
+    def folder(self) -> Path: ...
+
+
+_S = TypeVar("_S", bound=_Summary)
+
+
+class LiveView:
+    """The view of a run on this machine; it is served from the first frame on."""
+
+    def __init__(self, port: int, on_served: Callable[[LocalServer], None]) -> None:
+        self._port, self._on_served = port, on_served
+        self._run: LiveRun | None = None
+        self._server: LocalServer | None = None
+
+    def expect(self, story: Story) -> None:
+        """What is known of the run before its first frame; see `LiveRun`."""
+        self._run = LiveRun(story)
+
+    def add(self, row: LiveRow) -> None:
+        """Show a frame."""
+        if self._run is None:
+            raise RuntimeError("a frame before expect()")
+        self._run.add(row)
+        self._served(self._run)
+
+    @property
+    def edition(self) -> Edition:
+        """What is shown."""
+        if self._run is None:
+            raise RuntimeError("nothing is shown before expect()")
+        return self._run.edition
+
+    def finish(self, story: Story) -> LocalServer:
+        """From now on the result folder is shown; the caller keeps the process alive for it."""
+        run = self._run or LiveRun(story)
+        run.finish(story)
+        return self._served(run)
+
+    def stop(self) -> None:
+        """End it."""
+        if self._server is not None:
+            self._server.stop()
+
+    def _served(self, run: LiveRun) -> LocalServer:
+        if self._server is None:
+            self._server = serve(run, LOOPBACK, self._port)
+            self._on_served(self._server)
+        return self._server
 
 
 def run_live(
-    sequence: Path,
-    out: Path,
-    pipeline: Pipeline,
-    target_mesh: Path | None,
-    *,
-    overwrite: bool,
-    port: int,
-    on_served: Callable[[LocalServer], None],
-    on_progress: Callable[[int, int], None],
-) -> tuple[RunSummary, LocalServer]:
-    """Run a depth sequence as `pcnav.pipeline.run` does, with a view of it on this machine.
+    work: Callable[[LiveView], _S], port: int, on_served: Callable[[LocalServer], None]
+) -> tuple[_S, LocalServer]:
+    """Do a run that tells a view of its frames, and show its result folder when it has ended.
 
-    The view shows the finished run once there is one; the caller keeps the process alive for it.
-    Raises `InputError`.
+    ``on_served`` is told of the server when the first frame is there. A run that fails leaves no
+    server; what it raises is raised.
     """
-    begun: list[tuple[LiveRun, LocalServer]] = []
-
-    def on_start(opened: Sequence, target: Target, as_run: Pipeline) -> None:
-        live = LiveRun(out.name, opened, target, as_run)
-        server = serve(live, LOOPBACK, port)
-        begun.append((live, server))
-        on_served(server)
-
-    def on_estimate(estimate: FrameEstimate, total: int) -> None:
-        begun[0][0].add(estimate)
-        on_progress(estimate.index + 1, total)
-
+    view = LiveView(port, on_served)
     try:
-        summary = run(
-            sequence,
-            out,
-            pipeline,
-            target_mesh=target_mesh,
-            overwrite=overwrite,
-            on_start=on_start,
-            on_estimate=on_estimate,
-        )
-        live, server = begun[0]
-        live.finish(load_story(summary.folder))
+        summary = work(view)
+        server = view.finish(load_story(summary.folder))
     except BaseException:
-        for _, served in begun:
-            served.stop()
+        view.stop()
         raise
     return summary, server
-
-
-def _values(estimate: FrameEstimate) -> dict[str, FloatArray | float]:
-    """The numbers of a frame by field; those of a state only where there is one."""
-    values: dict[str, FloatArray | float] = {
-        "time_s": estimate.time_s,
-        "nis": estimate.nis,
-        "nis_dof": float(estimate.nis_dof),
-        "window_nis": estimate.window_nis,
-        "explained": estimate.explained,
-        "n_rectangles": float(estimate.n_rectangles),
-    }
-    state, P, T = estimate.state, estimate.covariance, estimate.T_cam_model
-    if state is None or P is None or T is None:
-        return values
-    return values | {
-        "r_hill": state.r_hill,
-        "v_hill": state.v_hill,
-        "com_model": state.com_model,
-        "R_world_body": state.R_world_body,
-        "omega_body": state.omega_body,
-        "inertia_ratios": state.inertia_ratios,
-        "sd": np.sqrt(np.maximum(np.diagonal(P), 0.0)),
-        "T_cam_model": T,
-        "position_covariance": P[R_HILL, R_HILL],
-        "com_covariance": P[COM_MODEL, COM_MODEL],
-    }

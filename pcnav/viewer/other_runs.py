@@ -10,12 +10,17 @@ from pcnav.attitude_results import ATTITUDE_STATES_COLUMNS
 from pcnav.config import Pipeline
 from pcnav.csv_table import CsvTable, read_csv
 from pcnav.evaluation.truth import read_truth
-from pcnav.feature_results import FEATURE_COLUMNS, FEATURES_FILE, STATES_COLUMNS
+from pcnav.feature_results import (
+    FEATURE_COLUMNS,
+    FEATURES_FILE,
+    STATES_COLUMNS,
+    with_known_mass_centre,
+)
 from pcnav.image_results import IMAGE_STATES_COLUMNS
 from pcnav.results import POSES_FILE, STATES_FILE, Track, read_poses
 from pcnav.sequences.track_files import read_tracks
 from pcnav.spatial import make_transform, rotation_from_xyzw
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.state import INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
 from pcnav.viewer.story import RunKind, Story, judged
 
 _QUATERNION = ("q_x", "q_y", "q_z", "q_w")
@@ -29,8 +34,6 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
     table = read_csv(folder / STATES_FILE, STATES_COLUMNS, ("status",))
     numbers = table.numbers(STATES_COLUMNS[1 : STATES_COLUMNS.index("status")])
     n = len(numbers)
-    sd = np.zeros((n, STATE_SIZE))
-    sd[:, np.delete(np.arange(STATE_SIZE), np.r_[COM_MODEL])] = numbers[:, 18:35]
     time_s, r_hill = table.times(), numbers[:, 0:3]
     track = Track(
         time_s=time_s,
@@ -40,7 +43,7 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
         R_world_body=_rotations(numbers[:, 6:10]),
         omega_body=numbers[:, 10:13],
         inertia_ratios=numbers[:, 13:18],
-        sd=sd,
+        sd=with_known_mass_centre(numbers[:, 18:35]),
         T_cam_model=read_poses(folder / POSES_FILE, time_s, np.isfinite(r_hill[:, 0])),
         status=table.words("status"),
         nis=_column(table, "nis"),
@@ -56,19 +59,11 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
     if on_disk and recording is not None:
         motion, truth = read_tracks(recording).orbit.mean_motion_rad_s, read_truth(recording)
     points = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS).numbers(("x_m", "y_m", "z_m"))
-    return Story(
-        name=folder.name,
-        track=track,
-        counted="features",
-        records={},
-        frames=None,
-        target=None,
-        mean_motion_rad_s=motion,
+    return replace(
+        feature_story(folder.name, track, motion),
         evaluation=judged(track, truth, _IDENTITY),
-        verdicts={},
         notes=notes,
         points_body=points[np.isfinite(points).all(axis=1)],
-        has_mass_centre=False,
     )
 
 
@@ -83,8 +78,7 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
         omega_body=table.numbers(("w_x_rad_s", "w_y_rad_s", "w_z_rad_s")),
         n_rectangles=table.counts("agreeing"),
     )
-    note = "attitude and rate only: drawn at a distance that is not known"
-    return _turning_story(folder, track, "matches", note, has_inertia=False)
+    return image_story(folder.name, track)
 
 
 def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
@@ -104,8 +98,40 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
         nis_dof=table.counts("nis_dof"),
         n_rectangles=np.isfinite(_column(table, "sd_measured_rad")).astype(np.intp),
     )
+    return attitude_story(folder.name, track)
+
+
+def feature_story(name: str, track: Track, mean_motion_rad_s: float) -> Story:
+    """Of a run on stereo tracks, without its truth and points."""
+    return replace(_story(name, track, "features"), mean_motion_rad_s=mean_motion_rad_s)
+
+
+def image_story(name: str, track: Track) -> Story:
+    """Of a run on images of one camera."""
+    note = "attitude and rate only: drawn at a distance that is not known"
+    story = _story(name, track, "matches")
+    return replace(story, notes=(note,), has_position=False, has_inertia=False)
+
+
+def attitude_story(name: str, track: Track) -> Story:
+    """Of a run on attitudes."""
     note = "rotation and inertia only: drawn at a distance that is not known"
-    return _turning_story(folder, track, "attitudes", note, has_inertia=True)
+    return replace(_story(name, track, "attitudes"), notes=(note,), has_position=False)
+
+
+def _story(name: str, track: Track, counted: str) -> Story:
+    return Story(
+        name=name,
+        track=track,
+        counted=counted,
+        records={},
+        frames=None,
+        target=None,
+        mean_motion_rad_s=0.0,
+        evaluation=None,
+        verdicts={},
+        has_mass_centre=False,
+    )
 
 
 def _turning(table: CsvTable, R: FloatArray, sd: FloatArray) -> Track:
@@ -114,8 +140,7 @@ def _turning(table: CsvTable, R: FloatArray, sd: FloatArray) -> Track:
     # An estimate is told by its position: zero stands for it.
     place = np.where(known[:, None], 0.0, np.full((n, 3), np.nan))
     T = np.full((n, 4, 4), np.nan)
-    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), (n, 3))
-    T[known] = make_transform(R[known], shown_at[known])
+    T[known] = shown_pose(R[known])
     return Track(
         time_s=table.times(),
         r_hill=place,
@@ -135,24 +160,10 @@ def _turning(table: CsvTable, R: FloatArray, sd: FloatArray) -> Track:
     )
 
 
-def _turning_story(
-    folder: Path, track: Track, counted: str, note: str, *, has_inertia: bool
-) -> Story:
-    return Story(
-        name=folder.name,
-        track=track,
-        counted=counted,
-        records={},
-        frames=None,
-        target=None,
-        mean_motion_rad_s=0.0,
-        evaluation=None,
-        verdicts={},
-        notes=(note,),
-        has_mass_centre=False,
-        has_position=False,
-        has_inertia=has_inertia,
-    )
+def shown_pose(R_world_body: FloatArray) -> FloatArray:
+    """(..., 4, 4) where a target is drawn of whose place nothing is known."""
+    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), R_world_body.shape[:-1])
+    return make_transform(R_world_body, shown_at)
 
 
 def _rotations(xyzw: FloatArray) -> FloatArray:

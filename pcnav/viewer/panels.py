@@ -125,6 +125,8 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
 def legend_html(story: Story, by: ColourBy, *, has_estimate: bool) -> str:
     """What the colours of the points mean: a bar with numbers for residuals, else words."""
     pink = f"<span style='color:{hex_of(UNEXPLAINED)}'>■</span>"
+    if story.target is None:
+        return ""
     if story.frames is None:
         return f"<div style='{_STYLE}'>no depth frames on disk</div>"
     if by is ColourBy.PLAIN:

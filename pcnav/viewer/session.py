@@ -69,7 +69,7 @@ class Session:
             self._layers = StoryLayers(client.scene, self._stories, RUNS)
             self._controls = Controls(client.gui, self._edition, self)
             self._build_panel()
-            self._look_from(Camera.ORBIT)
+            self._look_at_first()
             if len(self._first.track):
                 frame = min(self._wanted, len(self._first.track) - 1)
                 self._draw(time.monotonic(), frame, shot_of(self._first, frame))
@@ -339,9 +339,18 @@ class Session:
         if camera is Camera.FOLLOW:
             self._followed = centre
 
+    def _look_at_first(self) -> None:
+        """What a page opens with. A target without a model may go far: it is followed."""
+        self._is_placed = bool(self._first.track.has_estimate.any())
+        self._look_from(Camera.ORBIT if self._first.target is not None else Camera.FOLLOW)
+
     def _follow(self, frame: int) -> None:
         """Carry the camera along with the target, without touching what the user turned."""
-        if self._followed is None or not self._first.track.has_estimate[frame]:
+        if not self._first.track.has_estimate[frame]:
+            return
+        if not self._is_placed:
+            self._look_at_first()
+        if self._followed is None:
             return
         shift = self._first.centre(frame) - self._followed
         self._followed = self._followed + shift

@@ -36,16 +36,7 @@ class TargetLayer:
         self._ghost = scene.add_frame(f"{root}/truth", show_axes=False, visible=False)
         if is_first and story.target is not None:
             self._add_edges(f"{root}/truth", TRUTH, _GHOST_SCALE)
-        self._points = None
-        if story.points_body is not None and len(story.points_body):
-            self._points = scene.add_point_cloud(
-                f"{root}/model/features",
-                story.points_body.astype(np.float32),
-                colour,
-                point_size=0.012 * self._size,
-                point_shape="circle",
-                precision="float32",
-            )
+        self._add_points()
         com = f"{root}/model/com"
         length = 0.3 * self._size
         # Under the first run's names the axes have their usual colours; two sets would be confused.
@@ -103,7 +94,10 @@ class TargetLayer:
 
     def go_on(self, story: Story) -> None:
         """Draw a later state of the same run, which has more frames, from now on."""
+        found = self._story.points_body is None and story.points_body is not None
         self._story = story
+        if found:
+            self._add_points()
 
     def refresh_trail(self) -> None:
         """Draw the trail as far as the run has come."""
@@ -162,6 +156,20 @@ class TargetLayer:
             thickness=2.0,
             thickness_units="screen",
             scale=scale,
+        )
+
+    def _add_points(self) -> None:
+        """Points that were estimated of a target without a model."""
+        points = self._story.points_body
+        if points is None or not len(points):
+            return
+        self._scene.add_point_cloud(
+            f"{self._root}/model/features",
+            points.astype(np.float32),
+            self._colour,
+            point_size=0.012 * self._story.size_m,
+            point_shape="circle",
+            precision="float32",
         )
 
     def _add_ellipsoid(self, name: str, colour: Rgb, wireframe: bool) -> viser.IcosphereHandle:

@@ -14,6 +14,7 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
+from pcnav.cli.run_kinds import depth_run
 from pcnav.config import read_pipeline
 from pcnav.pipeline import run
 from pcnav.results import FrameEstimate
@@ -22,8 +23,8 @@ from pcnav.target import load_target
 from pcnav.tracking import Tracker
 from pcnav.viewer.app import serve
 from pcnav.viewer.live import LiveRun, run_live
+from pcnav.viewer.live_rows import depth_row, starting_depth_story
 from pcnav.viewer.server import LocalServer
-from pcnav.viewer.source import Edition
 from pcnav.viewer.story import Story, load_story
 from tests.viewer.conftest import FRAMES, small_pipeline
 
@@ -68,7 +69,8 @@ def live(run_folder: Path) -> LiveRun:
     pipeline = read_pipeline(run_folder / "pipeline.toml")
     sequence = open_sequence(run_folder.parent / "sequence")
     assert sequence.info.target_mesh is not None
-    return LiveRun("live", sequence, load_target(sequence.info.target_mesh), pipeline)
+    target = load_target(sequence.info.target_mesh)
+    return LiveRun(starting_depth_story("live", sequence, target, pipeline))
 
 
 def test_the_newest_edition_has_all_frames_so_far(
@@ -76,7 +78,7 @@ def test_the_newest_edition_has_all_frames_so_far(
 ) -> None:
     assert len(live.edition.stories[0].track) == 0
     for count, estimate in enumerate(estimates, start=1):
-        live.add(estimate)
+        live.add(depth_row(estimate))
         edition = live.edition
         assert edition.is_live and len(edition.stories[0].track) == count
     track, stored = live.edition.stories[0].track, story.track
@@ -91,12 +93,12 @@ def test_the_newest_edition_has_all_frames_so_far(
 
 def test_what_was_handed_out_does_not_change(live: LiveRun, estimates: list[FrameEstimate]) -> None:
     for estimate in estimates[:3]:
-        live.add(estimate)
+        live.add(depth_row(estimate))
     early = live.edition.stories[0].track
     before = early.T_cam_model.copy()
     for repeat in range(200):
         for estimate in estimates[3:6]:
-            live.add(estimate)
+            live.add(depth_row(estimate))
         assert len(live.edition.stories[0].track) == 3 + 3 * (repeat + 1)
     assert np.array_equal(early.T_cam_model, before, equal_nan=True)
 
@@ -112,19 +114,14 @@ def test_results_are_the_same_bytes_with_and_without_the_view(
     run_folder: Path, tmp_path: Path
 ) -> None:
     """And the page stays when the run has ended."""
-    editions: list[Edition] = []
+    ports: list[int] = []
+    sequence, out = run_folder.parent / "sequence", tmp_path / "result"
+    work = depth_run(sequence, None, small_pipeline(), out, False)
     summary, server = run_live(
-        run_folder.parent / "sequence",
-        tmp_path / "result",
-        small_pipeline(),
-        None,
-        overwrite=False,
-        port=0,
-        on_served=lambda served: editions.append(Edition((), served.get_port(), is_live=True)),
-        on_progress=lambda done, total: None,
+        lambda view: work(lambda *_: None, view), 0, lambda served: ports.append(served.get_port())
     )
     try:
-        assert editions and editions[0].number == server.get_port()
+        assert ports == [server.get_port()]
         same = [file.name for file in run_folder.iterdir() if file.suffix != ".html"]
         _, different, missing = filecmp.cmpfiles(run_folder, summary.folder, same, shallow=False)
         assert different == [] and missing == []
@@ -135,20 +132,13 @@ def test_results_are_the_same_bytes_with_and_without_the_view(
 def test_a_run_that_fails_leaves_no_server(run_folder: Path, tmp_path: Path) -> None:
     served: list[LocalServer] = []
 
-    def fail(done: int, total: int) -> None:
+    def fail(done: int, total: int, failed: int = 0, /) -> None:
         raise KeyboardInterrupt
 
+    sequence, out = run_folder.parent / "sequence", tmp_path / "result"
+    work = depth_run(sequence, None, small_pipeline(), out, False)
     with pytest.raises(KeyboardInterrupt):
-        run_live(
-            run_folder.parent / "sequence",
-            tmp_path / "result",
-            small_pipeline(),
-            None,
-            overwrite=False,
-            port=0,
-            on_served=served.append,
-            on_progress=fail,
-        )
+        run_live(lambda view: work(fail, view), 0, served.append)
     assert not (tmp_path / "result").exists()
     with pytest.raises(OSError):
         connect(f"ws://127.0.0.1:{served[0].get_port()}", open_timeout=1.0)
@@ -160,7 +150,7 @@ def test_a_stuck_page_does_not_hold_up_the_run(
     """No call of the run waits for a page, and what is kept for the page stays bounded."""
     server = serve(live, "127.0.0.1", 0)
     try:
-        live.add(estimates[0])
+        live.add(depth_row(estimates[0]))
         with stuck_page(server.get_port()):
             deadline = time.monotonic() + 20.0
             while not server.get_clients() and time.monotonic() < deadline:
@@ -170,7 +160,7 @@ def test_a_stuck_page_does_not_hold_up_the_run(
             for _ in range(100):
                 for estimate in estimates[1:]:
                     started = time.thread_time()
-                    live.add(estimate)
+                    live.add(depth_row(estimate))
                     longest = max(longest, time.thread_time() - started)
                 time.sleep(0.005)
             buffer = client._websock_connection.get_message_buffer()

@@ -1,0 +1,150 @@
+"""The kinds of runs, each told to a view while it goes on where one is asked for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from pcnav.attitude_results import AttitudeFrame
+from pcnav.cli.progress import Advance
+from pcnav.config import Pipeline
+from pcnav.estimation.image_motion.chain import ChainFrame
+from pcnav.evaluation.summary import summary_table
+from pcnav.feature_estimate import FeatureEstimate
+from pcnav.results import FrameEstimate
+from pcnav.sequences.sequence import Sequence
+from pcnav.target import Target
+
+if TYPE_CHECKING:
+    from pcnav.viewer.live import LiveView
+
+
+@dataclass(frozen=True)
+class Done:
+    """What the command line shows of a run."""
+
+    folder: Path
+    report: Path
+    table: Table
+
+
+Work = Callable[[Advance, "LiveView | None"], Done]
+"""A run that tells how far it is, and a view, if there is one, of its frames."""
+
+
+def depth_run(
+    sequence: Path, mesh: Path | None, pipeline: Pipeline, out: Path, overwrite: bool
+) -> Work:
+    """On depth frames."""
+    from pcnav.pipeline import run
+
+    def work(advance: Advance, view: "LiveView | None") -> Done:
+        def on_start(opened: Sequence, target: Target, as_run: Pipeline) -> None:
+            if view is not None:
+                from pcnav.viewer.live_rows import starting_depth_story
+
+                view.expect(starting_depth_story(out.name, opened, target, as_run))
+
+        def on_estimate(estimate: FrameEstimate, total: int) -> None:
+            if view is not None:
+                from pcnav.viewer.live_rows import depth_row
+
+                view.add(depth_row(estimate))
+            advance(estimate.index + 1, total)
+
+        summary = run(
+            sequence,
+            out,
+            pipeline,
+            target_mesh=mesh,
+            overwrite=overwrite,
+            on_start=on_start,
+            on_estimate=on_estimate,
+        )
+        table = summary_table(summary.metrics, summary.knowledge)
+        return Done(summary.folder, summary.report, table)
+
+    return work
+
+
+def tracks_run(
+    recording: Path, pipeline_file: Path, pipeline: Pipeline, out: Path, overwrite: bool
+) -> Work:
+    """On stereo feature tracks."""
+    from pcnav.feature_pipeline import run_features
+    from pcnav.sequences.track_files import read_tracks
+
+    def work(advance: Advance, view: "LiveView | None") -> Done:
+        tracks = None if view is None else read_tracks(recording)
+        if view is not None and tracks is not None:
+            from pcnav.viewer.live_rows import starting_feature_story
+
+            view.expect(starting_feature_story(out.name, tracks))
+
+        def on_estimate(estimate: FeatureEstimate, done: int, total: int) -> None:
+            if view is not None and tracks is not None:
+                from pcnav.viewer.live_rows import feature_row
+
+                view.add(feature_row(tracks, tracks.frames[done - 1], estimate))
+            advance(done, total)
+
+        summary = run_features(
+            recording,
+            out,
+            pipeline,
+            overwrite=overwrite,
+            on_estimate=on_estimate,
+            source=pipeline_file,
+        )
+        return Done(summary.folder, summary.report, summary_table(summary.metrics))
+
+    return work
+
+
+def images_run(recording: Path, pipeline: Pipeline, out: Path, overwrite: bool) -> Work:
+    """On images or tracks of one camera."""
+    from pcnav.image_pipeline import run_images
+
+    def work(advance: Advance, view: "LiveView | None") -> Done:
+        measured: set[int] = set()
+        if view is not None:
+            from pcnav.viewer.live_rows import starting_image_story
+
+            view.expect(starting_image_story(out.name))
+
+        def on_frame(frame: ChainFrame, done: int, total: int) -> None:
+            if view is not None:
+                from pcnav.viewer.live_rows import image_row
+
+                view.add(image_row(frame, measured))
+            advance(done, total)
+
+        summary = run_images(recording, out, pipeline, overwrite=overwrite, on_frame=on_frame)
+        return Done(summary.folder, summary.report, summary_table(summary.metrics))
+
+    return work
+
+
+def attitudes_run(recording: Path, pipeline: Pipeline, out: Path, overwrite: bool) -> Work:
+    """On attitudes, recorded or of images."""
+    from pcnav.attitude_pipeline import run_attitudes
+
+    def work(advance: Advance, view: "LiveView | None") -> Done:
+        if view is not None:
+            from pcnav.viewer.live_rows import starting_attitude_story
+
+            view.expect(starting_attitude_story(out.name))
+
+        def on_frame(frame: AttitudeFrame, done: int, total: int) -> None:
+            if view is not None:
+                from pcnav.viewer.live_rows import attitude_row
+
+                view.add(attitude_row(frame))
+            advance(done, total)
+
+        summary = run_attitudes(recording, out, pipeline, overwrite=overwrite, on_frame=on_frame)
+        return Done(summary.folder, summary.report, summary_table(summary.metrics))
+
+    return work
