@@ -73,7 +73,8 @@ def _move_into_place(staging: Path, folder: Path) -> None:
     folder.rename(earlier)
     try:
         staging.rename(folder)
-    except OSError:
-        earlier.rename(folder)
+    except BaseException:
+        if not folder.exists():
+            earlier.rename(folder)
         raise
-    shutil.rmtree(earlier)
+    shutil.rmtree(earlier, ignore_errors=True)

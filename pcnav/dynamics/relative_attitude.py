@@ -1,4 +1,4 @@
-"""Rotation of a target seen from a turning chaser, and torque-free steps of many bodies at once.
+"""Rotation of a target seen from a turning chaser.
 
 Segal, Carmi and Gurfil 2011 propagate the angular velocity of the target relative to the chaser,
 in the chaser's axes (19). pcnav propagates the target's inertial angular velocity in its own body

@@ -28,8 +28,6 @@ THETA, OMEGA, INERTIA = slice(0, 3), slice(3, 6), slice(6, 11)
 SIZE = 11
 _QUANTITIES = 8
 """Rate and inertia."""
-PRINTED_RATIOS = ("Jxx", "Jyy", "Jxy", "Jxz", "Jyz")
-"""Over Jzz, in the order of (15)."""
 
 _PRINTED_ENTRIES = ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))
 

@@ -33,7 +33,12 @@ def show(server: LocalServer, source: Source, first_frame: int | None = None) ->
     def _(client: viser.ClientHandle) -> None:
         session = Session(client, source, first_frame)
         with lock:
-            sessions[client.client_id] = session
+            # It may have left while its session was built.
+            gone = client.client_id not in server.get_clients()
+            if not gone:
+                sessions[client.client_id] = session
+        if gone:
+            session.close()
 
     @server.on_client_disconnect
     def _(client: viser.ClientHandle) -> None:

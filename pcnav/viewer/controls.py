@@ -1,6 +1,7 @@
 """The controls of one browser: time, colours, camera, layers."""
 
 from enum import StrEnum
+from html import escape
 from typing import Protocol
 
 import viser
@@ -104,7 +105,8 @@ class Controls:
 
     def refresh(self, edition: Edition) -> None:
         """There are more frames, or the run has ended."""
-        self._frames = len(edition.stories[0].track)
+        first = edition.stories[0]
+        self._frames, self._speeds = len(first.track), dict(speeds(first.track.time_s))
         self._slider.max = max(self._frames - 1, 1)
         self._newest.visible = edition.is_live
         self._notes.content = _notes_html(edition)
@@ -222,9 +224,10 @@ def _notes_html(edition: Edition) -> str:
     if edition.is_live:
         notes.append("live: the run goes on")
     return "".join(
-        f"<div style='font-size:12px;padding:4px 10px;color:#ffc43c'>{note}</div>" for note in notes
+        f"<div style='font-size:12px;padding:4px 10px;color:#ffc43c'>{escape(note)}</div>"
+        for note in notes
     )
 
 
 def _line(text: str) -> str:
-    return f"<div style='font-size:12px;padding:0 10px;opacity:.8'>{text}</div>"
+    return f"<div style='font-size:12px;padding:0 10px;opacity:.8'>{escape(text)}</div>"

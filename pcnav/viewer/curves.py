@@ -1,7 +1,7 @@
 """What the plots show, as numbers: series over time with their bounds. No drawing here."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -64,7 +64,6 @@ class ChartGroup:
     title: str
     charts: tuple[Chart, ...]
     remark: str = ""
-    keys: tuple[str, ...] = field(default=())
 
 
 def groups_of(story: Story) -> dict[str, Callable[[], ChartGroup]]:

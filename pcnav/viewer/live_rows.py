@@ -7,6 +7,7 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.attitude_results import AttitudeFrame
 from pcnav.config import Pipeline
+from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimation.image_motion.chain import ChainFrame
 from pcnav.feature_estimate import FeatureEstimate
 from pcnav.feature_results import pose_in_rig, with_known_mass_centre
@@ -42,7 +43,7 @@ def starting_depth_story(
         records={},
         frames=FrameStore(own_sequence, own_target, pipeline.perception, pipeline.seed),
         target=own_target,
-        mean_motion_rad_s=sequence.info.mean_motion_rad_s,
+        orbit=KeplerOrbit(sequence.info.mean_motion_rad_s),
         evaluation=None,
         verdicts={},
     )
@@ -50,7 +51,7 @@ def starting_depth_story(
 
 def starting_feature_story(name: str, tracks: Tracks) -> Story:
     """Of a run on stereo tracks that begins."""
-    return feature_story(name, empty_track(), tracks.orbit.mean_motion_rad_s)
+    return feature_story(name, empty_track(), tracks.orbit)
 
 
 def starting_image_story(name: str) -> Story:
@@ -120,7 +121,7 @@ def image_row(frame: ChainFrame, measured: set[int]) -> LiveRow:
     if frame.R_world_body is not None and frame.covariance is not None:
         sd = np.full(STATE_SIZE, np.nan)
         sd[THETA_BODY] = _deviations(frame.covariance)
-        values = {**values, **_turned(frame.R_world_body), "sd": sd}
+        values = {**values, **_turned(frame.R_world_body, frame.R_cam_world), "sd": sd}
     return LiveRow(frame.time_s, image_status(frame, measured), values)
 
 
@@ -136,7 +137,7 @@ def attitude_row(frame: AttitudeFrame) -> LiveRow:
         sd[THETA_BODY], sd[OMEGA_BODY], sd[INERTIA_RATIOS] = np.split(frame.sd, [3, 6])
         values = {
             **values,
-            **_turned(frame.R_world_body),
+            **_turned(frame.R_world_body, np.eye(3)),
             "omega_body": frame.omega_body,
             "inertia_ratios": frame.inertia_ratios,
             "sd": sd,
@@ -144,14 +145,14 @@ def attitude_row(frame: AttitudeFrame) -> LiveRow:
     return LiveRow(frame.time_s, str(frame.status), values)
 
 
-def _turned(R_world_body: FloatArray) -> _Values:
+def _turned(R_world_body: FloatArray, R_cam_world: FloatArray) -> _Values:
     """Of a target whose place nobody knows: it is drawn before the camera."""
     return {
         "r_hill": np.zeros(3),
         "v_hill": np.zeros(3),
         "com_model": np.zeros(3),
         "R_world_body": R_world_body,
-        "T_cam_model": shown_pose(R_world_body),
+        "T_cam_model": shown_pose(R_cam_world @ R_world_body),
     }
 
 

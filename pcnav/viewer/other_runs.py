@@ -9,6 +9,7 @@ from pcnav.arrays import FloatArray
 from pcnav.attitude_results import ATTITUDE_STATES_COLUMNS
 from pcnav.config import Pipeline
 from pcnav.csv_table import CsvTable, read_csv
+from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.evaluation.truth import read_truth
 from pcnav.feature_results import (
     FEATURE_COLUMNS,
@@ -18,6 +19,8 @@ from pcnav.feature_results import (
 )
 from pcnav.image_results import IMAGE_STATES_COLUMNS
 from pcnav.results import POSES_FILE, STATES_FILE, Track, read_poses
+from pcnav.sequences.attitude_file import ATTITUDE_FILE
+from pcnav.sequences.monocular import read_camera_attitudes
 from pcnav.sequences.track_files import read_tracks
 from pcnav.spatial import make_transform, rotation_from_xyzw
 from pcnav.state import INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
@@ -55,12 +58,12 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
     recording = None if pipeline.sequence is None else Path(pipeline.sequence)
     on_disk = recording is not None and recording.is_dir()
     notes = () if on_disk else (f"the recording is not at {recording}: no truth",)
-    motion, truth = pipeline.orbit.mean_motion_rad_s, None
+    orbit, truth = KeplerOrbit(pipeline.orbit.mean_motion_rad_s), None
     if on_disk and recording is not None:
-        motion, truth = read_tracks(recording).orbit.mean_motion_rad_s, read_truth(recording)
+        orbit, truth = read_tracks(recording).orbit, read_truth(recording)
     points = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS).numbers(("x_m", "y_m", "z_m"))
     return replace(
-        feature_story(folder.name, track, motion),
+        feature_story(folder.name, track, orbit),
         evaluation=judged(track, truth, _IDENTITY),
         notes=notes,
         points_body=points[np.isfinite(points).all(axis=1)],
@@ -74,7 +77,7 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
     sd = np.full((len(R), STATE_SIZE), np.nan)
     sd[:, THETA_BODY] = table.numbers(("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad"))
     track = replace(
-        _turning(table, R, sd),
+        _turning(table, R, sd, _camera_attitudes(folder, pipeline, table.times())),
         omega_body=table.numbers(("w_x_rad_s", "w_y_rad_s", "w_z_rad_s")),
         n_rectangles=table.counts("agreeing"),
     )
@@ -91,7 +94,7 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
     sd[:, THETA_BODY], sd[:, OMEGA_BODY] = numbers[:, 12:15], numbers[:, 15:18]
     sd[:, INERTIA_RATIOS] = numbers[:, 18:23]
     track = replace(
-        _turning(table, R, sd),
+        _turning(table, R, sd, np.eye(3)),
         omega_body=numbers[:, 4:7],
         inertia_ratios=numbers[:, 7:12],
         nis=_column(table, "nis"),
@@ -101,9 +104,9 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
     return attitude_story(folder.name, track)
 
 
-def feature_story(name: str, track: Track, mean_motion_rad_s: float) -> Story:
+def feature_story(name: str, track: Track, orbit: KeplerOrbit) -> Story:
     """Of a run on stereo tracks, without its truth and points."""
-    return replace(_story(name, track, "features"), mean_motion_rad_s=mean_motion_rad_s)
+    return replace(_story(name, track, "features"), orbit=orbit)
 
 
 def image_story(name: str, track: Track) -> Story:
@@ -115,7 +118,7 @@ def image_story(name: str, track: Track) -> Story:
 
 def attitude_story(name: str, track: Track) -> Story:
     """Of a run on attitudes."""
-    note = "rotation and inertia only: drawn at a distance that is not known"
+    note = "rotation and inertia only: drawn as seen along the z axis of the world"
     return replace(_story(name, track, "attitudes"), notes=(note,), has_position=False)
 
 
@@ -127,20 +130,33 @@ def _story(name: str, track: Track, counted: str) -> Story:
         records={},
         frames=None,
         target=None,
-        mean_motion_rad_s=0.0,
+        orbit=KeplerOrbit(0.0),
         evaluation=None,
         verdicts={},
         has_mass_centre=False,
     )
 
 
-def _turning(table: CsvTable, R: FloatArray, sd: FloatArray) -> Track:
+def _camera_attitudes(folder: Path, pipeline: Pipeline, times_s: FloatArray) -> FloatArray:
+    """(n, 3, 3) R_cam_world of a run on images: of its own tracks, else of its recording.
+
+    A camera at rest where neither tells of it.
+    """
+    recording = None if pipeline.sequence is None else Path(pipeline.sequence)
+    places = [folder] if recording is None else [folder, recording, recording.parent]
+    for place in places:
+        if (place / ATTITUDE_FILE).is_file():
+            return read_camera_attitudes(place, times_s)
+    return np.broadcast_to(np.eye(3), (len(times_s), 3, 3))
+
+
+def _turning(table: CsvTable, R: FloatArray, sd: FloatArray, R_cam_world: FloatArray) -> Track:
     """A track of attitudes (n, 3, 3), nan where unknown; of the rest nothing is known."""
     n, known = len(R), np.isfinite(R[:, 0, 0])
     # An estimate is told by its position: zero stands for it.
     place = np.where(known[:, None], 0.0, np.full((n, 3), np.nan))
     T = np.full((n, 4, 4), np.nan)
-    T[known] = shown_pose(R[known])
+    T[known] = shown_pose((R_cam_world @ R)[known])
     return Track(
         time_s=table.times(),
         r_hill=place,
@@ -160,10 +176,10 @@ def _turning(table: CsvTable, R: FloatArray, sd: FloatArray) -> Track:
     )
 
 
-def shown_pose(R_world_body: FloatArray) -> FloatArray:
+def shown_pose(R_cam_body: FloatArray) -> FloatArray:
     """(..., 4, 4) where a target is drawn of whose place nothing is known."""
-    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), R_world_body.shape[:-1])
-    return make_transform(R_world_body, shown_at)
+    shown_at = np.broadcast_to(np.array([0.0, 0.0, _SHOWN_AT_M]), R_cam_body.shape[:-1])
+    return make_transform(R_cam_body, shown_at)
 
 
 def _rotations(xyzw: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from urllib.parse import urlsplit
@@ -12,6 +13,7 @@ LOOPBACK = "127.0.0.1"
 UP = (0.0, -1.0, 0.0)
 """The top of the image, in the camera frame."""
 _LOOPBACK = {LOOPBACK, "localhost", "::1"}
+_PRINTING = threading.Lock()
 _REFUSED = 1008
 """WebSocket close code: policy violation."""
 
@@ -27,7 +29,7 @@ class LocalServer(viser.ViserServer):
         # Whoever opens a connection and says nothing would fill the terminal.
         logging.getLogger("websockets").setLevel(logging.CRITICAL + 1)
         # viser prints a frame with its addresses; the command line says its own.
-        with redirect_stdout(io.StringIO()):
+        with _silence():
             super().__init__(host=host, port=port, label=label, verbose=False)
         # Before any page is there: nothing says whether a page is told of it before or after its
         # own camera's place, which it reckons from the axes that it knows.
@@ -45,7 +47,7 @@ class LocalServer(viser.ViserServer):
 
     def stop(self) -> None:
         """Stop it; what viser prints of that is not shown."""
-        with redirect_stdout(io.StringIO()):
+        with _silence():
             super().stop()
 
     def request_share_url(self, verbose: bool = True) -> None:
@@ -57,6 +59,13 @@ class LocalServer(viser.ViserServer):
         headers = {} if socket.request is None else socket.request.headers
         if not is_own_origin(headers.get("Origin"), headers.get("Host"), self.get_host()):
             await socket.close(_REFUSED, "refused: the page comes from another site")
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Nothing printed. One at a time: the standard output is the whole process's."""
+    with _PRINTING, redirect_stdout(io.StringIO()):
+        yield
 
 
 def is_own_origin(origin: str | None, host: str | None, serving: str) -> bool:
@@ -77,11 +86,6 @@ def is_own_origin(origin: str | None, host: str | None, serving: str) -> bool:
 def label_of(names: Sequence[str]) -> str:
     """The title of a page that shows runs."""
     return f"pcnav: {' and '.join(names)}"
-
-
-def is_loopback(host: str) -> bool:
-    """Whether an address is reached from this machine alone."""
-    return host in _LOOPBACK
 
 
 @contextmanager

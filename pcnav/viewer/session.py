@@ -213,14 +213,18 @@ class Session:
     def _turn(self, now_s: float) -> None:
         """Draw if there is anything to draw."""
         news = self._take_news()
-        playback, times = self._playback, self._first.track.time_s
-        if playback is not None:
-            self._wanted = playback.frame_at(now_s, times)
-            if playback.has_ended(now_s, times) and not self._edition.is_live:
-                self.play(False)
+        times, ended = self._first.track.time_s, False
         with self._wake:
+            playback = self._playback
+            if playback is not None:
+                self._wanted = playback.frame_at(now_s, times)
+                ended = playback.has_ended(now_s, times) and not self._edition.is_live
+            if ended:
+                self._playback = None
             redraw, self._redraw = self._redraw, False
             redraw_plots, self._redraw_plots = self._redraw_plots, False
+        if ended:
+            self._controls.show_playing(False)
         moves = (redraw or self._wanted != self._drawn) and len(times) > 0
         frame = min(self._wanted, len(times) - 1) if moves else self._drawn
         lacks_details = self._details_frame != frame and playback is None and frame >= 0
@@ -260,8 +264,9 @@ class Session:
         if self._edition.is_live and not edition.is_live:
             self.change_look()
         self._edition = edition
-        if self._controls.follows_newest:
-            self._wanted = max(len(self._first.track) - 1, 0)
+        with self._wake:
+            if self._controls.follows_newest:
+                self._wanted = max(len(self._first.track) - 1, 0)
         return True
 
     def _go_on(self, now_s: float) -> None:
@@ -350,10 +355,14 @@ class Session:
             return
         if not self._is_placed:
             self._look_at_first()
-        if self._followed is None:
+        # Another thread may look from elsewhere in the meantime.
+        followed = self._followed
+        if followed is None:
             return
-        shift = self._first.centre(frame) - self._followed
-        self._followed = self._followed + shift
+        centre = self._first.centre(frame)
+        shift = centre - followed
+        if self._followed is followed:
+            self._followed = centre
         if np.linalg.norm(shift) > 0.0:
             self._client.camera.position = np.asarray(self._client.camera.position) + shift
 

@@ -10,7 +10,7 @@ import numpy as np
 from pcnav.arrays import FloatArray
 from pcnav.config import Pipeline, read_pipeline
 from pcnav.csv_table import read_csv
-from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.errors import InputError
 from pcnav.evaluation.knowledge import FROM_DATA
 from pcnav.evaluation.metrics import evaluate
@@ -68,7 +68,8 @@ class Story:
     frames: FrameStore | None
     """None when the frames are no longer on disk: the states alone are then shown."""
     target: Target | None
-    mean_motion_rad_s: float
+    orbit: KeplerOrbit
+    """The chaser's."""
     evaluation: Evaluation | None
     verdicts: Mapping[str, StateVerdict]
     """By column of states.csv; empty for a run that is not finished."""
@@ -139,7 +140,7 @@ class Story:
         """(3, 3) covariance of the mass centre's position, camera axes, m^2."""
         P = _block(self.position_covariance, self.track, frame, R_HILL)
         R_cam_world = self.track.T_cam_model[frame, :3, :3] @ self.track.R_world_body[frame].T
-        R = R_cam_world @ R_hill_world(self.track.time_s[frame], self.mean_motion_rad_s).T
+        R = R_cam_world @ self.orbit.R_hill_world(float(self.track.time_s[frame])).T
         return np.asarray(R @ P @ R.T)
 
     def com_spread_model(self, frame: int) -> FloatArray:
@@ -230,7 +231,7 @@ def _depth_story(folder: Path, tables: Path, finished: bool, told: str | None) -
         records=records_by_time(read_measurements(tables)),
         frames=frames,
         target=target,
-        mean_motion_rad_s=motion,
+        orbit=KeplerOrbit(motion),
         evaluation=judged(without_covariance(track), truth, target.symmetry_rotations),
         verdicts=_verdicts(folder / KNOWLEDGE_FILE),
         notes=tuple(notes),

@@ -101,8 +101,10 @@ class TargetLayer:
 
     def refresh_trail(self) -> None:
         """Draw the trail as far as the run has come."""
+        was_visible = self._trail.visible
         self._trail.remove()
         self._trail = self._add_trail()
+        self._trail.visible = was_visible
 
     def _show_ghost(self, frame: int | None, look: Look) -> None:
         evaluation = self._story.evaluation

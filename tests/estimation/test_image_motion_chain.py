@@ -267,6 +267,11 @@ def test_what_is_missing_is_said() -> None:
     )
     backwards = replace(known("der"), direction_second=-SECOND / np.linalg.norm(SECOND))
     assert translation(view(), backwards).verdict is Verdict.CONTRADICTION
+    # Out of the plane of the first direction and the motion: the rays never meet.
+    side = np.cross(view().R_second_first @ FIRST, view().direction)
+    aside = SECOND / np.linalg.norm(SECOND) + 0.1 * side / np.linalg.norm(side)
+    apart = replace(known("der"), direction_second=aside / np.linalg.norm(aside))
+    assert translation(view(), apart).verdict is Verdict.CONTRADICTION
     short = replace(known("drs"), range_second_m=0.1)
     assert translation(view(), short).verdict is Verdict.CONTRADICTION
 

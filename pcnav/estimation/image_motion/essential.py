@@ -12,9 +12,6 @@ from pcnav.arrays import BoolArray, FloatArray
 from pcnav.camera import PinholeCamera
 from pcnav.spatial import skew
 
-FEWEST_MATCHES = 8
-"""What the eight-point method takes."""
-
 _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 

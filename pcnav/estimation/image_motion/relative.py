@@ -104,7 +104,7 @@ def measure(
 ) -> RelativeMotion:
     """Relative motion of matches (n, 2) in normalised coordinates with noise ``sigma``.
 
-    Raises `InputError` for the robust solver without OpenCV.
+    Raises `InputError` for the robust solver without PoseLib.
     """
     count = len(first)
     none = np.zeros(count, dtype=np.bool_)

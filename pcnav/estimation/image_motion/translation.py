@@ -132,7 +132,9 @@ def _by_directions(view: RelativeView, known: Known) -> Translation:
         needed = "the range at the second frame: t points at the mass centre"
         return Translation(Verdict.OPEN, missing=needed)
     (ratio, length), *_ = np.linalg.lstsq(np.stack([d2, -t], axis=1), d1, rcond=None)
-    if ratio <= 0.0 or length < -view.tolerance_rad:
+    # Directions and motion that are not of one plane close no triangle.
+    off = float(np.linalg.norm(ratio * d2 - length * t - d1))
+    if ratio <= 0.0 or length < -view.tolerance_rad or off > view.tolerance_rad * max(1.0, ratio):
         missing = "directions that agree with the measured motion"
         return Translation(Verdict.CONTRADICTION, missing=missing)
     r1 = known.range_first_m

@@ -1,0 +1,85 @@
+"""What a browser is drawn: layers that stay off, pages that leave early."""
+
+import threading
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.viewer import app
+from pcnav.viewer.controls import _notes_html
+from pcnav.viewer.look import DEFAULT_LAYERS, Layer, Look
+from pcnav.viewer.server import LOOPBACK, LocalServer
+from pcnav.viewer.source import Edition, FinishedRuns
+from pcnav.viewer.story import Story
+from pcnav.viewer.target_layer import TargetLayer
+from tests.viewer.conftest import FRAMES
+
+
+def test_a_trail_that_is_off_stays_off(story: Story) -> None:
+    server = LocalServer(LOOPBACK, 0, "trail")
+    try:
+        layer = TargetLayer(server.scene, "/run_1", story, (255, 0, 0), is_first=True)
+        for layers, shown in ((DEFAULT_LAYERS - {Layer.TRAIL}, False), (DEFAULT_LAYERS, True)):
+            layer.show(FRAMES - 1, Look(layers=layers))
+            layer.refresh_trail()
+            assert layer._trail.visible is shown
+    finally:
+        server.stop()
+
+
+def test_a_page_that_leaves_early_leaves_no_session(
+    story: Story, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its session is built in one thread while another is told that it has gone."""
+    building, closed = threading.Event(), threading.Event()
+    clients: dict[int, Any] = {7: SimpleNamespace(client_id=7)}
+
+    class Slow:
+        def __init__(self, client: Any, *_: object) -> None:
+            building.set()
+            while clients:
+                time.sleep(0.001)
+
+        def close(self) -> None:
+            closed.set()
+
+    calls: dict[str, Any] = {}
+    server: Any = SimpleNamespace(
+        on_client_connect=lambda call: calls.setdefault("connect", call),
+        on_client_disconnect=lambda call: calls.setdefault("disconnect", call),
+        get_clients=lambda: clients,
+    )
+    monkeypatch.setattr(app, "Session", Slow)
+    app.show(server, FinishedRuns((story,)))
+    client = clients[7]
+    thread = threading.Thread(target=calls["connect"], args=(client,))
+    thread.start()
+    assert building.wait(10.0)
+    calls["disconnect"](client)
+    clients.clear()
+    thread.join(10.0)
+    assert closed.is_set()
+
+
+def test_what_a_folder_says_is_text(story: Story) -> None:
+    foreign = replace(story, notes=("<img src=x onerror=alert(1)>",))
+    html = _notes_html(Edition((foreign,), 0, is_live=False))
+    assert "<img" not in html and "&lt;img" in html
+
+
+def test_the_position_is_told_in_the_axes_of_an_eccentric_orbit(story: Story) -> None:
+    orbit = KeplerOrbit(1e-3, 0.3, 0.4)
+    P = np.diag([1.0, 4.0, 9.0])
+    later = replace(story.track, time_s=story.track.time_s + 2000.0)
+    told = replace(
+        story, track=later, orbit=orbit, position_covariance=np.tile(P, (len(later), 1, 1))
+    )
+    k = FRAMES - 1
+    R_cam_world = later.T_cam_model[k, :3, :3] @ later.R_world_body[k].T
+    R = R_cam_world @ orbit.R_hill_world(float(later.time_s[k])).T
+    np.testing.assert_allclose(told.position_spread_cam(k), R @ P @ R.T, atol=1e-12)
