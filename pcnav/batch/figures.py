@@ -8,11 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
 
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, BatchRun, shown_value
-from pcnav.batch.formats import metric_label, shown_unit
+from pcnav.batch.formats import is_wide, metric_label, shown_unit
 from pcnav.batch.metrics import Metric
 from pcnav.batch.pivot import AxisOrder, Layout, PivotTable, ReadRun, Values, pivot
 from pcnav.batch.row_heads import axis_label, axis_setting
 from pcnav.batch.samples import Window
+from pcnav.batch.statistics import Estimate
 from pcnav.batch.sweeps import Sweep, sweeps
 from pcnav.evaluation.figures import (
     CATEGORIES,
@@ -115,8 +116,14 @@ def _series(table: PivotTable, metric: Metric, column: Values) -> np.ndarray:
     cells = [table.of(row, column) for row in table.rows]
     found = [None if cell is None else cell.estimates[metric.name] for cell in cells]
     nothing = (np.nan, np.nan, np.nan)
-    rows = [nothing if e is None else (e.value, e.low, e.high) for e in found]
+    # An interval that tells nothing would make the axis tell nothing either.
+    rows = [nothing if e is None else _shown(e) for e in found]
     return np.array(rows, dtype=np.float64).T
+
+
+def _shown(estimate: Estimate) -> tuple[float, float, float]:
+    value = estimate.value
+    return (value, value, value) if is_wide(estimate) else (value, estimate.low, estimate.high)
 
 
 def _scale_horizontal(

@@ -55,12 +55,17 @@ _TELLING = 1000.0
 """An interval whose ends lie farther apart, as a factor, tells nothing in a table."""
 
 
+def is_wide(estimate: Estimate) -> bool:
+    """Whether the ends of an interval lie so far apart that they tell nothing."""
+    return estimate.low > 0.0 and estimate.high > _TELLING * estimate.low
+
+
 def estimate_text(estimate: Estimate, scale: float = 1.0, with_bounds: bool = True) -> str:
     """A number, its 95 % interval where there is one, and the verdict on consistency."""
     if not estimate.exists:
         return NONE
     text = number(scale * estimate.value)
-    if estimate.low > 0.0 and estimate.high > _TELLING * estimate.low:
+    if is_wide(estimate):
         text += " [wide]"
     elif np.isfinite(estimate.low):
         text += f" [{number(scale * estimate.low)}, {number(scale * estimate.high)}]"
@@ -160,7 +165,7 @@ def _note(metrics: Sequence[Metric], window: Window) -> str:
         f"wide: more than a factor of {_TELLING:g} between their ends."
     )
     if families & {Family.ERRORS, Family.CONSISTENCY, Family.BOUND}:
-        text = f"Errors over the {window.text}. {text}"
+        text = f"Errors over {window.text}. {text}"
     if any(metric.quantity.name in ("ate_rmse_m", *_RELATIVE) for metric in metrics):
         text += " Trajectory errors are over the whole run."
     if Family.CONSISTENCY in families:
@@ -174,6 +179,7 @@ def _note(metrics: Sequence[Metric], window: Window) -> str:
         text += " RMS of the error over the bound on its standard deviation, frame by frame; 1 is "
         text += "the best that can be."
     if Family.LOCKING in families:
+        text += " Locking is judged over all frames of a run."
         text += " Wrong: off by more than 10 % of the target's size or 10 deg, up to symmetry."
     return text
 

@@ -39,8 +39,10 @@ class Window:
     def text(self) -> str:
         """In words, for a table's note."""
         if self.from_s is None:
-            return "second half of each run"
-        return f"from {self.from_s:g} s after the first frame on" if self.from_s else "whole runs"
+            return "the second half of each run"
+        if not self.from_s:
+            return "whole runs"
+        return f"the frames from {self.from_s:g} s after the first on"
 
 
 SETTLED = Window()

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
+import numpy as np
+
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, BatchRun
 from pcnav.batch.document import batch_document
 from pcnav.batch.estimators.interface import FirstPose
@@ -16,7 +18,7 @@ from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics
 from pcnav.batch.page import BatchFacts, Failure, TablePart, batch_page, failures_table
 from pcnav.batch.pivot import AxisOrder, Layout, PivotTable, pivot, without_empty_rows
 from pcnav.batch.record import RunRecord
-from pcnav.batch.samples import SETTLED, Window
+from pcnav.batch.samples import SETTLED, Window, numbers
 from pcnav.batch.standard_tables import (
     DEFAULT_METRICS,
     STANDARD,
@@ -79,9 +81,10 @@ def tabulate(
     if not headers:
         raise InputError(store.folder, "runs", "expected at least one finished run, found none")
     runs = [header.run for header in headers]
-    layouts, drawn = _plan(AxisOrder.of(runs), wanted)
+    layouts, drawn = _plan(AxisOrder.of(runs), wanted, keep_standard=out is None)
 
     read = KeptRecords(store)
+    _refuse_empty(window, [read(header.run) for header in headers if not header.failure])
     folder = store.folder / TABLES_FOLDER if out is None else out
     with new_folder(folder, overwrite or out is None, INDEX_FILE) as staging:
         parts = []
@@ -136,17 +139,35 @@ def run_table(record: RunRecord, window: Window = SETTLED) -> TextTable:
         if estimate.exists:
             scale, unit = display_unit(metric.unit, estimate.value)
             rows.append((metric_label(metric, unit), number(scale * estimate.value)))
-    note = f"Errors over the {window.text}."
+    note = f"Errors over {window.text}."
     return TextTable("run", str(record.run), ("metric", "value"), tuple(rows), note)
 
 
-def _plan(order: AxisOrder, wanted: Wanted) -> tuple[tuple[Layout, ...], tuple[Metric, ...]]:
-    """The tables to make, the one with everything last, and the metrics to draw."""
+def _refuse_empty(window: Window, records: Sequence[RunRecord]) -> None:
+    """Raise `InputError` for a window that no run reaches."""
+    if window.from_s is None or not records:
+        return
+    longest = max(
+        float(np.ptp(numbers(record, "time_s"))) if record.frames else 0.0 for record in records
+    )
+    if window.from_s > longest:
+        expected = f"expected at most {longest:g} s, the longest run, got {window.from_s:g}"
+        raise InputError("pcnav table", "--from", expected)
+
+
+def _plan(
+    order: AxisOrder, wanted: Wanted, keep_standard: bool
+) -> tuple[tuple[Layout, ...], tuple[Metric, ...]]:
+    """The tables to make, the one with everything last, and the metrics to draw.
+
+    What is asked for comes first, before the tables that every batch keeps in its own folder.
+    """
     if wanted.anything:
         asked = asked_layout(wanted, order)
         drawable = [m for m in asked.metrics if m.quantity.family is Family.ERRORS]
         drawn = tuple(drawable[:_PANELS]) or named_metrics(DEFAULT_METRICS)
-        return (asked, statistics_layout(order)), drawn
+        standard = default_layouts(order) if keep_standard else ()
+        return (asked, *standard, statistics_layout(order)), drawn
     return (*default_layouts(order), statistics_layout(order)), named_metrics(DEFAULT_METRICS)
 
 

@@ -16,3 +16,7 @@ Scheduler = Annotated[
         "--scheduler", help="Use the workers of a dask scheduler instead: tcp://host:8786."
     ),
 ]
+Port = Annotated[
+    int,
+    typer.Option("--port", min=0, max=65535, help="Of the view; a taken port moves up, 0 is any."),
+]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pcnav.cli.names import mesh_of_pipeline, named_mesh, named_pipeline
-from pcnav.cli.options import Overwrite
+from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
 from pcnav.errors import InputError
 
@@ -41,7 +41,7 @@ def run(
     view: Annotated[
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
     ] = False,
-    port: Annotated[int, typer.Option(help="Of the view; a taken port moves up.")] = 8080,
+    port: Port = 8080,
 ) -> None:
     """Estimate pose, motion and mass properties from depth frames, feature tracks or images.
 

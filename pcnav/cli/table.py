@@ -76,9 +76,13 @@ def table(
     elif source is None:
         raise InputError("pcnav table", "argument", "expected a grid, a batch or --compare OLD NEW")
     elif Path(source).is_dir():
-        _refuse(source, running)
+        _refuse(f"{source} (a finished batch)", running)
         _tabulate(Path(source), out, wanted, window, overwrite)
     elif out is None:
+        from pcnav.batch.grid import named_grid
+
+        # A name that nobody knows is the more likely mistake.
+        named_grid(source)
         raise InputError(source, "--out", "expected a folder for the batch: -o OUT")
     elif case is not None:
         _refuse("--case", {"--jobs": jobs, "--scheduler": scheduler})

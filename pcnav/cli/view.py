@@ -1,12 +1,13 @@
 """``pcnav view``: a run in the browser."""
 
+import socket
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pcnav.cli.options import Overwrite
+from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
 from pcnav.errors import InputError
 
@@ -16,13 +17,14 @@ if TYPE_CHECKING:
 
 _LOOPBACK = "127.0.0.1"
 _MOST_RUNS = 2
+_SUFFIXES = {"html": (".html", ".htm"), "png": (".png",), "recording": (".viser",)}
 
 
 def view(
     runs: Annotated[
         list[Path], typer.Argument(help="Result folder of a run; a second one is laid over it.")
     ],
-    port: Annotated[int, typer.Option(help="A taken port moves up.")] = 8080,
+    port: Port = 8080,
     host: Annotated[
         str, typer.Option(help="Address to serve on; the default is this machine alone.")
     ] = _LOOPBACK,
@@ -45,11 +47,15 @@ def view(
     Examples: `pcnav view runs/demo/result`, `pcnav view runs/old runs/new`,
     `pcnav view runs/demo/result --frame 100 --png frame.png`, `pcnav view run.viser`
     """
+    _refuse_foreign(host)
     if len(runs) > _MOST_RUNS:
         raise InputError("pcnav view", "runs", f"expected at most {_MOST_RUNS}, got {len(runs)}")
     exports = {"html": html, "png": png, "recording": recording}
     asked = {kind: path for kind, path in exports.items() if path is not None}
     if len(runs) == 1 and runs[0].suffix == ".viser" and runs[0].is_file():
+        if asked:
+            expected = "expected a result folder: pictures and pages are made of runs"
+            raise InputError(runs[0], f"--{next(iter(asked))}", expected)
         _play(runs[0], host, port)
         return
     from pcnav.viewer.folder import refuse_what_is_no_run
@@ -73,6 +79,17 @@ def view(
         server.stop()
         raise
     serve_until_interrupted(server)
+
+
+def _refuse_foreign(host: str) -> None:
+    """An address that this machine has not would never be served on."""
+    try:
+        address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(address[0], socket.SOCK_STREAM) as trial:
+            trial.bind(address[4])
+    except OSError as error:
+        expected = f"expected an address of this machine, got {host} ({error.strerror})"
+        raise InputError("pcnav view", "--host", expected) from error
 
 
 def _told(runs: list[Path]) -> "tuple[Story, ...]":
@@ -106,7 +123,9 @@ def serve_until_interrupted(server: "LocalServer") -> None:
 def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwrite: bool) -> None:
     from pcnav.viewer.export import export, refuse_existing, shown_frame
 
-    for path in asked.values():
+    for kind, path in asked.items():
+        if path.suffix.lower() not in _SUFFIXES[kind]:
+            raise InputError(path, f"--{kind}", f"expected a name ending in {_SUFFIXES[kind][0]}")
         refuse_existing(path, overwrite)
     stories = _told(runs)
     at = shown_frame(stories[0], frame)

@@ -46,7 +46,8 @@ def evaluate_attitudes(
     """
     errors = None if truth is None else attitude_errors(track, truth)
     judged = np.isfinite(track.nis)
-    nis = consistency("nis", track.nis[judged], np.full(int(judged.sum()), 3, dtype=np.intp))
+    degrees = np.full(int(judged.sum()), 3, dtype=np.intp)
+    nis = consistency("nis", track.nis[judged], degrees, independent=True)
     metrics = run_metrics(track, track.has_estimate, nis)
     if errors is not None:
         metrics = replace(

@@ -297,6 +297,15 @@ def _set_two_sided_log(
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_ylim(-1.5 * largest, 1.5 * largest)
+    axes.text(
+        *(1.0, 1.01),
+        f"linear to ±{linear:g}, logarithmic beyond",
+        transform=axes.transAxes,
+        ha="right",
+        va="bottom",
+        fontsize=6.5,
+        color=MUTED,
+    )
 
 
 def _shortened(text: str, length: int) -> str:

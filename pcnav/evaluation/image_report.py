@@ -93,13 +93,17 @@ def _outcome_section(track: ImageTrack) -> str:
     counts = Counter(track.outcome).most_common()
     rows = [(told, str(count), f"{count / len(track):.1%}") for told, count in counts]
     segments = len(np.unique(track.segment))
-    axes = "All attitudes are in the camera's axes of the first frame."
+    axes = "The body axes are the camera's at that frame."
     if segments > 1:
         axes = (
             f"The chain had to begin anew: {segments} segments, each with body axes of its own, "
             "the camera's at its first frame. Attitudes of different segments cannot be compared."
         )
-    text = f"A frame that is not measured has no attitude, and says why. {axes}"
+    text = (
+        "The first frame of a segment is given its attitude: it defines the body axes and is not "
+        "compared with the truth. Another frame that is not measured has none, and says why. "
+        f"{axes}"
+    )
     caption = "What became of every frame, coloured by status."
     figures = [
         vector_figure("Outcomes", caption, _outcome_figure(track)),

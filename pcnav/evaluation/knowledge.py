@@ -47,6 +47,11 @@ Not less: a motion may leave one combination of all five inertia ratios wholly u
 them, with an even part in it, has still gained log2(sqrt(5)) = 1.16 bits.
 """
 
+KNOWN_RULE = (
+    f"Known from data: the prior's share is at most {LARGEST_PRIOR_SHARE:.0%}, or the standard "
+    f"deviation has fallen to 1/{2**ENOUGH_BITS:g} or less; else prior only, whatever was gained."
+)
+
 _UNITS = (
     *((R_HILL, "m"), (V_HILL, "m/s"), (COM_MODEL, "m")),
     *((THETA_BODY, "rad"), (OMEGA_BODY, "rad/s"), (INERTIA_RATIOS, "1")),

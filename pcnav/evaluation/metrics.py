@@ -83,8 +83,8 @@ class Consistency:
     """Their sum over `degrees`: 1 when the covariance is right, more when it is too small."""
     lower: float
     upper: float
-    """95 % bounds of `mean_per_degree` if the frames were independent. Filter innovations are;
-    filter errors are correlated in time and spread wider."""
+    """95 % bounds of `mean_per_degree`: of innovations as of independent frames, of errors, which
+    hang together, as of a single one."""
     share_inside: float
     """Share of frames within their own two-sided 95 % bounds."""
     unusable_frames: int
@@ -200,7 +200,7 @@ def distribution(norms: FloatArray) -> Distribution:
 def nis_consistency(track: Track) -> Consistency:
     """Normalised innovations squared of a track against their degrees of freedom."""
     used = np.isfinite(track.nis) & (track.nis_dof > 0)
-    return consistency("nis", track.nis[used], track.nis_dof[used])
+    return consistency("nis", track.nis[used], track.nis_dof[used], independent=True)
 
 
 def nees_consistency(errors: TrackErrors, covariance: FloatArray | None) -> tuple[Consistency, ...]:
@@ -249,14 +249,20 @@ def _squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
     return squared
 
 
-def chi_square_bounds(degrees: IntArray | FloatArray | int) -> tuple[FloatArray, FloatArray]:
+def chi_square_bounds(degrees: IntArray | FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """Two-sided 95 % bounds of a chi-square variable, element by element."""
     tail = 0.5 * (1.0 - _CONFIDENCE)
     return chi_square.quantile(tail, degrees), chi_square.quantile(1.0 - tail, degrees)
 
 
-def consistency(name: str, squared: FloatArray, degrees: IntArray) -> Consistency:
-    """Judge squared normalised errors (n,) of so many degrees of freedom each."""
+def consistency(
+    name: str, squared: FloatArray, degrees: IntArray, *, independent: bool = False
+) -> Consistency:
+    """Judge squared normalised errors (n,) of so many degrees of freedom each.
+
+    Innovations are ``independent`` from frame to frame, so that their mean lies near 1. Errors of a
+    filter hang together: at worst all frames of a run are one draw, and so wide are their bounds.
+    """
     usable: BoolArray = np.isfinite(squared)
     values, own_degrees = squared[usable], degrees[usable]
     total = int(own_degrees.sum())
@@ -264,14 +270,15 @@ def consistency(name: str, squared: FloatArray, degrees: IntArray) -> Consistenc
     if not total:
         return Consistency(name, 0, 0, math.nan, math.nan, math.nan, math.nan, unusable)
     lower, upper = chi_square_bounds(own_degrees)
-    mean_lower, mean_upper = chi_square_bounds(total)
+    drawn = total if independent else total / len(values)
+    mean_lower, mean_upper = chi_square_bounds(drawn)
     return Consistency(
         name=name,
         frames=len(values),
         degrees=total,
         mean_per_degree=float(values.sum() / total),
-        lower=float(mean_lower) / total,
-        upper=float(mean_upper) / total,
+        lower=float(mean_lower) / drawn,
+        upper=float(mean_upper) / drawn,
         share_inside=float(np.mean((values >= lower) & (values <= upper))),
         unusable_frames=unusable,
     )
@@ -342,7 +349,7 @@ def _consistency_json(values: Consistency) -> dict[str, object]:
         "frames": values.frames,
         "degrees_of_freedom": values.degrees,
         "mean_per_degree_of_freedom": _number(values.mean_per_degree),
-        "bounds_95_of_mean_if_independent": [_number(values.lower), _number(values.upper)],
+        "bounds_95_of_mean": [_number(values.lower), _number(values.upper)],
         "share_of_frames_inside_own_95": _number(values.share_inside),
         "unusable_frames": values.unusable_frames,
     }

@@ -38,6 +38,7 @@ td small { color: var(--muted); font-size: 12px; }
 .columns { columns: 3 360px; column-gap: 16px; font-size: 13px; }
 .columns .panel { break-inside: avoid; margin-bottom: 16px; }
 .columns td { padding: 4px 6px; overflow-wrap: anywhere; }
+.columns td:first-child { min-width: 16ch; overflow-wrap: normal; }
 h3 { font-size: 15px; margin: 6px 0; }
 .stack { display: grid; gap: 16px; }
 figure { margin: 0; padding: 12px 14px; }
@@ -165,13 +166,18 @@ def _lines(text: str) -> str:
 
 def _rows(group: Mapping[str, object]) -> str:
     rows = (
-        f"<tr><td>{escape(name)}</td><td>{escape(_setting(value))}</td></tr>"
+        f"<tr><td>{_breakable(name)}</td><td>{escape(_setting(value))}</td></tr>"
         for name, value in group.items()
     )
     return "<table><tbody>" + "\n".join(rows) + "</tbody></table>"
 
 
+def _breakable(name: str) -> str:
+    """A long name that a narrow column may break between its words."""
+    return escape(name).replace("_", "_<wbr>")
+
+
 def _setting(value: object) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(str(item) for item in value)
-    return "not set" if value is None else str(value)
+    return "not set" if value is None else str(value) or "(empty)"

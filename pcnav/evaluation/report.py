@@ -189,8 +189,8 @@ def truth_section(metrics: Metrics) -> str:
         pieces += [
             page.paragraph(
                 "Are the stated covariances honest? The NEES per degree of freedom is 1 when they "
-                "are. The bounds hold for independent frames; the errors of a filter are "
-                "correlated in time, so a value just outside is no proof of a fault."
+                "are. The errors of a filter hang together from frame to frame, so the 95 % bounds "
+                "are those of a single frame; many runs tell more (pcnav table)."
             ),
             page.table(
                 _NEES_HEADINGS,

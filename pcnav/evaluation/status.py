@@ -46,8 +46,7 @@ def status_section(track: Track, symmetry: str) -> str:
     """
     figure = page.image(
         "Status and its evidence",
-        "Frames by status; the share of each frame that the estimated pose explains; the NIS per "
-        f"degree of freedom over the last {NIS_WINDOW_FRAMES} frames with its 95 % band.",
+        "; ".join(_shown(track)) + ".",
         "image/svg+xml",
         svg_bytes(status_figure(track)),
     )
@@ -63,6 +62,19 @@ def status_section(track: Track, symmetry: str) -> str:
     if "ambiguous" in track.status:
         pieces.append(page.paragraph(_ambiguity(symmetry)))
     return page.section("Status", page.grid([figure, page.stack(pieces)]))
+
+
+def _shown(track: Track) -> list[str]:
+    """What the figure has, from top to bottom."""
+    told = ["Frames by status"]
+    if np.isfinite(track.explained).any():
+        told.append("the share of each frame that the estimated pose explains")
+    if np.isfinite(track.window_nis).any():
+        told.append(
+            f"the NIS per degree of freedom over the last {NIS_WINDOW_FRAMES} frames with its "
+            "95 % band"
+        )
+    return told
 
 
 def _change_row(track: Track, k: int) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from pcnav.arrays import FloatArray
 from pcnav.estimation.error_state import ManifoldState
 from pcnav.evaluation.knowledge import (
     FROM_DATA,
+    KNOWN_RULE,
     StateKnowledge,
     in_words,
     independent_combinations,
@@ -132,7 +133,8 @@ class ObservabilityReport:
         rows = tuple(_knowledge_row(state) for state in self.states)
         note = (
             "Left by the prior: of a constant its prior sd, in a motion what errors of the prior "
-            "put into it. The share is the prior's part of the variance."
+            "put into it. The share is the prior's part of the variance. "
+            f"{KNOWN_RULE}"
         )
         header = (
             "state",

@@ -167,7 +167,11 @@ def _of_image_pipeline(
     known = [frame.covariance for frame in frames if frame.reference is not None]
     noise = [each for each in known if each is not None]
     if not noise:
-        raise InputError(source, "image_motion", "expected a motion whose attitude images tell")
+        expected = (
+            "expected tracks that tell an attitude: no frame of the simulated ones is measured; "
+            "look at a run on images instead"
+        )
+        raise InputError(source, "image_motion", expected)
     state = truth.states[0]
     start = RotationState(
         state.R_world_body,

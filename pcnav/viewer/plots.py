@@ -190,7 +190,7 @@ def _columns_of(
 ) -> tuple[list[FloatArray], list[uplot.Series], list[uplot.Band]]:
     """Time and series of all runs on the times of all of them, and how they are drawn."""
     times = [chart.time_s[chart.shown()] for chart, _ in present]
-    x = np.unique(np.concatenate(times))
+    x = np.unique(np.concatenate([*times, *(_edges(chart) for chart, _ in present)]))
     columns, series, bands = [x], [uplot.Series()], list[uplot.Band]()
 
     def add(values: FloatArray, look: uplot.Series) -> None:
@@ -200,9 +200,8 @@ def _columns_of(
     for chart, colour in present:
         at = chart.shown()
         time_s, curve = chart.time_s[at], chart.curve
-        missing = ~np.isfinite(curve.values[at])
-        if missing.any() and not curve.dots:
-            add(_steps(x, time_s, missing), _shade(_BOUND))
+        if not curve.dots and not np.isfinite(curve.values).all():
+            add(_steps(x, chart.time_s, ~np.isfinite(curve.values)), _shade(_BOUND))
         if chart.known is not None and chart.known.any():
             add(_steps(x, time_s, chart.known[at]), _shade(_KNOWN))
         if curve.high is not None and curve.low is not None:
@@ -253,6 +252,15 @@ def _columns_of(
         {"scale": _UNIT_SCALE, "stroke": hex_of(_CURSOR), "width": 1.2, "points": {"show": False}}
     )
     return columns, series, bands
+
+
+def _edges(chart: Chart) -> FloatArray:
+    """Times just before and after each change between an estimate and none: shades end upright."""
+    missing = ~np.isfinite(chart.curve.values)
+    changes = np.flatnonzero(missing[1:] != missing[:-1])
+    before, after = chart.time_s[changes], chart.time_s[changes + 1]
+    middle, apart = 0.5 * (before + after), 1e-3 * (after - before)
+    return np.concatenate([middle - apart, middle + apart])
 
 
 def _carried(x: FloatArray, time_s: FloatArray, values: FloatArray) -> FloatArray:
@@ -319,6 +327,10 @@ def two_sided_ticks(linear_to: float, largest: float, most: int) -> list[float]:
     return [*(-power for power in powers), 0.0, *reversed(powers)]
 
 
+def _lacks(chart: Chart) -> bool:
+    return not chart.curve.dots and not bool(np.isfinite(chart.curve.values).all())
+
+
 def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
     """What the lines mean, as HTML."""
     parts = []
@@ -331,6 +343,11 @@ def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
         if groups[0].remark:
             swatch = f"<span style='color:{hex_of(_KNOWN)}'>■</span>"
             parts.append(f"{swatch} {escape(groups[0].remark)}")
+        if any(_lacks(chart) for group in groups for chart in group.charts):
+            swatch = f"<span style='color:{hex_of(_BOUND)}'>■</span>"
+            parts.append(f"{swatch} no estimate: lines go on level")
+        if first.linear_to is not None:
+            parts.append("scale: linear to the innermost numbers, logarithmic beyond")
         if first.bound is not None:
             parts.append(f"<span style='color:{hex_of(_BOUND)}'>- -</span> 95 % of frames below")
     names = "&emsp;".join(

@@ -397,7 +397,7 @@ def test_the_command_tabulates_again_without_running(
     assert (code, err) == (0, "")
     assert "attitude, RMS, deg" in out and "position, 95 %, mm" in out
     assert FAILURE in out
-    assert "from 5 s after the first frame on" in out
+    assert "Errors over the frames from 5 s after the first on." in out
     rows = rows_of((tmp_path / "t" / "pivot.csv").read_text())
     assert len(rows) == 12
     assert {path: path.stat().st_mtime_ns for path in store.runs_folder.iterdir()} == before
@@ -412,6 +412,8 @@ def test_bad_commands_are_one_line_each(pcnav: Pcnav, store: RunStore, tmp_path:
         ((folder, "--rows", "range"), "--rows: range: expected some of: satellite"),
         ((folder, "--metrics", "speed_m"), "--metrics: speed_m: expected some of"),
         ((folder, "--jobs", "2"), "--jobs: expected none"),
+        ((folder, "--from", "1000"), "--from: expected at most"),
+        (("nosuchbatch",), "nosuchbatch"),
         ((folder, "-o", other), "empty or new folder"),
         ((folder, "-o", other, "--overwrite"), "no index.html"),
         ((other,), "expected that of a batch, with batch.json"),

@@ -45,7 +45,7 @@ from pcnav.results import (
 from pcnav.spatial import exp_rotation, make_transform
 from pcnav.tracking import Status
 
-VOID = {"meta", "img", "br"}
+VOID = {"meta", "img", "br", "wbr"}
 
 
 class PageReader(HTMLParser):
@@ -72,6 +72,9 @@ class PageReader(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
+        # A place where a word may break is none where the text ends.
+        if self.get_starttag_text() == "<wbr>":
+            self.text = self.text.removesuffix("\n")
         self.text += data + "\n"
 
 
