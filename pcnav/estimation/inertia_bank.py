@@ -175,12 +175,16 @@ class InertiaBankEstimator:
             blend[chosen][None] / blend[chosen].sum(),
             self._ratios[chosen][None],
         )
-        status = Status.LOCKED if weights[best] >= _DECIDED else Status.AMBIGUOUS
+        is_decided = bool(weights[best] >= _DECIDED)
+        status = Status.LOCKED if is_decided else Status.AMBIGUOUS
+        motion = self._motion(mixture, time_s)
+        if self._table.estimate is BankEstimate.MAP and not is_decided:
+            motion = _with_doubt(motion, weights, self._ratios)
         notes = {f"weight_{k + 1}": float(weight) for k, weight in enumerate(weights)}
         return FeatureEstimate(
             time_s=time_s,
             status=status if used else Status.COASTING,
-            motion=self._motion(mixture, time_s),
+            motion=motion,
             used=used,
             rejected=rejected,
             nis=float("nan") if result is None or not used else float(result.joint_nis[best]),
@@ -211,3 +215,15 @@ class InertiaBankEstimator:
             covariance=covariance[np.ix_(rows, rows)],
             features=points,
         )
+
+
+def _with_doubt(motion: MotionEstimate, weights: FloatArray, ratios: FloatArray) -> MotionEstimate:
+    """One hypothesis followed while others may be right: how far its inertia is from theirs.
+
+    ``weights`` (H,) and ``ratios`` (H, 5) of all hypotheses. The second moment about the one
+    followed is that of its error as the bank knows it. Once decided, the inertia is held fixed.
+    """
+    away = ratios - motion.inertia_ratios
+    covariance = motion.covariance.copy()
+    covariance[MOTION_SIZE:, MOTION_SIZE:] += away.T @ (weights[:, None] * away)
+    return replace(motion, covariance=covariance)

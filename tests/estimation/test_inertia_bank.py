@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pcnav.config_features import BankEstimate, InertiaBankTable
+from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.errors import InputError
 from pcnav.estimation.inertia_bank import InertiaBankEstimator
 from pcnav.feature_estimate import FeatureEstimate, MotionEstimate
@@ -167,3 +168,29 @@ def test_hypotheses_that_cannot_be():
         InertiaBankTable(hypotheses=((1.0, 1.0, 1.0, 2.0, 0.0, 0.0),), allow_unphysical=True)
     with pytest.raises(ValueError, match="prior: expected one for every"):
         InertiaBankTable(prior=(0.5, 0.5))
+
+
+def test_an_undecided_inertia_is_doubted():
+    rng = np.random.default_rng(0)
+    points = points_of(rng)
+    table = TABLE.model_copy(update={"estimate": BankEstimate.MAP})
+    estimator = InertiaBankEstimator(RIG, paper.ORBIT, table)
+    ratios = np.stack([ratios_from_inertia(each) for each in estimator._inertia])
+    undecided = 0
+    for frame in frames(rng, points):
+        estimate = estimator.step(frame)
+        if estimate.motion is None:
+            continue
+        stated = estimate.motion.covariance[12:, 12:]
+        weights = np.array([estimate.notes[f"weight_{k + 1}"] for k in range(len(ratios))])
+        if weights.max() >= 0.9:
+            np.testing.assert_array_equal(stated, 0.0)
+            continue
+        undecided += 1
+        followed = int(estimate.notes["hypothesis"]) - 1
+        # Drawn as the bank believes, the true one is so far from the one that is followed.
+        drawn = ratios[rng.choice(len(ratios), size=40_000, p=weights)] - ratios[followed]
+        spread = drawn.T @ drawn / len(drawn)
+        sd = np.sqrt(np.diagonal(spread))
+        np.testing.assert_allclose(stated / np.outer(sd, sd), spread / np.outer(sd, sd), atol=0.1)
+    assert undecided
