@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -24,6 +25,7 @@ _ARGUMENTS = (
     *("--disable-component-update", "--disable-sync", "--hide-scrollbars"),
 )
 _PATIENCE_S = 60.0
+_MOST_PICTURES, _SAME_PICTURES, _BETWEEN_PICTURES_S = 20, 3, 0.3
 BACKGROUND = (20, 20, 20)
 
 
@@ -70,6 +72,19 @@ def picture_png(client: viser.ClientHandle, width: int, height: int) -> bytes:
     """What a browser shows of the scene, on its dark background, as PNG."""
     drawn = client.get_render(height, width, transport_format="png", timeout=_PATIENCE_S)
     return png_bytes(on_background(drawn))
+
+
+def settled_png(client: viser.ClientHandle, width: int, height: int) -> bytes:
+    """The picture once it stays the same: letters and shaders take a browser some time."""
+    picture, same = b"", 0
+    for _ in range(_MOST_PICTURES):
+        newer = picture_png(client, width, height)
+        same = same + 1 if newer == picture else 0
+        if same == _SAME_PICTURES:
+            break
+        picture = newer
+        time.sleep(_BETWEEN_PICTURES_S)
+    return picture
 
 
 def on_background(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from pcnav.errors import InputError
-from pcnav.viewer.browser import opened_page, picture_png
+from pcnav.viewer.browser import opened_page, settled_png
 from pcnav.viewer.layers import StoryLayers, shot_of, thinned
 from pcnav.viewer.look import Look, vector
 from pcnav.viewer.palette import RUNS
@@ -99,9 +99,7 @@ def scene_png(stories: tuple[Story, ...], frame: int) -> bytes:
         layers.show(frame, shot_of(stories[0], frame), Look())
         _caption(server.scene, stories, frame)
         with opened_page(server, *_PICTURE_SIZE) as client:
-            # The first picture may lack what the browser is still preparing.
-            picture_png(client, *_PICTURE_SIZE)
-            return picture_png(client, *_PICTURE_SIZE)
+            return settled_png(client, *_PICTURE_SIZE)
     finally:
         server.stop()
 
@@ -140,7 +138,7 @@ def _quiet_server(stories: tuple[Story, ...], frame: int) -> LocalServer:
 
 def _caption(scene: viser.SceneApi, stories: tuple[Story, ...], frame: int) -> viser.LabelHandle:
     centre = stories[0].centre(frame)
-    above = centre - np.array([0.0, 0.75 * stories[0].size_m, 0.0])
+    above = centre - np.array([0.0, 0.55 * stories[0].size_m, 0.0])
     return scene.add_label(
         "/caption", _told(stories, frame), position=vector(above), anchor="center-center"
     )
