@@ -179,7 +179,8 @@ def _note(metrics: Sequence[Metric], window: Window) -> str:
         text += " RMS of the error over the bound on its standard deviation, frame by frame; 1 is "
         text += "the best that can be."
     if Family.LOCKING in families:
-        text += " Locking is judged over all frames of a run."
+        text += " Locking is judged over all frames of a run; the share of frames with a pose is "
+        text += f"that of {window.text}."
         text += " Wrong: off by more than 10 % of the target's size or 10 deg, up to symmetry."
     return text
 

@@ -12,7 +12,7 @@ from pcnav.viewer.curves import Chart, ChartGroup, groups_of
 from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
 from pcnav.viewer.story import Story
 
-_HEIGHT_OF_ALL_PX = 640
+_HEIGHT_OF_ALL_PX = 610
 _FRAME_PX = 24
 """About each plot."""
 _MOST_HEIGHT_PX = 190
@@ -343,11 +343,13 @@ def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
         if groups[0].remark:
             swatch = f"<span style='color:{hex_of(_KNOWN)}'>■</span>"
             parts.append(f"{swatch} {escape(groups[0].remark)}")
+        remarks = []
         if any(_lacks(chart) for group in groups for chart in group.charts):
-            swatch = f"<span style='color:{hex_of(_BOUND)}'>■</span>"
-            parts.append(f"{swatch} no estimate: lines go on level")
+            remarks.append(f"<span style='color:{hex_of(_BOUND)}'>■</span> no estimate")
         if first.linear_to is not None:
-            parts.append("scale: linear to the innermost numbers, logarithmic beyond")
+            remarks.append("log scale beyond the innermost numbers")
+        if remarks:
+            parts.append("&emsp;".join(remarks))
         if first.bound is not None:
             parts.append(f"<span style='color:{hex_of(_BOUND)}'>- -</span> 95 % of frames below")
     names = "&emsp;".join(
