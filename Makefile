@@ -10,8 +10,8 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 WORKERS ?= 2
 RUNS ?= runs
 STUDIES := yu2019 tracking hu2024 segal2011 applsci2022 deng2024
-TYPED := $(wildcard pcnav benchmarks tests)
-LINTED := $(wildcard pcnav benchmarks meshes tests)
+TYPED := $(wildcard pcnav studies benchmarks tests)
+LINTED := $(wildcard pcnav studies benchmarks meshes tests)
 STAMP := $(VENV)/.installed
 
 # Exact versions, also for the build backend that pip runs in an environment of its own (which

@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.peers import METHODS, Method, Poses
 from benchmarks.scenes import Case
-from pcnav.arrays import BoolArray, FloatArray
-from pcnav.spatial import rotation_angle
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.spatial import rotation_angle
 
 
 @dataclass(frozen=True)

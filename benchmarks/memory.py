@@ -9,8 +9,8 @@ from pathlib import Path
 from rich.table import Table
 
 from benchmarks.scenes import record, shortened
-from pcnav.config import CameraTable, OrbitTable, Pipeline
-from pcnav.provenance import pipeline_toml
+from pcnav.config.pipeline_file import CameraTable, OrbitTable, Pipeline
+from pcnav.runs.provenance import pipeline_toml
 
 SHORT_FRAMES = 500
 _SIZE_PX = 96

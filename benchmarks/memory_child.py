@@ -6,9 +6,9 @@ import resource
 import sys
 from pathlib import Path
 
-from pcnav.config import read_pipeline
+from pcnav.config.pipeline_file import read_pipeline
 from pcnav.pipeline import run
-from pcnav.results import FrameEstimate
+from pcnav.runs.results import FrameEstimate
 
 
 def main(sequence: Path, pipeline: Path, out: Path) -> None:

@@ -1,6 +1,6 @@
 """The methods compared: pcnav and its peers, each from the same frames to poses and times.
 
-They are the estimators that batches put to the test (`pcnav.batch.estimators`). Open3D and
+They are the estimators that batches put to the test (`pcnav.estimators.peers`). Open3D and
 small_gicp each run with their usual settings and with those that serve them better here, and the
 best of all is the one that counts; both use all cores, as they would at a user's desk.
 """
@@ -14,17 +14,17 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.scenes import Case
-from pcnav.arrays import FloatArray
-from pcnav.batch.estimators.icp import (
+from pcnav.core.arrays import FloatArray
+from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.peers.icp import (
     FEWER_NEIGHBOURS,
     START_TURN_DEG,
     Open3dIcp,
     SmallGicp,
     disturbed,
 )
-from pcnav.batch.estimators.interface import Estimator, FirstPose, Given
-from pcnav.batch.estimators.names import EstimatorName
-from pcnav.batch.estimators.registry import ESTIMATORS
+from pcnav.estimators.peers.interface import Estimator, FirstPose, Given
+from pcnav.estimators.registry import ESTIMATORS
 
 
 @dataclass(frozen=True)

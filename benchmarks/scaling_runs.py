@@ -9,7 +9,7 @@ from pcnav.batch.case import BatchRun, Case, batch_runs
 from pcnav.batch.depth_run import DepthRun
 from pcnav.batch.grid import named_grid
 from pcnav.batch.record import RunRecord
-from pcnav.provenance import library_versions
+from pcnav.runs.provenance import library_versions
 
 GRID = """
 [batch]

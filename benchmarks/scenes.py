@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcnav.arrays import FloatArray
-from pcnav.config import Pipeline, read_pipeline
-from pcnav.evaluation.truth import read_truth
-from pcnav.sequences.opening import open_sequence
-from pcnav.sequences.sequence import Frame, SequenceInfo
-from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.recordings.truth import read_truth
 from pcnav.simulation.recording import simulate
-from pcnav.target import Target, load_target
+from pcnav.target.satellite import Target, load_target
 
 
 @dataclass(frozen=True)

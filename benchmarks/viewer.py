@@ -20,7 +20,7 @@ from PIL import Image
 from rich.table import Table
 
 from benchmarks.scenes import record, shortened
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
 from pcnav.viewer.browser import find_browser
 

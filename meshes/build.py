@@ -18,10 +18,10 @@ import numpy as np
 import trimesh
 from trimesh.exchange.obj import export_obj
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.rigid_body import ratios_from_inertia
-from pcnav.sidecar import MassTable, RectangleName, Sidecar, write_sidecar
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, write_sidecar
 
 Vector = tuple[float, float, float]
 

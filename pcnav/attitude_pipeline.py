@@ -13,32 +13,37 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.attitude_results import (
+from pcnav.config.features import EstimatorKind
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.errors import InputError
+from pcnav.estimators.attitude_inertia.chained_inertia import ChainedInertiaEstimator
+from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator, RotationEstimate
+from pcnav.estimators.attitude_inertia.rotation_model import TorqueFreeModel, carry
+from pcnav.estimators.image_motion.chain import ChainFrame
+from pcnav.estimators.image_motion.source import (
+    ImageSource,
+    chain_of,
+    is_seen_by_one_camera,
+    open_source,
+)
+from pcnav.evaluation.attitude_metrics import evaluate_attitudes
+from pcnav.evaluation.metrics import Metrics
+from pcnav.evaluation.observability.sources import observability_of_run, tables_for_report
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.attitudes import AttitudeRecording, read_attitudes
+from pcnav.recordings.monocular import write_monocular_files
+from pcnav.recordings.truth import read_truth
+from pcnav.report.attitude_report import AttitudeReport, write_attitude_report
+from pcnav.runs.attitude_results import (
     AttitudeFrame,
     AttitudeTrack,
     attitude_frame,
     attitude_track,
     write_states,
 )
-from pcnav.config import Pipeline
-from pcnav.config_features import EstimatorKind
-from pcnav.errors import InputError
-from pcnav.estimation.attitude_inertia import AttitudeInertiaEstimator, RotationEstimate
-from pcnav.estimation.chained_inertia import ChainedInertiaEstimator
-from pcnav.estimation.image_motion.chain import ChainFrame
-from pcnav.estimation.rotation_model import TorqueFreeModel, carry
-from pcnav.evaluation.attitude_metrics import evaluate_attitudes
-from pcnav.evaluation.attitude_report import AttitudeReport, write_attitude_report
-from pcnav.evaluation.metrics import Metrics
-from pcnav.evaluation.truth import read_truth
-from pcnav.image_results import outcome_in_words
-from pcnav.image_source import ImageSource, chain_of, is_seen_by_one_camera, open_source
-from pcnav.new_folder import new_folder
-from pcnav.observability.sources import observability_of_run, tables_for_report
-from pcnav.provenance import library_versions, pipeline_toml
-from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
-from pcnav.sequences.attitudes import AttitudeRecording, read_attitudes
-from pcnav.sequences.monocular import write_monocular_files
+from pcnav.runs.image_results import outcome_in_words
+from pcnav.runs.provenance import library_versions, pipeline_toml
+from pcnav.runs.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 
 OnFrame = Callable[[AttitudeFrame, int, int], None]
 """Told of every frame, how many are done, and of how many."""

@@ -7,23 +7,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcnav.config import Pipeline
-from pcnav.config_features import EstimatorKind
-from pcnav.errors import InputError
-from pcnav.estimation.inertia_bank import InertiaBankEstimator
-from pcnav.estimation.principal_axes import PrincipalAxesEstimator
+from pcnav.config.features import EstimatorKind
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.errors import InputError
+from pcnav.estimators.inertia_bank.estimator import InertiaBankEstimator
+from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.evaluation.feature_metrics import evaluate_features
-from pcnav.evaluation.feature_report import FeatureReport, write_feature_report
 from pcnav.evaluation.metrics import Metrics
-from pcnav.evaluation.truth import read_truth
-from pcnav.feature_estimate import FeatureEstimate, FeatureEstimator
-from pcnav.feature_results import FeatureCollector, FeatureTrack, write_tables
-from pcnav.new_folder import new_folder
-from pcnav.observability.sources import observability_of_run, tables_for_report
-from pcnav.provenance import library_versions, pipeline_toml
-from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
-from pcnav.sequences.track_files import read_tracks, read_truth_features, recording_folder
-from pcnav.sequences.tracks import Tracks
+from pcnav.evaluation.observability.sources import observability_of_run, tables_for_report
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.track_files import read_tracks, read_truth_features, recording_folder
+from pcnav.recordings.tracks import Tracks
+from pcnav.recordings.truth import read_truth
+from pcnav.report.feature_report import FeatureReport, write_feature_report
+from pcnav.runs.feature_estimate import FeatureEstimate, FeatureEstimator
+from pcnav.runs.feature_results import FeatureCollector, FeatureTrack, write_tables
+from pcnav.runs.provenance import library_versions, pipeline_toml
+from pcnav.runs.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 
 OnEstimate = Callable[[FeatureEstimate, int, int], None]
 """Told of every estimate, how many frames are done, and of how many."""

@@ -6,26 +6,24 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcnav.config import Pipeline
-from pcnav.config_features import EstimatorKind, EstimatorTable
-from pcnav.errors import InputError
+from pcnav.config.features import EstimatorKind, EstimatorTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.errors import InputError
+from pcnav.estimators.image_motion.source import ImageSource, OnFrame, chain_of, open_source
 from pcnav.evaluation.image_metrics import evaluate_images
-from pcnav.evaluation.image_report import ImageReport, write_image_report
 from pcnav.evaluation.metrics import Metrics
-from pcnav.evaluation.truth import read_truth
-from pcnav.image_results import image_track, write_states
-from pcnav.image_source import ImageSource, OnFrame, chain_of, open_source
-from pcnav.new_folder import new_folder
-from pcnav.observability.sources import (
+from pcnav.evaluation.observability.sources import (
     can_be_judged,
     observability_of_run,
     tables_for_report,
 )
-from pcnav.provenance import library_versions, pipeline_toml
-from pcnav.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
-from pcnav.sequences.monocular import (
-    write_monocular_files,
-)
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.monocular import write_monocular_files
+from pcnav.recordings.truth import read_truth
+from pcnav.report.image_report import ImageReport, write_image_report
+from pcnav.runs.image_results import image_track, write_states
+from pcnav.runs.provenance import library_versions, pipeline_toml
+from pcnav.runs.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_FILE
 
 
 @dataclass(frozen=True)

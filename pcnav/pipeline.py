@@ -11,21 +11,24 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.errors import InputError
+from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.errors import InputError
+from pcnav.estimators.depth.tracker import Tracker
+from pcnav.estimators.depth.views import FrameView
 from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_known
 from pcnav.evaluation.metrics import Metrics, evaluate
-from pcnav.evaluation.overlay import frame_picture
-from pcnav.evaluation.report import ReportContent, write_report
-from pcnav.evaluation.text_table import TextTable
-from pcnav.evaluation.truth import read_truth
-from pcnav.mesh import wireframe_edges
-from pcnav.observability.sources import observability_of_depth, tables_for_report
-from pcnav.prior import PriorMass
-from pcnav.provenance import library_versions, pipeline_toml
-from pcnav.result_writer import ResultWriter
-from pcnav.results import (
+from pcnav.evaluation.observability.sources import observability_of_depth, tables_for_report
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.truth import read_truth
+from pcnav.report.depth_report import ReportContent, write_report
+from pcnav.report.overlay import frame_picture
+from pcnav.report.text_table import TextTable
+from pcnav.runs.provenance import library_versions, pipeline_toml
+from pcnav.runs.result_writer import ResultWriter
+from pcnav.runs.results import (
     KNOWLEDGE_FILE,
     METRICS_FILE,
     PIPELINE_FILE,
@@ -35,12 +38,9 @@ from pcnav.results import (
     count_outcomes,
     read_track,
 )
-from pcnav.sequences.opening import open_sequence
-from pcnav.sequences.sequence import Sequence
-from pcnav.symmetry import group_name
-from pcnav.target import Target, load_target
-from pcnav.tracking import Tracker
-from pcnav.tracking.views import FrameView
+from pcnav.target.mesh import wireframe_edges
+from pcnav.target.satellite import Target, load_target
+from pcnav.target.symmetry import group_name
 
 _LOG = logging.getLogger("pcnav")
 

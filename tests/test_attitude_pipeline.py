@@ -9,17 +9,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pcnav.attitude_pipeline import run_attitudes
-from pcnav.config import Pipeline, ScenarioTable, read_pipeline
-from pcnav.config_features import EstimatorKind, EstimatorTable
-from pcnav.errors import InputError
-from pcnav.observability.sources import observability_of_pipeline, observability_of_run
+from pcnav.config.features import EstimatorKind, EstimatorTable
+from pcnav.config.pipeline_file import Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.errors import InputError
+from pcnav.evaluation.observability.sources import observability_of_pipeline, observability_of_run
 from pcnav.pipeline import run as run_depth
-from pcnav.sequences.attitudes import read_attitudes, write_attitudes
-from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.recordings.attitudes import read_attitudes, write_attitudes
 from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.image_recording import simulate_images
 from pcnav.simulation.recording import simulate
-from pcnav.target import load_target
+from pcnav.target.satellite import load_target
 
 
 def _shipped(name: str, frames: int, **update: object) -> Pipeline:

@@ -10,32 +10,27 @@ from scipy.stats import chi2
 
 from pcnav import feature_pipeline
 from pcnav.cli import main
-from pcnav.config import (
-    BodyTable,
-    OrbitTable,
-    Pipeline,
-    ScenarioTable,
-    read_pipeline,
-)
-from pcnav.config_features import (
-    EstimatorKind,
-    EstimatorTable,
-    FeaturesTable,
-)
-from pcnav.csv_table import read_csv
+from pcnav.config.features import EstimatorKind, EstimatorTable, FeaturesTable
+from pcnav.config.pipeline_file import BodyTable, OrbitTable, Pipeline, ScenarioTable, read_pipeline
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
-from pcnav.errors import InputError
 from pcnav.evaluation.feature_metrics import evaluate_features, principal_rotation
-from pcnav.evaluation.feature_report import FeatureReport
-from pcnav.evaluation.truth import read_truth
-from pcnav.feature_estimate import FeatureEstimate, FeatureEstimator, FeaturePoint, MotionEstimate
 from pcnav.feature_pipeline import estimate_tracks, run_features
-from pcnav.feature_results import ERROR_SIZE
-from pcnav.sequences.track_files import read_tracks, read_truth_features
-from pcnav.sequences.tracks import TrackFrame, Tracks
+from pcnav.files.csv_table import read_csv
+from pcnav.recordings.track_files import read_tracks, read_truth_features
+from pcnav.recordings.tracks import TrackFrame, Tracks
+from pcnav.recordings.truth import read_truth
+from pcnav.report.feature_report import FeatureReport
+from pcnav.runs.feature_estimate import (
+    FeatureEstimate,
+    FeatureEstimator,
+    FeaturePoint,
+    MotionEstimate,
+)
+from pcnav.runs.feature_results import ERROR_SIZE
 from pcnav.simulation.feature_recording import simulate_tracks
-from pcnav.spatial import exp_rotation, rotation_from_xyzw
 
 SIGMA = 0.01
 ACQUIRING = 3

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from pcnav.cli import main
-from pcnav.config import (
+from pcnav.config.features import EstimatorKind, EstimatorTable, FeaturesTable
+from pcnav.config.images import (
+    ImageCameraTable,
+    ImageMotionTable,
+    MatchSolver,
+    ShadingTable,
+    Smoothing,
+)
+from pcnav.config.pipeline_file import (
     BodyTable,
     CameraTable,
     OrbitTable,
@@ -17,29 +25,21 @@ from pcnav.config import (
     ScenarioTable,
     read_pipeline,
 )
-from pcnav.config_features import EstimatorKind, EstimatorTable, FeaturesTable
-from pcnav.config_images import (
-    ImageCameraTable,
-    ImageMotionTable,
-    MatchSolver,
-    ShadingTable,
-    Smoothing,
-)
-from pcnav.csv_table import read_csv
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import rotation_angle, rotation_from_xyzw
 from pcnav.dynamics.rigid_body import inertia_from_ratios
-from pcnav.errors import InputError
-from pcnav.evaluation.truth import read_truth
+from pcnav.files.csv_table import read_csv
 from pcnav.image_pipeline import run_images
-from pcnav.image_results import IMAGE_STATES_COLUMNS
-from pcnav.sequences.monocular import (
+from pcnav.recordings.monocular import (
     CAMERA_FILE,
     MONOCULAR_TRACKS_FILE,
     read_monocular,
     write_monocular,
 )
-from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.recordings.truth import read_truth
+from pcnav.runs.image_results import IMAGE_STATES_COLUMNS
 from pcnav.simulation.image_recording import box_of_inertia, simulate_images
-from pcnav.spatial import rotation_angle, rotation_from_xyzw
 
 # The solver as printed needs no library; of exact tracks it is as good as any.
 EXACT = ImageMotionTable(

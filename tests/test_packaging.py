@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import pcnav
-from pcnav.shipped import (
+from pcnav.config.shipped import (
     shipped_mesh,
     shipped_mesh_names,
     shipped_pipeline,
@@ -110,7 +110,7 @@ def test_wheel_carries_types_licence_and_modules(repository: Path, installed: Pa
 
 def test_wheel_finds_the_same_satellites_and_pipelines(installed: Path) -> None:
     code = (
-        "from pcnav import shipped\n"
+        "from pcnav.config import shipped\n"
         "names = shipped.shipped_mesh_names(), shipped.shipped_pipeline_names()\n"
         "files = [*map(shipped.shipped_mesh, names[0]), *map(shipped.shipped_pipeline, names[1])]\n"
         "print(repr((names, [str(file) for file in files])))\n"
@@ -151,7 +151,7 @@ def test_help_answers_without_the_heavy_libraries(repository: Path) -> None:
 
 def test_open3d_is_imported_through_one_module(repository: Path) -> None:
     output = run_python(
-        "from pcnav._open3d import open3d\nprint(open3d.geometry.PointCloud().is_empty())",
+        "from pcnav.core._open3d import open3d\nprint(open3d.geometry.PointCloud().is_empty())",
         repository,
     )
     assert output == "True\n"

@@ -13,17 +13,18 @@ import numpy as np
 import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 
-from pcnav.config import Pipeline, ScenarioTable, read_pipeline
-from pcnav.errors import InputError
-from pcnav.evaluation import report, status
-from pcnav.evaluation.truth import read_truth
+from pcnav.config.pipeline_file import Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import rotation_angle
+from pcnav.dynamics.state import STATE_SIZE
 from pcnav.pipeline import run
-from pcnav.results import ACCEPTED, FrameEstimate, read_measurements, read_track
-from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.recordings.truth import read_truth
+from pcnav.report import depth_report as report
+from pcnav.report import status
+from pcnav.runs.results import ACCEPTED, FrameEstimate, read_measurements, read_track
 from pcnav.simulation.recording import simulate
-from pcnav.spatial import rotation_angle
-from pcnav.state import STATE_SIZE
-from pcnav.target import load_target
+from pcnav.target.satellite import load_target
 
 FRAMES = 24
 ESTIMATES = ("states.csv", "poses.tum", "measurements.csv")

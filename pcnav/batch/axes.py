@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pydantic import BaseModel
 
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue
-from pcnav.batch.estimators.names import EstimatorName
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.estimators.names import EstimatorName
 
 SATELLITE_AXIS = "satellite"
 RANGE_AXIS = "range_m"

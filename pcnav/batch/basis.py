@@ -10,15 +10,15 @@ from pathlib import Path
 
 from pcnav.batch.axes import SATELLITE_AXIS
 from pcnav.batch.case import BatchRun, Case
-from pcnav.config import Pipeline, read_pipeline
-from pcnav.config_features import EstimatorKind
-from pcnav.errors import InputError
-from pcnav.shipped import (
+from pcnav.config.features import EstimatorKind
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import (
     shipped_mesh,
     shipped_mesh_names,
     shipped_pipeline,
     shipped_pipeline_names,
 )
+from pcnav.core.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from pcnav.arrays import FloatArray
 from pcnav.batch.metrics import Better, Metric
 from pcnav.batch.resampling import CONFIDENCE, Pool, once
 from pcnav.batch.samples import CellSamples
 from pcnav.batch.statistics import replicates_of
+from pcnav.core.arrays import FloatArray
 
 _SMALLEST_ERROR = 1e-12
 """Errors below this, in their unit, are as good as none: their ratio means nothing."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from pcnav.batch.fitness import Requirements, check_workers
 from pcnav.batch.threads import THREAD_VARIABLES, one_thread_each
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster

@@ -9,7 +9,7 @@ from pcnav.batch.metrics import Metric, named_metrics
 from pcnav.batch.samples import SETTLED, CellSamples, Window, collect
 from pcnav.batch.statistics import quantities_of
 from pcnav.batch.store import RunStore
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 COMPARED = (
     "position_sym_rms_m",

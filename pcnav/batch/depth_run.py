@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 from pcnav.batch.basis import GridBasis
 from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun
-from pcnav.batch.estimators.icp import disturbed
-from pcnav.batch.estimators.interface import FirstPose, Given
-from pcnav.batch.estimators.names import EstimatorName
-from pcnav.batch.estimators.registry import ESTIMATORS, Entry
 from pcnav.batch.following import follow, truth_of
 from pcnav.batch.judging import judge
 from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
 from pcnav.batch.scenario import run_pipeline
+from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.peers.icp import disturbed
+from pcnav.estimators.peers.interface import FirstPose, Given
+from pcnav.estimators.registry import ESTIMATORS, Entry
 from pcnav.evaluation.bound import SceneBound
-from pcnav.provenance import library_versions_with_peers
+from pcnav.runs.provenance import library_versions_with_peers
 from pcnav.simulation.scene import Scene
-from pcnav.target import Target
+from pcnav.target.satellite import Target
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from pcnav.batch.cluster import EVERY_CORE, THIS_MACHINE, Workers, connected
 from pcnav.batch.fitness import Requirements, UnfitWorkerError, here, refuse_unfit
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -15,13 +15,7 @@ from pcnav.batch.row_heads import axis_label, axis_setting
 from pcnav.batch.samples import Window
 from pcnav.batch.statistics import Estimate
 from pcnav.batch.sweeps import Sweep, sweeps
-from pcnav.evaluation.figures import (
-    CATEGORIES,
-    add_legend,
-    new_figure,
-    style_axes,
-    svg_bytes,
-)
+from pcnav.report.figures import CATEGORIES, add_legend, new_figure, style_axes, svg_bytes
 
 _HEIGHT_IN = 2.9
 _MARKERS = ("o", "s", "^", "D", "v")

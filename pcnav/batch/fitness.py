@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcnav.batch.layout import BATCH_FILE, read_identity
-from pcnav.errors import InputError
-from pcnav.provenance import library_versions_with_peers
+from pcnav.core.errors import InputError
+from pcnav.runs.provenance import library_versions_with_peers
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -107,7 +107,7 @@ def _question() -> Callable[[str | None], tuple[dict[str, str], dict[str, str], 
         import os
 
         try:
-            from pcnav.provenance import library_versions_with_peers
+            from pcnav.runs.provenance import library_versions_with_peers
 
             versions = library_versions_with_peers()
         except ImportError:

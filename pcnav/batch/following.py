@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.batch.estimators.interface import Answer, Estimator
+from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.estimators.peers.interface import Answer, Estimator
 from pcnav.evaluation.bound import SceneBound, pose_jacobian
-from pcnav.evaluation.truth import Truth
-from pcnav.results import Track
-from pcnav.sequences.sequence import Frame
+from pcnav.recordings.sequence import Frame
+from pcnav.recordings.truth import Truth
+from pcnav.runs.results import Track
 from pcnav.simulation.recording import as_recorded
 from pcnav.simulation.scenario import TrueMotion
 from pcnav.simulation.scene import Scene
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
 
 BOUNDED = ("position", "attitude", "rate", "com", "inertia_ratios")
 """What the columns of `Followed.bound` are of."""

@@ -11,10 +11,10 @@ from pcnav.batch.axes import RANGE_AXIS, SATELLITE_AXIS
 from pcnav.batch.basis import GridBasis, stated_pipeline
 from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun, Case, batch_runs, shown_value
 from pcnav.batch.grid_file import GridFile, cases_of, read_grid_file
-from pcnav.config import Pipeline
-from pcnav.errors import InputError
-from pcnav.sequences.depth_png import MAXIMUM_UNITS
-from pcnav.shipped import shipped_grid_names, shipped_pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.shipped import shipped_grid_names, shipped_pipeline
+from pcnav.core.errors import InputError
+from pcnav.recordings.depth_png import MAXIMUM_UNITS
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ class GridPlan:
         what a depth image can store.
         """
         # They bring Open3D, which a look at a grid alone does not need.
-        from pcnav.batch.estimators.names import EstimatorName
-        from pcnav.batch.estimators.registry import ESTIMATORS
-        from pcnav.target import load_target
+        from pcnav.estimators.names import EstimatorName
+        from pcnav.estimators.registry import ESTIMATORS
+        from pcnav.target.satellite import load_target
 
         source = self.basis.source
         for name in dict.fromkeys(str(case.value(ESTIMATOR_AXIS)) for case in self.cases):

@@ -19,9 +19,9 @@ from pydantic import Field, model_validator
 
 from pcnav.batch.axes import AXES
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, Case
-from pcnav.config import read_toml_model
-from pcnav.config_table import Positive, Table
-from pcnav.errors import InputError
+from pcnav.config.pipeline_file import read_toml_model
+from pcnav.config.table import Positive, Table
+from pcnav.core.errors import InputError
 
 BATCH_TABLE = "batch"
 """The table that tells a grid file from a pipeline file."""

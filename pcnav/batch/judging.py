@@ -4,18 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray
 from pcnav.batch.following import BOUNDED, Followed
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.spatial import rotation_angle, xyzw_from_rotation
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, V_HILL
 from pcnav.evaluation.metrics import BLOCKS, squared_normalised_errors
 from pcnav.evaluation.model_distance import model_distances, surface_points
 from pcnav.evaluation.track_errors import TrackErrors, best_symmetry, relabelled, track_errors
 from pcnav.evaluation.trajectory import absolute_errors, relative_errors, root_mean_square
-from pcnav.evaluation.truth import Truth
-from pcnav.results import Track
-from pcnav.spatial import rotation_angle, xyzw_from_rotation
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, V_HILL
-from pcnav.status import Status
-from pcnav.target import Target
+from pcnav.recordings.truth import Truth
+from pcnav.runs.results import Track
+from pcnav.runs.status import Status
+from pcnav.target.satellite import Target
 
 CLAIMS = frozenset({str(Status.LOCKED), str(Status.AMBIGUOUS)})
 """The statuses that say that a pose can be relied on."""

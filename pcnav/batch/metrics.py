@@ -17,7 +17,7 @@ from pcnav.batch.samples import (
     per_degree,
     value,
 )
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from pcnav.evaluation.metrics import BLOCKS, PERCENTILES
 
 

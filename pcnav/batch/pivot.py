@@ -11,7 +11,7 @@ from pcnav.batch.metrics import Metric
 from pcnav.batch.record import RunRecord
 from pcnav.batch.samples import Window
 from pcnav.batch.statistics import CellStatistics, cell_statistics
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 Values = tuple[AxisValue, ...]
 """What a row or a column of a table stands for, axis by axis."""

@@ -18,9 +18,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pcnav.arrays import FloatArray
 from pcnav.batch.case import BatchRun, Case
-from pcnav.errors import InputError
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
 
 FORMAT = 1
 """Number of the layout described here; a file with another one is refused."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from pcnav.arrays import FloatArray, IntArray
 from pcnav.batch.samples import Sample, pooled
+from pcnav.core.arrays import FloatArray, IntArray
 
 DRAWS = 2000
 CONFIDENCE = 0.95

@@ -13,7 +13,7 @@ from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
 from pcnav.batch.store import new_store
 from pcnav.batch.stored import OnBatchProgress, run_stored
 from pcnav.batch.tabulate import TableSummary, tabulate
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 
 def run_batch(

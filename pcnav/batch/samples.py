@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
 from pcnav.batch.case import BatchRun
 from pcnav.batch.record import RunRecord
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 
 SECOND_HALF = 0.5
 

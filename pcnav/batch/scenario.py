@@ -13,10 +13,10 @@ import numpy as np
 from pcnav.batch.axes import AXES, RANGE_AXIS, TUMBLE_AXIS
 from pcnav.batch.basis import GridBasis
 from pcnav.batch.case import BatchRun, Case
-from pcnav.config import Pipeline
-from pcnav.config_table import Vector3
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.table import Vector3
 from pcnav.simulation.random_truth import Satellite, Spread, random_truth
-from pcnav.target import Target, load_target
+from pcnav.target.satellite import Target, load_target
 
 
 @lru_cache(maxsize=8)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pcnav.batch.case import ESTIMATOR_AXIS
 from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics, of_family
 from pcnav.batch.pivot import AxisOrder, Layout
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 DEFAULT_METRICS = ("position_sym_rms_m", "attitude_sym_rms_deg")
 """Of a pivot that names none, of figures and of comparisons."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
 from pcnav.batch.metrics import Metric, Statistic
 from pcnav.batch.record import RunRecord
 from pcnav.batch.resampling import (
@@ -20,6 +19,7 @@ from pcnav.batch.resampling import (
     root_mean_square,
 )
 from pcnav.batch.samples import CellSamples, SampleOf, Window, collect
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.evaluation.metrics import chi_square_bounds
 
 

@@ -28,8 +28,8 @@ from pcnav.batch.record import (
     read_header,
     read_record,
 )
-from pcnav.errors import InputError
-from pcnav.provenance import library_versions_with_peers
+from pcnav.core.errors import InputError
+from pcnav.runs.provenance import library_versions_with_peers
 
 _WRITTEN = (GRID_FILE, BATCH_FILE)
 

@@ -11,7 +11,7 @@ from pcnav.batch.engine import Failure, attempt, outcomes
 from pcnav.batch.fitness import here
 from pcnav.batch.record import SUFFIX, RunRecord, read_header, write_record
 from pcnav.batch.store import RunStore
-from pcnav.provenance import library_versions_with_peers
+from pcnav.runs.provenance import library_versions_with_peers
 
 OnBatchProgress = Callable[[int, int, int], None]
 """Told how many runs are done, of how many, and how many of those done failed."""

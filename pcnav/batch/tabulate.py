@@ -11,7 +11,6 @@ import numpy as np
 
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, BatchRun
 from pcnav.batch.document import batch_document
-from pcnav.batch.estimators.interface import FirstPose
 from pcnav.batch.figures import Drawing, figures
 from pcnav.batch.formats import csv_text, metric_label, text_tables
 from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics
@@ -30,10 +29,11 @@ from pcnav.batch.standard_tables import (
 )
 from pcnav.batch.statistics import cell_statistics
 from pcnav.batch.store import RunStore
-from pcnav.errors import InputError
-from pcnav.evaluation.summary import display_unit, number
-from pcnav.evaluation.text_table import TextTable
-from pcnav.new_folder import new_folder
+from pcnav.core.errors import InputError
+from pcnav.estimators.peers.interface import FirstPose
+from pcnav.files.new_folder import new_folder
+from pcnav.report.summary import display_unit, number
+from pcnav.report.text_table import TextTable
 
 TABLES_FOLDER = "tables"
 """Inside the folder of a batch."""
@@ -227,8 +227,8 @@ def _facts(
 def _estimators(names: Sequence[AxisValue]) -> tuple[tuple[str, str, str], ...]:
     """Name, title and what is told of the first pose, of every estimator in a batch."""
     # They bring Open3D, which nothing else here needs.
-    from pcnav.batch.estimators.icp import START_SHIFT_FRACTION, START_TURN_DEG
-    from pcnav.batch.estimators.registry import ESTIMATORS
+    from pcnav.estimators.peers.icp import START_SHIFT_FRACTION, START_TURN_DEG
+    from pcnav.estimators.registry import ESTIMATORS
 
     known = {str(name): entry for name, entry in ESTIMATORS.items()}
     told = {

@@ -11,7 +11,7 @@ from typing import Annotated, cast
 import typer
 
 from pcnav import __version__
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 app = typer.Typer(
     help="Pose, motion, mass centre and inertia of a tumbling satellite from depth frames.",

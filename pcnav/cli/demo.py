@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pcnav.cli.options import Overwrite
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     pass

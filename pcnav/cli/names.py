@@ -3,16 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:  # heavy imports sit inside the functions, so that --help answers at once
-    from pcnav.config import Pipeline
+    from pcnav.config.pipeline_file import Pipeline
 
 
 def named_pipeline(name: str) -> "tuple[Path, Pipeline]":
     """A pipeline by path or shipped name."""
-    from pcnav.config import read_pipeline
-    from pcnav.shipped import shipped_pipeline, shipped_pipeline_names
+    from pcnav.config.pipeline_file import read_pipeline
+    from pcnav.config.shipped import shipped_pipeline, shipped_pipeline_names
 
     path = Path(name)
     if not path.is_file():
@@ -26,7 +26,7 @@ def named_pipeline(name: str) -> "tuple[Path, Pipeline]":
 
 def named_mesh(name: str) -> Path:
     """A mesh by path or shipped name."""
-    from pcnav.shipped import shipped_mesh
+    from pcnav.config.shipped import shipped_mesh
 
     path = Path(name)
     found = path if path.is_file() else shipped_mesh(name)
@@ -37,7 +37,7 @@ def named_mesh(name: str) -> Path:
 
 def mesh_of_pipeline(pipeline: Path, name: str) -> Path:
     """The mesh a pipeline file names: a path relative to the file, or a shipped name."""
-    from pcnav.shipped import shipped_mesh
+    from pcnav.config.shipped import shipped_mesh
 
     path = pipeline.parent / name
     found = path if path.is_file() else shipped_mesh(name)
@@ -47,6 +47,6 @@ def mesh_of_pipeline(pipeline: Path, name: str) -> Path:
 
 
 def _known_meshes() -> str:
-    from pcnav.shipped import shipped_mesh_names
+    from pcnav.config.shipped import shipped_mesh_names
 
     return f"expected a mesh file or one of: {', '.join(shipped_mesh_names())}"

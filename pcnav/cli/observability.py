@@ -33,7 +33,10 @@ def observability(
 
     from rich.console import Console
 
-    from pcnav.observability.sources import observability_of_pipeline, observability_of_run
+    from pcnav.evaluation.observability.sources import (
+        observability_of_pipeline,
+        observability_of_run,
+    )
 
     wanted = {
         "mass centre": mass_centre_sd_m,

@@ -8,7 +8,7 @@ import typer
 from pcnav.cli.names import mesh_of_pipeline, named_mesh, named_pipeline
 from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     from pcnav.cli.run_kinds import Work
@@ -62,12 +62,12 @@ def run_into(
     view_port: int | None = None,
 ) -> None:
     from pcnav.cli.run_kinds import attitudes_run, depth_run, images_run, tracks_run
-    from pcnav.config import Pipeline
-    from pcnav.config_features import EstimatorKind
-    from pcnav.image_source import is_seen_by_one_camera
-    from pcnav.sequences.attitudes import ATTITUDES_FILE, is_attitude_recording
-    from pcnav.sequences.monocular import CAMERA_FILE
-    from pcnav.sequences.track_files import TRACKS_FILE, is_track_recording
+    from pcnav.config.features import EstimatorKind
+    from pcnav.config.pipeline_file import Pipeline
+    from pcnav.estimators.image_motion.source import is_seen_by_one_camera
+    from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording
+    from pcnav.recordings.monocular import CAMERA_FILE
+    from pcnav.recordings.track_files import TRACKS_FILE, is_track_recording
 
     path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:

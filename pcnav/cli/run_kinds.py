@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from pcnav.attitude_results import AttitudeFrame
 from pcnav.cli.progress import Advance
-from pcnav.config import Pipeline
-from pcnav.estimation.image_motion.chain import ChainFrame
-from pcnav.evaluation.summary import summary_table
-from pcnav.feature_estimate import FeatureEstimate
-from pcnav.results import FrameEstimate
-from pcnav.sequences.sequence import Sequence
-from pcnav.target import Target
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.estimators.image_motion.chain import ChainFrame
+from pcnav.recordings.sequence import Sequence
+from pcnav.report.summary import summary_table
+from pcnav.runs.attitude_results import AttitudeFrame
+from pcnav.runs.feature_estimate import FeatureEstimate
+from pcnav.runs.results import FrameEstimate
+from pcnav.target.satellite import Target
 
 if TYPE_CHECKING:
     from pcnav.viewer.live import LiveView
@@ -74,7 +74,7 @@ def tracks_run(
 ) -> Work:
     """On stereo feature tracks."""
     from pcnav.feature_pipeline import run_features
-    from pcnav.sequences.track_files import read_tracks
+    from pcnav.recordings.track_files import read_tracks
 
     def work(advance: Advance, view: "LiveView | None") -> Done:
         tracks = None if view is None else read_tracks(recording)

@@ -8,10 +8,10 @@ import typer
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
 from pcnav.cli.options import Overwrite
 from pcnav.cli.progress import progress
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
-    from pcnav.config import Pipeline
+    from pcnav.config.pipeline_file import Pipeline
 
 
 def simulate(
@@ -29,7 +29,7 @@ def simulate(
 
 
 def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
-    from pcnav.config_features import EstimatorKind
+    from pcnav.config.features import EstimatorKind
 
     path, content = named_pipeline(pipeline)
     if content.estimator.kind is EstimatorKind.IMAGE_MOTION:
@@ -46,7 +46,7 @@ def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
         typer.echo(simulate_tracks(content, out, overwrite, path).text)
         return
     from pcnav.simulation.recording import simulate as write_sequence
-    from pcnav.target import load_target
+    from pcnav.target.satellite import load_target
 
     if content.target_mesh is None:
         raise InputError(path, "target_mesh", "expected the mesh of the satellite to simulate")

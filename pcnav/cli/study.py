@@ -1,6 +1,9 @@
 """``pcnav study``: a study's tables and figures."""
 
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 import typer
@@ -28,11 +31,10 @@ def study(
     from rich.console import Console
 
     from pcnav.batch.cluster import Workers
-    from pcnav.studies import run_study
 
     workers = Workers(jobs, scheduler)
     with progress(f"study {name}") as advance:
-        summary = run_study(
+        summary = studies().run_study(
             name, out, runs=runs, workers=workers, overwrite=overwrite, on_progress=advance
         )
     # Numbers cut short would be worse than lines that wrap.
@@ -40,3 +42,11 @@ def study(
     for table in summary.tables:
         console.print(table)
     typer.echo(f"tables and figures: {summary.page}")
+
+
+def studies() -> ModuleType:
+    """The studies, which stand on the package: inside a wheel, or beside it in a checkout.
+
+    They are found by name, so that nothing in the package depends on them.
+    """
+    return import_module("pcnav.studies" if find_spec("pcnav.studies") else "studies")

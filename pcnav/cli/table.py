@@ -8,7 +8,7 @@ import typer
 
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console

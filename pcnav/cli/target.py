@@ -7,7 +7,7 @@ import typer
 
 from pcnav.cli.names import named_mesh
 from pcnav.cli.options import Overwrite
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     pass
@@ -26,7 +26,7 @@ def target(
     """
     from rich.console import Console
 
-    from pcnav.target import describe, load_target, write_target_toml
+    from pcnav.target.satellite import describe, load_target, write_target_toml
 
     if out is not None and out.exists() and not (overwrite and out.is_file()):
         raise InputError(out, "file", "expected a new file; --overwrite replaces an existing one")

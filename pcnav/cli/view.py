@@ -9,7 +9,7 @@ import typer
 
 from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
     from pcnav.viewer.server import LocalServer

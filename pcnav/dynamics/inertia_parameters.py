@@ -21,7 +21,7 @@ that does not know. So N moves freely, and `inside` brings back what leaves the 
 import numpy as np
 from scipy.optimize import nnls
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 
 LEAST_SHARE = 1e-3
 """Second moment along the thinnest axis, over the sum of the three, that an estimate is left: that

@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import skew
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
-from pcnav.spatial import skew
 
 _NEWTON_STEPS = 50
 _NEWTON_TOLERANCE_RAD = 1e-15

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 
 EARTH_MU_M3_S2 = 3.986004418e14
 """Gravitational parameter of the Earth (EGM2008)."""

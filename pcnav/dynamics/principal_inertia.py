@@ -14,7 +14,7 @@ whose two moments are near equal, the planes stay planes; a turn would bend them
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 
 LARGEST_RATIO = 0.9999
 """Of p_x and p_z, either sign; 1 is a sheet or a needle."""

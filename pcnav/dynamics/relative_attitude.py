@@ -8,7 +8,7 @@ axes: Euler's equation, without the chaser in it. The two are one motion in two 
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 
 
 def relative_rate(

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.spatial import skew
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import skew
 
 # Entry (i, j) of the inertia matrix that each ratio stands for: Iyy, Izz, Ixy, Ixz, Iyz.
 _RATIO_ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

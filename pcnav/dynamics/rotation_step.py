@@ -12,9 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, left_jacobian, skew
 from pcnav.dynamics.inertia_parameters import INERTIA_UNITS
-from pcnav.spatial import exp_rotation, left_jacobian, skew
 
 _LARGEST_TURN_RAD = 0.1
 """Rotation in one step: its error, of order turn^5 / 120, stays below 1e-7 rad."""

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.attitude_results import AttitudeTrack
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
-from pcnav.errors import InputError
-from pcnav.estimation.rotation_model import INERTIA, OMEGA, SIZE, THETA
+from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, OMEGA, SIZE, THETA
 from pcnav.evaluation.metrics import (
     Consistency,
     Metrics,
@@ -25,8 +25,8 @@ from pcnav.evaluation.metrics import (
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times
-from pcnav.evaluation.truth import Truth
-from pcnav.spatial import log_rotation
+from pcnav.recordings.truth import Truth
+from pcnav.runs.attitude_results import AttitudeTrack
 
 _TIME_TOLERANCE_S = 1e-6
 _BLOCKS = {

@@ -10,16 +10,10 @@ from functools import partial
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import skew
 from pcnav.dynamics.inertia_parameters import parameter_covariance
-from pcnav.estimation.error_state import MotionModel
-from pcnav.estimation.mass_centre import MassCentreModel
-from pcnav.perception.refinement import Comparer
-from pcnav.sequences.sequence import Frame
-from pcnav.simulation.scenario import TrueMotion, pinhole_camera
-from pcnav.simulation.scene import Scene
-from pcnav.spatial import skew
-from pcnav.state import (
+from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
     OMEGA_BODY,
@@ -30,7 +24,13 @@ from pcnav.state import (
     NavigationState,
     ratio_covariance,
 )
-from pcnav.target import Target
+from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.filtering.error_state import MotionModel
+from pcnav.perception.refinement import Comparer
+from pcnav.recordings.sequence import Frame
+from pcnav.simulation.scenario import TrueMotion, pinhole_camera
+from pcnav.simulation.scene import Scene
+from pcnav.target.satellite import Target
 
 PoseInformation = Callable[[int, FloatArray], FloatArray]
 """From a frame's index and the (6, 6) covariance with which its pose could be predicted to the

@@ -6,9 +6,10 @@ from itertools import product
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import log_rotation, make_transform, rotation_angle
 from pcnav.dynamics.rigid_body import inertia_from_ratios
-from pcnav.errors import InputError
 from pcnav.evaluation.metrics import (
     Consistency,
     Metrics,
@@ -20,8 +21,8 @@ from pcnav.evaluation.metrics import (
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times, relabelled
-from pcnav.evaluation.truth import Truth
-from pcnav.feature_results import (
+from pcnav.recordings.truth import Truth
+from pcnav.runs.feature_results import (
     ERROR_SIZE,
     INERTIA_RATIOS,
     OMEGA_BODY,
@@ -30,7 +31,6 @@ from pcnav.feature_results import (
     V_HILL,
     FeatureTrack,
 )
-from pcnav.spatial import log_rotation, make_transform, rotation_angle
 
 _BLOCKS = {
     "r_hill": R_HILL,

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.errors import InputError
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import log_rotation
 from pcnav.evaluation.metrics import (
     Consistency,
     Metrics,
@@ -20,9 +21,8 @@ from pcnav.evaluation.metrics import (
     squared_normalised_errors,
 )
 from pcnav.evaluation.track_errors import match_times
-from pcnav.evaluation.truth import Truth
-from pcnav.image_results import ImageTrack
-from pcnav.spatial import log_rotation
+from pcnav.recordings.truth import Truth
+from pcnav.runs.image_results import ImageTrack
 
 _TIME_TOLERANCE_S = 1e-6
 

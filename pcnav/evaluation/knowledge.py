@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.prior import PriorMass
-from pcnav.results import SD_COLUMNS, SD_ORDER
-from pcnav.spatial import skew
-from pcnav.state import (
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.spatial import skew
+from pcnav.dynamics.mass_prior import PriorMass
+from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
     OMEGA_BODY,
@@ -29,6 +28,7 @@ from pcnav.state import (
     THETA_BODY,
     V_HILL,
 )
+from pcnav.runs.results import SD_COLUMNS, SD_ORDER
 
 FROM_DATA = "known from data"
 PRIOR_ONLY = "prior only"

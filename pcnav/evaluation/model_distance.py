@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from pcnav.arrays import FloatArray
-from pcnav.spatial import invert_transform, transform_points
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import invert_transform, transform_points
 
 _POINTS_AT_ONCE = 200_000
 """Bounds the memory of one batch of poses to some 20 MB."""

@@ -4,13 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import invert_transform, log_rotation, rotation_angle, transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
-from pcnav.errors import InputError
-from pcnav.evaluation.truth import Truth
-from pcnav.results import Track
-from pcnav.spatial import invert_transform, log_rotation, rotation_angle, transform_points
-from pcnav.state import (
+from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
     OMEGA_BODY,
@@ -19,6 +17,8 @@ from pcnav.state import (
     THETA_BODY,
     V_HILL,
 )
+from pcnav.recordings.truth import Truth
+from pcnav.runs.results import Track
 
 
 @dataclass(frozen=True)

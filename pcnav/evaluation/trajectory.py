@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.spatial import invert_transform, make_transform, rotation_angle
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.spatial import invert_transform, make_transform, rotation_angle
 
 _LINE = 1e-12
 """Second over first singular value of points that lie on a line to working accuracy."""

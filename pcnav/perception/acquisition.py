@@ -8,15 +8,15 @@ where a surface is predicted, and returns at another depth count against it.
 
 from dataclasses import dataclass
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import invert_transform
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.ambiguity import apply_case, possible_cases
 from pcnav.perception.association import LARGEST_YAW_SD_RAD
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.rectangles import YAW
 from pcnav.perception.refinement import Comparer
-from pcnav.spatial import invert_transform
-from pcnav.target import Target
+from pcnav.target.satellite import Target
 
 _MOST_RECTANGLES = 4
 """Only the largest recognised rectangles propose poses; the others take part in the score. One

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from pcnav.arrays import DepthImage
-from pcnav.rendering import RenderedDepth
+from pcnav.core.arrays import DepthImage
+from pcnav.target.rendering import RenderedDepth
 
 _EMPTY_SHARE = 0.35
 """A pixel with fewer returns about it than this looks into space; lone gaps are dropouts."""

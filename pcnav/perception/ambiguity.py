@@ -9,8 +9,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.target import Rectangle
+from pcnav.core.arrays import FloatArray
+from pcnav.target.satellite import Rectangle
 
 
 class Case(StrEnum):

@@ -10,21 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.spatial import invert_transform, skew
 from pcnav.perception.ambiguity import Case, apply_case, resolve_case
 from pcnav.perception.expectation import Expectation, ExpectedFace
 from pcnav.perception.perceive import PerceivedFrame, Seen
 from pcnav.perception.recognition import size_gate
-from pcnav.perception.rectangles import (
-    AREA,
-    LENGTH,
-    WIDTH,
-    YAW,
-    RectangleObservation,
-    SegmentShape,
-)
-from pcnav.spatial import invert_transform, skew
-from pcnav.target import Rectangle
+from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, YAW, RectangleObservation, SegmentShape
+from pcnav.target.satellite import Rectangle
 
 LARGEST_YAW_SD_RAD = 0.1
 """A face nearer to a square than this has no yaw of its own: five degrees of freedom are left."""

@@ -13,10 +13,10 @@ import numpy as np
 import trimesh
 from scipy.ndimage import uniform_filter1d
 
-from pcnav.arrays import BoolArray, DepthImage, FloatArray, IntArray
-from pcnav.camera import PinholeCamera, project
-from pcnav.rendering import RenderedDepth
-from pcnav.spatial import transform_points
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.spatial import transform_points
+from pcnav.target.rendering import RenderedDepth
 
 _GATE_SIGMA = 4.0
 """A return belongs to a predicted surface when it is this near, in standard deviations."""

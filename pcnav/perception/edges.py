@@ -10,8 +10,8 @@ grid. The autocovariance of that sawtooth is the second Bernoulli polynomial,
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera, project
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera, project
 
 _UNKNOWN = 1e4
 """Variance of moments that cannot be told: part of the face is behind the camera."""

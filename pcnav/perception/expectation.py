@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.camera import PinholeCamera
-from pcnav.config import PerceptionTable
+from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera
 from pcnav.perception.rectangles import SegmentShape, shape_of_segment
 from pcnav.perception.returns import Window, window_of_returns
 from pcnav.perception.segmentation import (
@@ -22,9 +22,9 @@ from pcnav.perception.segmentation import (
     segment_planes,
     settled_pixels,
 )
-from pcnav.rendering import DepthRenderer, RenderedDepth
-from pcnav.sequences.sequence import Frame
-from pcnav.target import Rectangle, Target
+from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import DepthRenderer, RenderedDepth
+from pcnav.target.satellite import Rectangle, Target
 
 _ON_FACE_FRACTION = 1e-3
 """A triangle lies on a catalogue rectangle when it is this close to it, over the diameter."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pcnav._extras import opencv
-from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.camera import PinholeCamera
-from pcnav.config_images import FeatureTrackerTable
+from pcnav.config.images import FeatureTrackerTable
+from pcnav.core._extras import opencv
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera
 from pcnav.perception.patch_alignment import Patches, PatchGrid, SmoothImage, align, patches_of
-from pcnav.sequences.images import GreyImage, ImageSequence
-from pcnav.sequences.monocular import MonocularFrame, MonocularTracks
+from pcnav.recordings.images import GreyImage, ImageSequence
+from pcnav.recordings.monocular import MonocularFrame, MonocularTracks
 
 _EDGE_PX = 4.0
 """Corners closer to the edge of the image than this are let go: their patch is cut."""

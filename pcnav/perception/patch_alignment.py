@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pcnav.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
 
 _MOST_STEPS = 12
 _SETTLED_PX = 0.003

@@ -4,20 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.config import PerceptionTable
+from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
-from pcnav.perception.returns import (
-    Window,
-    smoothed_points,
-    smoothing_size,
-    window_of_returns,
-)
+from pcnav.perception.returns import Window, smoothed_points, smoothing_size, window_of_returns
 from pcnav.perception.segmentation import ExpectedSurface, Segment, segment_planes
-from pcnav.sequences.sequence import Frame
-from pcnav.target import Rectangle
+from pcnav.recordings.sequence import Frame
+from pcnav.target.satellite import Rectangle
 
 _LARGEST_PLANE_FRACTION = 0.2
 """Share of the returns left that the next plane is counted on to hold: 1 - tau of Yu 2019 (2)."""

@@ -9,8 +9,8 @@ from math import ceil, log
 
 import numpy as np
 
-from pcnav._open3d import open3d
-from pcnav.arrays import FloatArray, IntArray
+from pcnav.core._open3d import open3d
+from pcnav.core.arrays import FloatArray, IntArray
 
 _LEAST_POINTS = 3
 _LARGEST_CONDITION = 1e10

@@ -6,10 +6,11 @@ from enum import IntEnum
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.camera import PinholeCamera
-from pcnav.config import Measurements, PerceptionMode, PerceptionTable
-from pcnav.errors import InputError
+from pcnav.config.pipeline_file import Measurements, PerceptionMode, PerceptionTable
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import rotation_angle
 from pcnav.perception.acquisition import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.agreement import Agreement, agreement
 from pcnav.perception.association import (
@@ -21,9 +22,8 @@ from pcnav.perception.association import (
 from pcnav.perception.expectation import Expectation, Expecter
 from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.perception.refinement import Comparer, Comparison
-from pcnav.sequences.sequence import Frame
-from pcnav.spatial import rotation_angle
-from pcnav.target import Target
+from pcnav.recordings.sequence import Frame
+from pcnav.target.satellite import Target
 
 _EXPLAINED_SIGMA = 3.0
 """A return further than this from the depth a pose predicts is not explained by it."""

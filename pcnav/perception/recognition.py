@@ -5,9 +5,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcnav.chi_square import exceeds, upper_quantile
+from pcnav.core.chi_square import exceeds, upper_quantile
 from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, RectangleObservation
-from pcnav.target import Rectangle
+from pcnav.target.satellite import Rectangle
 
 _MODEL_TOLERANCE = 0.01
 """A catalogue entry is a rectangle to 1 %, so its sides and area are known to 1 %."""

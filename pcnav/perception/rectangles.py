@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray
-from pcnav.camera import PinholeCamera
-from pcnav.config import PerceptionMode
+from pcnav.config.pipeline_file import PerceptionMode
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import make_transform
 from pcnav.perception.edges import moment_covariance
 from pcnav.perception.planes import PlaneFit, plane_range
 from pcnav.perception.returns import Window
 from pcnav.perception.segmentation import Segment
-from pcnav.spatial import make_transform
 
 _MOST_CUT = 0.02
 """Share of the outline that may be hidden before the face counts as cut: a mast or a wire."""

@@ -13,13 +13,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, DepthImage, FloatArray, IntArray
-from pcnav.camera import PinholeCamera, pixel_rays, range_per_depth
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, agreement
 from pcnav.perception.contour import ContourRuns, contour_runs, mesh_edges
 from pcnav.perception.expectation import rectangle_of_triangle
-from pcnav.rendering import DepthRenderer, RenderedDepth
-from pcnav.target import Rectangle, Target
+from pcnav.target.rendering import DepthRenderer, RenderedDepth
+from pcnav.target.satellite import Rectangle, Target
 
 _GATE_SIGMA = 4.0
 """A range residual beyond this many standard deviations is no return of the predicted surface."""

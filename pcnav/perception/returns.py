@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.camera import pixel_rays, range_per_depth, solid_angle
-from pcnav.sequences.sequence import Frame
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.camera import pixel_rays, range_per_depth, solid_angle
+from pcnav.recordings.sequence import Frame
 
 _MOST_SMOOTHING_PX = 4
 """Half the width of the largest square averaged over."""

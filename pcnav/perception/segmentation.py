@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.perception.planes import PlaneFit, fit_plane, is_edge_on, plane_range
 from pcnav.perception.returns import Window
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config import Pipeline
-from pcnav.new_folder import new_folder
-from pcnav.sequences.attitudes import ATTITUDES_FILE, write_attitudes
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.spatial import exp_rotation
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.attitudes import ATTITUDES_FILE, write_attitudes
 from pcnav.simulation.images import write_true_states
 from pcnav.simulation.scenario import true_motion
-from pcnav.spatial import exp_rotation
 
 
 def simulate_attitudes(

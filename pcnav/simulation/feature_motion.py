@@ -9,13 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.config import OrbitModel
+from pcnav.config.pipeline_file import OrbitModel
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative, step_relative
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.rotation_step import rotate, torque_free
 from pcnav.simulation.scenario import rotate_torque_free
-from pcnav.spatial import exp_rotation
 
 _LARGEST_TURN_RAD = 0.02
 """Rotation in one Runge-Kutta step: its error, of order turn^5 / 120, stays below 1e-10 rad."""

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.dynamics.rigid_body import ratios_from_inertia
-from pcnav.sequences.track_files import write_tracks
+from pcnav.dynamics.state import NavigationState
+from pcnav.recordings.track_files import write_tracks
 from pcnav.simulation.feature_motion import FeatureTruth
 from pcnav.simulation.features import feature_scenario, simulate_features
-from pcnav.state import NavigationState
 
 _LOG = logging.getLogger("pcnav")
 

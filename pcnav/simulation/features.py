@@ -5,18 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import BoolArray, FloatArray
-from pcnav.camera import R_cam_hill
-from pcnav.config import OrbitModel, OrbitTable, Pipeline
-from pcnav.config_features import Boresight, FeaturesTable, StereoTable
+from pcnav.config.features import Boresight, FeaturesTable, StereoTable
+from pcnav.config.pipeline_file import OrbitModel, OrbitTable, Pipeline
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.camera import R_cam_hill
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation
+from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.errors import InputError
-from pcnav.sequences.tracks import TrackFrame, Tracks
+from pcnav.recordings.tracks import TrackFrame, Tracks
 from pcnav.simulation.feature_motion import FeatureTruth as FeatureTruth
 from pcnav.simulation.feature_motion import InitialMotion, relative_orbit, rotation
-from pcnav.spatial import exp_rotation
-from pcnav.stereo import StereoRig
 
 _NEAREST_M = 0.1
 """Nothing closer to the plane of the two cameras than this is seen."""

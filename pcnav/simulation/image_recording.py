@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.errors import InputError
 from pcnav.dynamics.rigid_body import inertia_from_ratios
-from pcnav.errors import InputError
-from pcnav.mesh import read_mesh
-from pcnav.new_folder import new_folder
-from pcnav.sequences.images import GreyImage
-from pcnav.sequences.monocular import (
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.images import GreyImage
+from pcnav.recordings.monocular import (
     MONOCULAR_TRACKS_FILE,
     MonocularFrame,
     MonocularTracks,
@@ -33,6 +32,7 @@ from pcnav.simulation.images import (
     write_true_states,
 )
 from pcnav.simulation.scenario import TrueMotion, true_motion
+from pcnav.target.mesh import read_mesh
 
 OnProgress = Callable[[int, int], None]
 """Told how many frames are done, and of how many."""

@@ -10,13 +10,14 @@ import trimesh
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
-from pcnav.camera import PinholeCamera, pixel_rays
-from pcnav.config_images import ImageCameraTable, ShadingTable
-from pcnav.new_folder import new_folder
-from pcnav.rendering import DepthRenderer
-from pcnav.sequences.images import IMAGE_FOLDER, TIMES_FILE, GreyImage
-from pcnav.sequences.monocular import (
+from pcnav.config.images import ImageCameraTable, ShadingTable
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, pixel_rays
+from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.dynamics.state import NavigationState
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.images import IMAGE_FOLDER, TIMES_FILE, GreyImage
+from pcnav.recordings.monocular import (
     CAMERA_FILE,
     CameraFacts,
     MonocularFrame,
@@ -24,11 +25,10 @@ from pcnav.sequences.monocular import (
     write_camera_attitudes,
     write_camera_file,
 )
-from pcnav.sequences.writer import TRUTH_FILE
+from pcnav.recordings.state_table import STATE_COLUMNS, state_row
+from pcnav.recordings.writer import TRUTH_FILE
 from pcnav.simulation.scenario import TrueMotion
-from pcnav.spatial import invert_transform, transform_points
-from pcnav.state import NavigationState
-from pcnav.state_table import STATE_COLUMNS, state_row
+from pcnav.target.rendering import DepthRenderer
 
 _LATTICE = 32
 """Nodes per axis of the random lattice of the texture, which repeats."""
@@ -180,7 +180,7 @@ def write_images(
     overwrite: bool = False,
     states: Sequence[NavigationState] | None = None,
 ) -> int:
-    """Write a folder that `pcnav.sequences.images` reads; how many images it holds.
+    """Write a folder that `pcnav.recordings.images` reads; how many images it holds.
 
     ``states`` is the truth at every image, where known. The folder appears, whole, at the end.
     Raises `InputError` for one that must not be replaced.

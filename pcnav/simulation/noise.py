@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pcnav.arrays import DepthImage, FloatArray
-from pcnav.camera import range_per_depth
-from pcnav.config import NoiseTable
-from pcnav.rendering import RenderedDepth, depth_beyond_edge
+from pcnav.config.pipeline_file import NoiseTable
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.camera import range_per_depth
+from pcnav.target.rendering import RenderedDepth, depth_beyond_edge
 
 
 def add_sensor_faults(

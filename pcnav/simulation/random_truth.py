@@ -6,14 +6,14 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pcnav.arrays import FloatArray
-from pcnav.config import BodyTable, Pipeline, read_pipeline
-from pcnav.config_table import Vector3, Vector5
+from pcnav.config.pipeline_file import BodyTable, Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.config.table import Vector3, Vector5
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.errors import InputError
-from pcnav.shipped import shipped_mesh, shipped_pipeline
 from pcnav.simulation.scenario import camera_rotation
-from pcnav.target import Target, load_target
+from pcnav.target.satellite import Target, load_target
 
 _CENTRAL_SHARE = 0.1
 """A target too large for the image has its centre within this share of the field about the axis."""

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config import NoiseTable, Pipeline
-from pcnav.errors import InputError
-from pcnav.rendering import DepthRenderer
-from pcnav.sequences.depth_png import MAXIMUM_UNITS
-from pcnav.sequences.poses import nearest_rotation
-from pcnav.sequences.sequence import Frame, SequenceInfo
-from pcnav.sequences.writer import SequenceWriter
+from pcnav.config.pipeline_file import NoiseTable, Pipeline
+from pcnav.core.errors import InputError
+from pcnav.recordings.depth_png import MAXIMUM_UNITS
+from pcnav.recordings.poses import nearest_rotation
+from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.recordings.writer import SequenceWriter
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.scenario import pinhole_camera, true_motion
-from pcnav.target import Target
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target
 
 OnFrame = Callable[[int, int], None]
 """Told after every frame how many are done, and of how many."""

@@ -6,19 +6,14 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera, R_cam_hill
-from pcnav.config import BodyTable, CameraTable, OrbitModel, OrbitTable, Pipeline
+from pcnav.config.pipeline_file import BodyTable, CameraTable, OrbitModel, OrbitTable, Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera, R_cam_hill
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, make_transform, rotation_from_xyzw, xyzw_from_rotation
 from pcnav.dynamics.orbit import R_hill_world, hill_transition, propagate_two_body
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.errors import InputError
-from pcnav.spatial import (
-    exp_rotation,
-    make_transform,
-    rotation_from_xyzw,
-    xyzw_from_rotation,
-)
-from pcnav.state import NavigationState
+from pcnav.dynamics.state import NavigationState
 
 
 @dataclass(frozen=True)

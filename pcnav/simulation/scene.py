@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from pcnav.config import Pipeline
-from pcnav.rendering import DepthRenderer
-from pcnav.sequences.sequence import Frame, SequenceInfo
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.recording import stated_range_sigma
 from pcnav.simulation.scenario import TrueMotion, pinhole_camera, true_motion
+from pcnav.target.rendering import DepthRenderer
 
 
 @dataclass(frozen=True)

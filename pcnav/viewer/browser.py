@@ -15,7 +15,7 @@ import numpy.typing as npt
 import viser
 from PIL import Image
 
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from pcnav.viewer.server import LocalServer
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")

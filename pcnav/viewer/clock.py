@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from pcnav.arrays import DepthImage, FloatArray, IntArray
-from pcnav.camera import PinholeCamera, range_per_depth
-from pcnav.catalogue import Rectangle
-from pcnav.rendering import RenderedDepth
-from pcnav.spatial import invert_transform, transform_points
+from pcnav.core.arrays import DepthImage, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, range_per_depth
+from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.target.catalogue import Rectangle
+from pcnav.target.rendering import RenderedDepth
 from pcnav.viewer.palette import LABELS, RESIDUAL_STOPS, UNEXPLAINED
 
 Colours = npt.NDArray[np.uint8]

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav import chi_square
-from pcnav.arrays import BoolArray, FloatArray
-from pcnav.evaluation.envelope import envelope
-from pcnav.evaluation.summary import display_unit
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.core import chi_square
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.report.envelope import envelope
+from pcnav.report.summary import display_unit
 from pcnav.viewer.story import Story
 
 _BUCKETS = 400

@@ -6,9 +6,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from pcnav.results import ACCEPTED, RectangleRecord, Track
-from pcnav.spatial import exp_rotation, rotation_angle
-from pcnav.status import Status
+from pcnav.core.spatial import exp_rotation, rotation_angle
+from pcnav.runs.results import ACCEPTED, RectangleRecord, Track
+from pcnav.runs.status import Status
 
 _FOLLOWED = {Status.LOCKED, Status.AMBIGUOUS}
 _FLIP_RAD = np.radians(20.0)

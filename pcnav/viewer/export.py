@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import viser
 
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from pcnav.viewer.browser import opened_page, settled_png
 from pcnav.viewer.layers import StoryLayers, shot_of, thinned
 from pcnav.viewer.look import Look, vector

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from pcnav.errors import InputError
-from pcnav.result_files import STATES_FILE
+from pcnav.core.errors import InputError
+from pcnav.runs.result_files import STATES_FILE
 
 
 def refuse_what_is_no_run(folder: Path) -> None:

@@ -8,13 +8,13 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.camera import PinholeCamera, pixel_rays
-from pcnav.config import PerceptionTable
-from pcnav.errors import InputError
-from pcnav.rendering import DepthRenderer
-from pcnav.sequences.sequence import Frame, Sequence
-from pcnav.target import Target
+from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, pixel_rays
+from pcnav.core.errors import InputError
+from pcnav.recordings.sequence import Frame, Sequence
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target
 from pcnav.viewer.colouring import (
     Colours,
     face_names,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 
 SIGMAS = 3.0

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera
-from pcnav.results import ACCEPTED, RectangleRecord
-from pcnav.spatial import invert_transform, transform_points
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.runs.results import ACCEPTED, RectangleRecord
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.glyphs import closed
 from pcnav.viewer.look import Layer, Look, line_colour, vector, wxyz_of

@@ -8,9 +8,9 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from pcnav.arrays import FloatArray, IntArray
-from pcnav.results import RectangleRecord, Track
-from pcnav.state import STATE_SIZE
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.dynamics.state import STATE_SIZE
+from pcnav.runs.results import RectangleRecord, Track
 from pcnav.viewer.app import serve
 from pcnav.viewer.server import LOOPBACK, LocalServer
 from pcnav.viewer.source import Edition

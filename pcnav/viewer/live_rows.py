@@ -4,20 +4,27 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.attitude_results import AttitudeFrame
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.estimation.image_motion.chain import ChainFrame
-from pcnav.feature_estimate import FeatureEstimate
-from pcnav.feature_results import pose_in_rig, with_known_mass_centre
-from pcnav.image_results import image_status
-from pcnav.results import FrameEstimate
-from pcnav.sequences.opening import open_sequence
-from pcnav.sequences.sequence import Sequence
-from pcnav.sequences.tracks import TrackFrame, Tracks
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, STATE_SIZE, THETA_BODY
-from pcnav.target import Target, load_target
+from pcnav.dynamics.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+)
+from pcnav.estimators.image_motion.chain import ChainFrame
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.tracks import TrackFrame, Tracks
+from pcnav.runs.attitude_results import AttitudeFrame
+from pcnav.runs.feature_estimate import FeatureEstimate
+from pcnav.runs.feature_results import pose_in_rig, with_known_mass_centre
+from pcnav.runs.image_results import image_status
+from pcnav.runs.results import FrameEstimate
+from pcnav.target.satellite import Target, load_target
 from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.live import LiveRow, empty_track
 from pcnav.viewer.other_runs import attitude_story, feature_story, image_story, shown_pose

@@ -5,8 +5,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.spatial import xyzw_from_rotation
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import xyzw_from_rotation
 from pcnav.viewer.frames import ColourBy
 from pcnav.viewer.palette import Rgb
 

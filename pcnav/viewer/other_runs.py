@@ -5,25 +5,25 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.attitude_results import ATTITUDE_STATES_COLUMNS
-from pcnav.config import Pipeline
-from pcnav.csv_table import CsvTable, read_csv
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import make_transform, rotation_from_xyzw
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.evaluation.truth import read_truth
-from pcnav.feature_results import (
+from pcnav.dynamics.state import INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.files.csv_table import CsvTable, read_csv
+from pcnav.recordings.attitude_file import ATTITUDE_FILE
+from pcnav.recordings.monocular import read_camera_attitudes
+from pcnav.recordings.track_files import read_tracks
+from pcnav.recordings.truth import read_truth
+from pcnav.runs.attitude_results import ATTITUDE_STATES_COLUMNS
+from pcnav.runs.feature_results import (
     FEATURE_COLUMNS,
     FEATURES_FILE,
     STATES_COLUMNS,
     with_known_mass_centre,
 )
-from pcnav.image_results import IMAGE_STATES_COLUMNS
-from pcnav.results import POSES_FILE, STATES_FILE, Track, read_poses
-from pcnav.sequences.attitude_file import ATTITUDE_FILE
-from pcnav.sequences.monocular import read_camera_attitudes
-from pcnav.sequences.track_files import read_tracks
-from pcnav.spatial import make_transform, rotation_from_xyzw
-from pcnav.state import INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.runs.image_results import IMAGE_STATES_COLUMNS
+from pcnav.runs.results import POSES_FILE, STATES_FILE, Track, read_poses
 from pcnav.viewer.story import RunKind, Story, judged
 
 _QUATERNION = ("q_x", "q_y", "q_z", "q_w")

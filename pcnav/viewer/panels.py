@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import project
-from pcnav.results import ACCEPTED, RectangleRecord
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
-from pcnav.status import Status
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import project
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.runs.results import ACCEPTED, RectangleRecord
+from pcnav.runs.status import Status
 from pcnav.viewer.colouring import depth_shades, label_colours, residual_colours
 from pcnav.viewer.frames import ColourBy, Shot
 from pcnav.viewer.palette import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import viser
 
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 _PORTS_TRIED = 100
 

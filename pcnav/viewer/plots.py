@@ -7,7 +7,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from pcnav.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.viewer.curves import Chart, ChartGroup, groups_of
 from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
 from pcnav.viewer.story import Story

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 from pcnav.viewer.clock import Playback
 from pcnav.viewer.controls import Camera, Controls, Share
 from pcnav.viewer.events import Kind, neighbour

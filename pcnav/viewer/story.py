@@ -7,16 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.arrays import FloatArray
-from pcnav.config import Pipeline, read_pipeline
-from pcnav.csv_table import read_csv
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.errors import InputError
+from pcnav.dynamics.state import COM_MODEL, R_HILL
 from pcnav.evaluation.knowledge import FROM_DATA
 from pcnav.evaluation.metrics import evaluate
 from pcnav.evaluation.track_errors import TrackErrors, match_times, relabelled
-from pcnav.evaluation.truth import Truth, read_truth
-from pcnav.results import (
+from pcnav.files.csv_table import read_csv
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.truth import Truth, read_truth
+from pcnav.runs.results import (
     KNOWLEDGE_FILE,
     PIPELINE_FILE,
     STATES_FILE,
@@ -25,11 +28,8 @@ from pcnav.results import (
     read_measurements,
     read_track,
 )
-from pcnav.sequences.opening import open_sequence
-from pcnav.sequences.sequence import Sequence
-from pcnav.state import COM_MODEL, R_HILL
-from pcnav.target import Target, load_target
-from pcnav.unfinished import is_unfinished, whole_rows
+from pcnav.runs.unfinished import is_unfinished, whole_rows
+from pcnav.target.satellite import Target, load_target
 from pcnav.viewer.events import Event, events_of
 from pcnav.viewer.folder import refuse_what_is_no_run
 from pcnav.viewer.frames import FrameStore

@@ -3,8 +3,8 @@
 import numpy as np
 import viser
 
-from pcnav.mesh import wireframe_edges
-from pcnav.state import THETA_BODY
+from pcnav.dynamics.state import THETA_BODY
+from pcnav.target.mesh import wireframe_edges
 from pcnav.viewer.glyphs import (
     Ellipsoid,
     attitude_cone_scale,

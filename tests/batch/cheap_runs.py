@@ -10,7 +10,7 @@ import numpy as np
 
 from pcnav.batch.case import BatchRun, Case, batch_runs
 from pcnav.batch.record import RunRecord
-from pcnav.provenance import library_versions
+from pcnav.runs.provenance import library_versions
 
 FRAMES = 40
 COMMAND = "pcnav table {run}"

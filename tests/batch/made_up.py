@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 import pcnav
-from pcnav.arrays import FloatArray
 from pcnav.batch.case import BatchRun, Case, batch_runs
 from pcnav.batch.record import RunRecord
+from pcnav.core.arrays import FloatArray
 from pcnav.evaluation.metrics import BLOCKS
 
 FRAMES = 40

@@ -21,7 +21,7 @@ from pcnav.batch.grid import named_grid
 from pcnav.batch.run_batch import run_batch
 from pcnav.batch.store import RunStore, new_store
 from pcnav.batch.stored import run_stored
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
 
 RUNS = planned(24)

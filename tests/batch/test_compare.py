@@ -14,7 +14,7 @@ from pcnav.batch.metrics import METRICS
 from pcnav.batch.record import write_record
 from pcnav.batch.samples import CellSamples, Sample
 from pcnav.batch.store import RunStore, new_store
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from tests.batch.made_up import records, some_runs
 
 RMS = METRICS["position_rms_m"]

@@ -8,30 +8,30 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pcnav.arrays import FloatArray
 from pcnav.batch.basis import GridBasis
 from pcnav.batch.case import BatchRun, Case
 from pcnav.batch.depth_run import DepthRun, given_to
-from pcnav.batch.estimators.icp import START_SHIFT_FRACTION, START_TURN_DEG
-from pcnav.batch.estimators.interface import FirstPose, Given
-from pcnav.batch.estimators.names import EstimatorName
-from pcnav.batch.estimators.registry import ESTIMATORS
 from pcnav.batch.following import recorded_frames
 from pcnav.batch.record import Column, RunRecord
 from pcnav.batch.scenario import run_pipeline
-from pcnav.config import Measurements, PerceptionMode, Pipeline
-from pcnav.errors import InputError
+from pcnav.config.pipeline_file import Measurements, PerceptionMode, Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, V_HILL
+from pcnav.estimators.depth.tracker import Tracker
+from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.peers.icp import START_SHIFT_FRACTION, START_TURN_DEG
+from pcnav.estimators.peers.interface import FirstPose, Given
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import bound_of
 from pcnav.evaluation.metrics import BLOCKS, evaluate, squared_normalised_errors
-from pcnav.evaluation.truth import read_truth
 from pcnav.pipeline import run as run_sequence
-from pcnav.results import read_track
-from pcnav.sequences.opening import open_sequence
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.truth import read_truth
+from pcnav.runs.results import read_track
 from pcnav.simulation.recording import simulate
 from pcnav.simulation.scene import Scene
-from pcnav.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, V_HILL
-from pcnav.target import Target
-from pcnav.tracking import Tracker
+from pcnav.target.satellite import Target
 
 FRAMES = 7
 BASIS = GridBasis("small.toml", Path(), FRAMES, None, None, None)

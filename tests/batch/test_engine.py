@@ -18,7 +18,7 @@ from pcnav.batch.engine import RunError, run_all
 from pcnav.batch.runs import Run, run_seed, runs_of
 from pcnav.batch.store import RunStore, new_store, open_store
 from pcnav.batch.stored import run_stored
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
 
 HERE = Workers(jobs=1)

@@ -12,13 +12,13 @@ import pytest
 
 from pcnav import cli
 from pcnav.batch.axes import AXES
-from pcnav.batch.estimators.names import EstimatorName
-from pcnav.batch.estimators.registry import ESTIMATORS
 from pcnav.batch.grid import GridPlan, named_grid, read_grid
 from pcnav.batch.scenario import case_pipeline
-from pcnav.config import Pipeline, read_pipeline
-from pcnav.errors import InputError
-from pcnav.shipped import shipped_grid_names, shipped_mesh, shipped_pipeline_names
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_grid_names, shipped_mesh, shipped_pipeline_names
+from pcnav.core.errors import InputError
+from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.registry import ESTIMATORS
 
 BATCH = '[batch]\nname = "small"\nruns = 3\nseed = 5\nframes = 8\n'
 CROSS = """

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.arrays import FloatArray
 from pcnav.batch.basis import GridBasis
 from pcnav.batch.case import BatchRun, Case
-from pcnav.batch.estimators.interface import Answer, Estimator
 from pcnav.batch.following import Followed, follow, truth_of
 from pcnav.batch.judging import Verdict, judge
 from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
 from pcnav.batch.scenario import run_pipeline
-from pcnav.sequences.sequence import Frame
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.estimators.peers.interface import Answer, Estimator
+from pcnav.recordings.sequence import Frame
 from pcnav.simulation.scene import Scene
-from pcnav.spatial import exp_rotation, make_transform
-from pcnav.target import Target
+from pcnav.target.satellite import Target
 
 FRAMES = 7
 

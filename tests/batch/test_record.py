@@ -13,7 +13,7 @@ import pytest
 
 from pcnav.batch.case import BatchRun, Case
 from pcnav.batch.record import RunRecord, read_header, read_record, write_record
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 
 RUN = BatchRun(Case((("satellite", "boxsat"), ("range_m", 10.0), ("resolution_px", 96))), 3, 2**63)
 VALUES = {"time_to_lock_s": np.nan, "ate_rmse_m": 0.1 + 0.2, "worst": np.inf, "least": -np.inf}

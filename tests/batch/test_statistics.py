@@ -28,7 +28,7 @@ from pcnav.batch.statistics import (
     estimates_of,
     quantities_of,
 )
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from pcnav.evaluation.metrics import PERCENTILES
 from tests.batch.made_up import record, records, some_runs
 

@@ -11,7 +11,7 @@ import pytest
 import pcnav
 from pcnav.batch.record import write_record
 from pcnav.batch.store import RunStore, new_store, open_store
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from tests.batch.cheap_runs import planned, record_of
 
 GRID = "[batch]\nname = 'cheap'\n"

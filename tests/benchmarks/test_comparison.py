@@ -33,8 +33,8 @@ from benchmarks.peers import (
     peer_threads,
 )
 from benchmarks.scenes import Case, load, noise_levels, record, shortened
-from pcnav.arrays import FloatArray
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, make_transform
 
 _FRAMES = 9
 _FIRST = 4

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
 from pcnav.simulation.recording import simulate
-from pcnav.target import load_target
+from pcnav.target.satellite import load_target
 from pcnav.viewer.browser import find_browser
 
 FRAMES = 40

@@ -8,7 +8,7 @@ import trimesh
 from scipy.optimize import NonlinearConstraint, minimize
 from scipy.spatial.transform import Rotation
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.inertia_parameters import (
     LEAST_SHARE,
     inside,
@@ -19,11 +19,7 @@ from pcnav.dynamics.inertia_parameters import (
     shares,
     thinness,
 )
-from pcnav.dynamics.rigid_body import (
-    inertia_from_ratios,
-    is_physical_inertia,
-    ratios_from_inertia,
-)
+from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia, ratios_from_inertia
 
 PLATE = np.array([1.0, 2.0, 0.0, 0.0, 0.0])
 """Ratios of a square sheet: the triangle inequality holds with equality."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.principal_inertia import (
     axes_error,
     middle_ratio,
@@ -13,7 +14,6 @@ from pcnav.dynamics.principal_inertia import (
     ratios_jacobian,
     transport,
 )
-from pcnav.spatial import log_rotation
 
 STEP = 1e-6
 MOMENTS = np.array([8.0, 5.0, 4.0])

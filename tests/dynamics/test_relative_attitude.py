@@ -3,14 +3,10 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from pcnav.core.spatial import exp_rotation, skew
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.dynamics.relative_attitude import (
-    inertial_rate,
-    relative_rate,
-    relative_rate_derivative,
-)
+from pcnav.dynamics.relative_attitude import inertial_rate, relative_rate, relative_rate_derivative
 from pcnav.dynamics.rotation_step import rotate, torque_free
-from pcnav.spatial import exp_rotation, skew
 
 INERTIA = np.array([[96.0, 43.0, 20.0], [43.0, 104.0, 10.0], [20.0, 10.0, 133.0]])
 ORBIT = KeplerOrbit(1.04e-3, 0.3, 0.4)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.rigid_body import (
     euler_acceleration,
     euler_derivatives,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pcnav.core.spatial import log_rotation, skew
 from pcnav.dynamics.inertia_parameters import inertia_of
 from pcnav.dynamics.rotation_step import (
     Rotation,
@@ -13,7 +14,6 @@ from pcnav.dynamics.rotation_step import (
     torque_free,
     torque_free_by_inertia,
 )
-from pcnav.spatial import log_rotation, skew
 
 INERTIA = np.array([[96.0, 43.0, 20.0], [43.0, 104.0, 10.0], [20.0, 10.0, 133.0]])
 RATE = np.array([0.05, -0.02, 0.04])

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from pcnav.arrays import FloatArray
-from pcnav.evaluation.truth import Truth
-from pcnav.results import ACCEPTED, NIS_WINDOW_FRAMES, FrameEstimate, RectangleRecord
-from pcnav.spatial import exp_rotation, make_transform
-from pcnav.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
+from pcnav.recordings.truth import Truth
+from pcnav.runs.results import ACCEPTED, NIS_WINDOW_FRAMES, FrameEstimate, RectangleRecord
 
 FIRST_ESTIMATE = 3
 SD = np.repeat([0.05, 0.002, 0.03, 0.01, 0.001, 0.02], [3, 3, 3, 3, 3, 5])

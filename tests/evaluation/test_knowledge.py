@@ -8,26 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.rigid_body import ratios_from_inertia
-from pcnav.estimation.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.estimation.start import start_covariance
-from pcnav.evaluation.knowledge import (
-    FROM_DATA,
-    PRIOR_ONLY,
-    RunKnowledge,
-    StateKnowledge,
-    in_words,
-    independent_combinations,
-    knowledge_csv,
-    what_is_known,
-)
-from pcnav.evaluation.summary import knowledge_text
-from pcnav.prior import PriorMass
-from pcnav.results import SD_COLUMNS
-from pcnav.spatial import exp_rotation
-from pcnav.state import (
+from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
     OMEGA_BODY,
@@ -38,6 +24,20 @@ from pcnav.state import (
     NavigationState,
     ratio_covariance,
 )
+from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
+from pcnav.estimators.depth.start import start_covariance
+from pcnav.evaluation.knowledge import (
+    FROM_DATA,
+    PRIOR_ONLY,
+    RunKnowledge,
+    StateKnowledge,
+    in_words,
+    independent_combinations,
+    knowledge_csv,
+    what_is_known,
+)
+from pcnav.report.summary import knowledge_text
+from pcnav.runs.results import SD_COLUMNS
 
 PRIOR = PriorMass.from_sd(np.full(3, 0.15), np.full(5, 0.1))
 STILL = np.zeros(3)

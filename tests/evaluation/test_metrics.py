@@ -18,9 +18,11 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
 from pcnav.dynamics.rigid_body import inertia_from_ratios
-from pcnav.errors import InputError
+from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.evaluation.metrics import (
     BLOCKS,
     PERCENTILES,
@@ -30,13 +32,11 @@ from pcnav.evaluation.metrics import (
     evaluate,
     squared_normalised_errors,
 )
-from pcnav.evaluation.summary import number, summary_table
 from pcnav.evaluation.track_errors import best_symmetry, match_times, relabelled, track_errors
-from pcnav.evaluation.truth import Truth
-from pcnav.result_writer import ResultWriter
-from pcnav.results import Track, read_track
-from pcnav.spatial import exp_rotation, invert_transform, make_transform
-from pcnav.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
+from pcnav.recordings.truth import Truth
+from pcnav.report.summary import number, summary_table
+from pcnav.runs.result_writer import ResultWriter
+from pcnav.runs.results import Track, read_track
 
 
 def stored(folder: Path, run: Any) -> Track:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from pcnav.core.spatial import exp_rotation, make_transform, transform_points
 from pcnav.evaluation.model_distance import model_distances, surface_points
-from pcnav.spatial import exp_rotation, make_transform, transform_points
 
 IDENTITY = np.eye(4)[None]
 HALF_TURN = make_transform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))

@@ -17,33 +17,29 @@ from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from scipy.stats import chi2
 
-from pcnav.arrays import DepthImage, FloatArray
-from pcnav.camera import PinholeCamera, project
-from pcnav.evaluation import report, status
-from pcnav.evaluation.envelope import envelope
-from pcnav.evaluation.figures import component_figure, outcome_figure, svg_bytes
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.evaluation.knowledge import what_is_known
 from pcnav.evaluation.metrics import evaluate
-from pcnav.evaluation.overlay import frame_picture, visible_pieces
-from pcnav.evaluation.report import ReportContent, report_html, write_report
-from pcnav.evaluation.status import (
-    STATUS_COLOURS,
-    status_figure,
-    status_section,
-    window_nis_bounds,
-)
-from pcnav.evaluation.summary import number
-from pcnav.prior import PriorMass
-from pcnav.result_writer import ResultWriter
-from pcnav.results import (
+from pcnav.report import depth_report as report
+from pcnav.report import status
+from pcnav.report.depth_report import ReportContent, report_html, write_report
+from pcnav.report.envelope import envelope
+from pcnav.report.figures import component_figure, outcome_figure, svg_bytes
+from pcnav.report.overlay import frame_picture, visible_pieces
+from pcnav.report.status import STATUS_COLOURS, status_figure, status_section, window_nis_bounds
+from pcnav.report.summary import number
+from pcnav.runs.result_writer import ResultWriter
+from pcnav.runs.results import (
     ACCEPTED,
     NIS_WINDOW_FRAMES,
     RectangleRecord,
     count_outcomes,
     read_track,
 )
-from pcnav.spatial import exp_rotation, make_transform
-from pcnav.tracking import Status
+from pcnav.runs.status import Status
 
 VOID = {"meta", "img", "br", "wbr"}
 

@@ -8,19 +8,14 @@ from evo.core import geometry
 from evo.core.metrics import APE, RPE, PoseRelation, StatisticsType, Unit
 from evo.tools import file_interface
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, make_transform, rotation_from_xyzw, xyzw_from_rotation
 from pcnav.evaluation.trajectory import (
     absolute_errors,
     aligned,
     relative_errors,
     root_mean_square,
     umeyama_alignment,
-)
-from pcnav.spatial import (
-    exp_rotation,
-    make_transform,
-    rotation_from_xyzw,
-    xyzw_from_rotation,
 )
 
 TOLERANCE = 1e-9

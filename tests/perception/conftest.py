@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.arrays import DepthImage, FloatArray
-from pcnav.camera import PinholeCamera, range_per_depth
-from pcnav.rendering import DepthRenderer, RenderedDepth
-from pcnav.sequences.sequence import Frame
-from pcnav.spatial import make_transform
-from pcnav.target import Target, load_target
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.camera import PinholeCamera, range_per_depth
+from pcnav.core.spatial import make_transform
+from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import DepthRenderer, RenderedDepth
+from pcnav.target.satellite import Target, load_target
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
 

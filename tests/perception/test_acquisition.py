@@ -5,16 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera
-from pcnav.config import PerceptionTable
+from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import make_transform, rotation_angle
 from pcnav.perception.acquisition import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.perceive import perceive
 from pcnav.perception.refinement import Comparer
-from pcnav.rendering import RenderedDepth
-from pcnav.sequences.sequence import Frame
-from pcnav.spatial import make_transform, rotation_angle
-from pcnav.target import Target
+from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import RenderedDepth
+from pcnav.target.satellite import Target
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
 SIGMA = 0.02

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pcnav.arrays import DepthImage
-from pcnav.camera import PinholeCamera
+from pcnav.core.arrays import DepthImage
+from pcnav.core.camera import PinholeCamera
 from pcnav.perception.agreement import Agreement, agreement
-from pcnav.rendering import RenderedDepth
+from pcnav.target.rendering import RenderedDepth
 
 SIZE = 16
 TOLERANCE = 0.1

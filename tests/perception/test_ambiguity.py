@@ -3,14 +3,9 @@
 import numpy as np
 import pytest
 
-from pcnav.catalogue import Rectangle
-from pcnav.perception.ambiguity import (
-    Case,
-    apply_case,
-    possible_cases,
-    resolve_case,
-)
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.perception.ambiguity import Case, apply_case, possible_cases, resolve_case
+from pcnav.target.catalogue import Rectangle
 
 SHEET = Rectangle("sheet", np.eye(4), 4.0, 1.5, two_sided=True)
 FACE = Rectangle("face", np.eye(4), 4.0, 1.5, two_sided=False)

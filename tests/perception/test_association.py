@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera
-from pcnav.catalogue import find_rectangles
-from pcnav.config import PerceptionMode, PerceptionTable
+from pcnav.config.pipeline_file import PerceptionMode, PerceptionTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
 from pcnav.perception.association import (
     PLANE,
     SQUARE,
@@ -21,10 +21,10 @@ from pcnav.perception.association import (
 )
 from pcnav.perception.expectation import Expecter
 from pcnav.perception.perceive import perceive
-from pcnav.rendering import RenderedDepth
-from pcnav.sequences.sequence import Frame
-from pcnav.spatial import exp_rotation, log_rotation, make_transform
-from pcnav.target import Target
+from pcnav.recordings.sequence import Frame
+from pcnav.target.catalogue import find_rectangles
+from pcnav.target.rendering import RenderedDepth
+from pcnav.target.satellite import Target
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
 SIGMA = 0.02

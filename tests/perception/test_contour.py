@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.arrays import DepthImage, FloatArray
-from pcnav.camera import PinholeCamera, project
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.spatial import exp_rotation, make_transform, transform_points
 from pcnav.perception.contour import (
     OFFSET_PX,
     ContourRuns,
@@ -21,8 +22,7 @@ from pcnav.perception.contour import (
     grid_variances,
     mesh_edges,
 )
-from pcnav.rendering import DepthRenderer
-from pcnav.spatial import exp_rotation, make_transform, transform_points
+from pcnav.target.rendering import DepthRenderer
 
 DrawPose = Callable[..., FloatArray]
 FACING = np.diag([1.0, -1.0, -1.0])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera, project
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.edges import moment_covariance
-from pcnav.spatial import exp_rotation, make_transform
 
 WIDTH, LENGTH = 1.5, 4.0
 RUNS = 500

@@ -7,17 +7,17 @@ import pytest
 import trimesh
 from scipy.ndimage import gaussian_filter, shift
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera
-from pcnav.config_images import FeatureTrackerTable, ImageMotionTable, ShadingTable
-from pcnav.errors import InputError
-from pcnav.estimation.image_motion.chain import run_chain
+from pcnav.config.images import FeatureTrackerTable, ImageMotionTable, ShadingTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
+from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.perception import feature_tracking
 from pcnav.perception.feature_tracking import FeatureTracker, tracks_of_images
-from pcnav.rendering import DepthRenderer
-from pcnav.sequences.images import GreyImage, open_images
+from pcnav.recordings.images import GreyImage, open_images
 from pcnav.simulation.images import ImageMotion, ImageRenderer, render_images, write_images
-from pcnav.spatial import exp_rotation, log_rotation, make_transform
+from pcnav.target.rendering import DepthRenderer
 
 pytest.importorskip("cv2", reason="the extra `images` is not installed")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from pcnav.arrays import FloatArray
+from pcnav.core.arrays import FloatArray
 from pcnav.perception.patch_alignment import PatchGrid, SmoothImage, align, patches_of
 
 GRID = PatchGrid(21)

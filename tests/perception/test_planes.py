@@ -5,8 +5,9 @@ import pytest
 import trimesh
 from scipy.optimize import least_squares
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import PinholeCamera, unproject
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera, unproject
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.planes import (
     extract_planes,
     fit_plane,
@@ -15,8 +16,7 @@ from pcnav.perception.planes import (
     ransac_plane,
     trial_count,
 )
-from pcnav.rendering import DepthRenderer
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.target.rendering import DepthRenderer
 
 SIGMA = 0.05
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from pcnav.arrays import FloatArray
-from pcnav.catalogue import Rectangle
+from pcnav.core.arrays import FloatArray
 from pcnav.perception.recognition import recognise
 from pcnav.perception.rectangles import RectangleObservation
+from pcnav.target.catalogue import Rectangle
 
 SD = np.array([0.03, 0.02, 0.1])
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.arrays import FloatArray
-from pcnav.config import PerceptionMode
+from pcnav.config.pipeline_file import PerceptionMode
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
 from pcnav.perception.rectangles import (
     AREA,
     TILT_X,
@@ -22,9 +23,8 @@ from pcnav.perception.rectangles import (
 )
 from pcnav.perception.returns import window_of_returns
 from pcnav.perception.segmentation import segment_planes
-from pcnav.rendering import RenderedDepth
-from pcnav.sequences.sequence import Frame
-from pcnav.spatial import exp_rotation, log_rotation, make_transform
+from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import RenderedDepth
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
 SIGMA = 0.02

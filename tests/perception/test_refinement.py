@@ -8,15 +8,15 @@ import pytest
 import trimesh
 from scipy.stats import chi2
 
-from pcnav.arrays import DepthImage, FloatArray
-from pcnav.camera import PinholeCamera, pixel_rays, range_per_depth
-from pcnav.catalogue import find_rectangles
-from pcnav.config import NoiseTable
+from pcnav.config.pipeline_file import NoiseTable
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.refinement import Comparer, Comparison
-from pcnav.rendering import DepthRenderer
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.spatial import exp_rotation, make_transform
-from pcnav.target import Target
+from pcnav.target.catalogue import find_rectangles
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target
 
 DrawPose = Callable[..., FloatArray]
 Change = Callable[[DepthImage, np.random.Generator], DepthImage]

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.arrays import DepthImage, FloatArray
-from pcnav.camera import PinholeCamera, pixel_rays, range_per_depth, solid_angle, unproject
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth, solid_angle, unproject
 from pcnav.perception.returns import Window, smoothed_points, smoothing_size, window_of_returns
-from pcnav.sequences.sequence import Frame
+from pcnav.recordings.sequence import Frame
 
 CAMERA = PinholeCamera(60, 40, 80.0, 85.0, 28.5, 21.0)
 

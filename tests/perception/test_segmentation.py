@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.returns import Window, window_of_returns
 from pcnav.perception.segmentation import Segment, segment_planes
-from pcnav.rendering import RenderedDepth
-from pcnav.sequences.sequence import Frame
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import RenderedDepth
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
 SIGMA = 0.02

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.config import BodyTable, OrbitModel, OrbitTable, Pipeline, ScenarioTable
-from pcnav.config_features import Boresight, FeaturesTable, StereoTable
+from pcnav.config.features import Boresight, FeaturesTable, StereoTable
+from pcnav.config.pipeline_file import BodyTable, OrbitModel, OrbitTable, Pipeline, ScenarioTable
+from pcnav.core.errors import InputError
 from pcnav.dynamics.kepler import propagate_relative
 from pcnav.dynamics.orbit import hill_transition
-from pcnav.errors import InputError
-from pcnav.sequences.tracks import Tracks
+from pcnav.recordings.tracks import Tracks
 from pcnav.simulation.features import (
     FeatureScenario,
     FeatureTruth,

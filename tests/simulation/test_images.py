@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.camera import PinholeCamera, project
-from pcnav.config import read_pipeline
-from pcnav.config_images import ImageCameraTable, ShadingTable
-from pcnav.mesh import read_mesh
-from pcnav.sequences.images import open_images
-from pcnav.shipped import shipped_mesh, shipped_pipeline
+from pcnav.config.images import ImageCameraTable, ShadingTable
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.spatial import exp_rotation, make_transform, transform_points
+from pcnav.recordings.images import open_images
 from pcnav.simulation.images import (
     ImageMotion,
     ImageRenderer,
@@ -25,7 +25,7 @@ from pcnav.simulation.images import (
     write_images,
 )
 from pcnav.simulation.scenario import true_motion
-from pcnav.spatial import exp_rotation, make_transform, transform_points
+from pcnav.target.mesh import read_mesh
 
 CAMERA = PinholeCamera(80, 60, 100.0, 100.0, 39.5, 29.5)
 PLAIN = ShadingTable(texture_contrast=0.0, noise_levels=0.0, ambient=0.0)

@@ -7,12 +7,12 @@ import pytest
 import trimesh
 from scipy import stats
 
-from pcnav.arrays import DepthImage
-from pcnav.camera import PinholeCamera, range_per_depth
-from pcnav.config import NoiseTable
-from pcnav.rendering import DepthRenderer, RenderedDepth
+from pcnav.config.pipeline_file import NoiseTable
+from pcnav.core.arrays import DepthImage
+from pcnav.core.camera import PinholeCamera, range_per_depth
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.spatial import exp_rotation, make_transform
+from pcnav.target.rendering import DepthRenderer, RenderedDepth
 
 CAMERA = PinholeCamera.from_field_of_view(200, 160, np.deg2rad(60.0))
 FINE = 1e-6

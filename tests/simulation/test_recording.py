@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.camera import unproject
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.camera import unproject
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.errors import InputError
-from pcnav.evaluation.truth import read_truth
-from pcnav.sequences.bop import BopSequence
+from pcnav.recordings.bop import BopSequence
+from pcnav.recordings.truth import read_truth
 from pcnav.simulation.recording import simulate
-from pcnav.spatial import invert_transform, transform_points
-from pcnav.target import Target
+from pcnav.target.satellite import Target
 
 N = 0.001
 TABLES = {

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, rotation_angle
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.rigid_body import inertia_from_ratios
-from pcnav.errors import InputError
 from pcnav.simulation.scenario import camera_rotation, rotate_torque_free, true_motion
-from pcnav.spatial import exp_rotation, rotation_angle
 
 N = 0.0011
 

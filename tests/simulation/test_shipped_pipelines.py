@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.config import read_pipeline
-from pcnav.rendering import DepthRenderer
-from pcnav.shipped import shipped_mesh
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.shipped import shipped_mesh
 from pcnav.simulation.scenario import pinhole_camera, true_motion
-from pcnav.target import load_target
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import load_target
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 RENDERED = 25

@@ -5,10 +5,10 @@ import pytest
 
 from pcnav.batch.cluster import Workers
 from pcnav.simulation.images import TrackFaults
-from pcnav.studies import STUDIES
-from pcnav.studies.applsci2022 import campaign, limits, paper
-from pcnav.studies.applsci2022.campaign import Case, Task, run_task
-from pcnav.studies.applsci2022.scene import nutation, tracks_of
+from studies import STUDIES
+from studies.applsci2022 import campaign, limits, paper
+from studies.applsci2022.campaign import Case, Task, run_task
+from studies.applsci2022.scene import nutation, tracks_of
 
 pytest.importorskip("poselib", reason="the extra `images` is not installed")
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pcnav.batch.cluster import Workers
-from pcnav.studies.deng2024 import arcs, consistency, paper
-from pcnav.studies.deng2024.chapters import consistency_chapter, filter_chapter, spin_chapter
-from pcnav.studies.deng2024.filters import continuous, fitted_run, measured, printed_run
-from pcnav.studies.deng2024.ranks import rank_chapter
-from pcnav.studies.deng2024.study import monte_carlo_cases, study_deng2024
+from studies.deng2024 import arcs, consistency, paper
+from studies.deng2024.chapters import consistency_chapter, filter_chapter, spin_chapter
+from studies.deng2024.filters import continuous, fitted_run, measured, printed_run
+from studies.deng2024.ranks import rank_chapter
+from studies.deng2024.study import monte_carlo_cases, study_deng2024
 
 
 @pytest.fixture(scope="module")

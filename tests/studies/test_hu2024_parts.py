@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.estimation.feature_states import MOTION_SIZE
+from pcnav.estimators.principal_axes.feature_states import MOTION_SIZE
 from pcnav.simulation.scenario import rotate_torque_free
-from pcnav.studies.hu2024 import paper
-from pcnav.studies.hu2024.chapters import (
+from studies.hu2024 import paper
+from studies.hu2024.chapters import (
     blackout_table,
     consistency_of,
     filter_chapter,
@@ -17,15 +17,15 @@ from pcnav.studies.hu2024.chapters import (
     last_table,
     rmse_of,
 )
-from pcnav.studies.hu2024.following import BLOCKS, cases, disturbed_truth, judge
-from pcnav.studies.hu2024.identification import (
+from studies.hu2024.following import BLOCKS, cases, disturbed_truth, judge
+from studies.hu2024.identification import (
     REPORT_S,
     IdentificationBatch,
     IdentificationErrors,
     Method,
     run_identification,
 )
-from pcnav.studies.hu2024.study import _batches, _planned, study_hu2024
+from studies.hu2024.study import _batches, _planned, study_hu2024
 
 
 def short(duration_s: float):

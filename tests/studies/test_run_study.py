@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from pcnav.batch.cluster import Workers
-from pcnav.config import read_pipeline
-from pcnav.errors import InputError
-from pcnav.evaluation.text_table import TextTable
-from pcnav.studies import run_study
-from pcnav.studies.folder import study_folder
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.core.errors import InputError
+from pcnav.report.text_table import TextTable
+from studies import run_study
+from studies.folder import study_folder
 
 
 def test_unknown_study_and_too_few_runs_are_refused(tmp_path: Path) -> None:

@@ -10,24 +10,18 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from pcnav.batch.cluster import Workers
+from pcnav.core.spatial import exp_rotation, log_rotation, skew
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
 from pcnav.dynamics.relative_attitude import relative_rate
 from pcnav.dynamics.rigid_body import euler_acceleration, is_physical_inertia
-from pcnav.spatial import exp_rotation, log_rotation, skew
-from pcnav.studies import run_study
-from pcnav.studies.progress import Progress
-from pcnav.studies.segal2011 import paper
-from pcnav.studies.segal2011.campaign import (
-    Case,
-    drawn_and_truth,
-    motion_cases,
-    run_cases,
-    truth_only,
-)
-from pcnav.studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share
-from pcnav.studies.segal2011.monte_carlo import QUANTITIES, Batch, run_batch
-from pcnav.studies.segal2011.observability import _derivatives, arc_information
-from pcnav.studies.segal2011.picking import picks_of
+from studies import run_study
+from studies.progress import Progress
+from studies.segal2011 import paper
+from studies.segal2011.campaign import Case, drawn_and_truth, motion_cases, run_cases, truth_only
+from studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share
+from studies.segal2011.monte_carlo import QUANTITIES, Batch, run_batch
+from studies.segal2011.observability import _derivatives, arc_information
+from studies.segal2011.picking import picks_of
 
 HERE = Workers(jobs=1)
 QUIET = Progress(1, lambda done, total: None)

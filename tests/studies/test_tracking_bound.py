@@ -3,9 +3,17 @@
 import numpy as np
 import pytest
 
-from pcnav.arrays import FloatArray
-from pcnav.config import BodyTable, OrbitTable, Pipeline, ScenarioTable
-from pcnav.estimation.mass_centre import MassCentreModel
+from pcnav.config.pipeline_file import BodyTable, OrbitTable, Pipeline, ScenarioTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation
+from pcnav.dynamics.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    STATE_SIZE,
+    NavigationState,
+    ratio_covariance,
+)
+from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.evaluation.bound import (
     informed,
     pose_jacobian,
@@ -15,15 +23,7 @@ from pcnav.evaluation.bound import (
 )
 from pcnav.simulation.random_truth import satellite
 from pcnav.simulation.scenario import TrueMotion, true_motion
-from pcnav.spatial import exp_rotation
-from pcnav.state import (
-    COM_MODEL,
-    INERTIA_RATIOS,
-    STATE_SIZE,
-    NavigationState,
-    ratio_covariance,
-)
-from pcnav.studies.tracking.following import errors_of_pose
+from studies.tracking.following import errors_of_pose
 
 MEAN_MOTION = 0.0011
 

@@ -6,29 +6,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.arrays import FloatArray
-from pcnav.camera import project
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import project
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle, transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.errors import InputError
-from pcnav.mesh import mesh_diameter
-from pcnav.sequences.opening import open_sequence
+from pcnav.dynamics.state import COM_MODEL, STATE_SIZE
+from pcnav.recordings.opening import open_sequence
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.recording import simulate
 from pcnav.simulation.scenario import pinhole_camera, true_motion
 from pcnav.simulation.scene import Scene
-from pcnav.spatial import exp_rotation, make_transform, rotation_angle, transform_points
-from pcnav.state import COM_MODEL, STATE_SIZE
-from pcnav.studies.tracking import faults
-from pcnav.studies.tracking.bars import at, mean_squared, share
-from pcnav.studies.tracking.blackouts import Blackout, Phases
-from pcnav.studies.tracking.figures import BlockCurve, StartCurve, block_figure, start_figures
-from pcnav.studies.tracking.following import (
-    JudgedRun,
-    errors_of_pose,
-    status_sequence,
-    status_shares,
-)
-from pcnav.studies.tracking.starts import Outcome, run_start
+from pcnav.target.mesh import mesh_diameter
+from studies.tracking import faults
+from studies.tracking.bars import at, mean_squared, share
+from studies.tracking.blackouts import Blackout, Phases
+from studies.tracking.figures import BlockCurve, StartCurve, block_figure, start_figures
+from studies.tracking.following import JudgedRun, errors_of_pose, status_sequence, status_shares
+from studies.tracking.starts import Outcome, run_start
 
 SPREAD = Spread(range_m=(10.0, 30.0), rate_deg_s=(1.0, 5.0), speed_m_s=0.02)
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from pcnav.config import read_pipeline
-from pcnav.studies import run_study
-from pcnav.studies.tracking.faults import FAULTS
+from pcnav.config.pipeline_file import read_pipeline
+from studies import run_study
+from studies.tracking.faults import FAULTS
 
 TABLES = (
     "verdict",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcnav.config import (
+from pcnav.config.pipeline_file import (
     BodyTable,
     Measurements,
     OrbitTable,
@@ -12,24 +12,18 @@ from pcnav.config import (
     Pipeline,
     ScenarioTable,
 )
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.perception.rectangles import distribution, observe_cloud
 from pcnav.simulation.scenario import true_motion
-from pcnav.spatial import exp_rotation, log_rotation, make_transform, transform_points
-from pcnav.studies.progress import Progress
-from pcnav.studies.yu2019 import paper
-from pcnav.studies.yu2019.boxsat import settings_of
-from pcnav.studies.yu2019.clouds import (
-    Spread,
-    centroid_sd,
-    grid_shape,
-    rectangle_cloud,
-    rotation_sd,
-)
-from pcnav.studies.yu2019.extraction import extraction_tables
-from pcnav.studies.yu2019.filter_run import disturbed_motion, model_of, run_filter
-from pcnav.studies.yu2019.sensor import CloudSensor
-from pcnav.studies.yu2019.single_frame import frame_errors
+from studies.progress import Progress
+from studies.yu2019 import paper
+from studies.yu2019.boxsat import settings_of
+from studies.yu2019.clouds import Spread, centroid_sd, grid_shape, rectangle_cloud, rotation_sd
+from studies.yu2019.extraction import extraction_tables
+from studies.yu2019.filter_run import disturbed_motion, model_of, run_filter
+from studies.yu2019.sensor import CloudSensor
+from studies.yu2019.single_frame import frame_errors
 
 QUIET = Progress(1, lambda done, total: None)
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from pcnav.config import Pipeline
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
 from pcnav.simulation.recording import simulate
-from pcnav.target import load_target
+from pcnav.target.satellite import load_target
 from pcnav.viewer.story import Story, load_story
 
 FRAMES = 12

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pcnav.camera import unproject
-from pcnav.spatial import invert_transform, transform_points
+from pcnav.core.camera import unproject
+from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.viewer.colouring import (
     EXPLAINED_SIGMA,
     face_names,
@@ -52,7 +52,7 @@ def test_residuals_are_noise_at_the_estimate(story: Story) -> None:
 def test_a_target_moved_back_is_behind_the_model(story: Story) -> None:
     shot = shot_of(story, LAST)
     assert shot is not None and story.target is not None
-    from pcnav.rendering import DepthRenderer
+    from pcnav.target.rendering import DepthRenderer
 
     rendered = DepthRenderer(story.target.mesh, shot.frame.camera).render(
         story.track.T_cam_model[LAST]

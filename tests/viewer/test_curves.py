@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcnav.evaluation.metrics import evaluate
-from pcnav.evaluation.truth import read_truth
+from pcnav.recordings.truth import read_truth
 from pcnav.viewer.clock import Playback, speeds
 from pcnav.viewer.curves import Chart, Curve, groups_of, linear_range
 from pcnav.viewer.plots import two_sided_ticks

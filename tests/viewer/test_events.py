@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcnav.results import ACCEPTED, RectangleRecord, Track
-from pcnav.spatial import exp_rotation
+from pcnav.core.spatial import exp_rotation
+from pcnav.runs.results import ACCEPTED, RectangleRecord, Track
 from pcnav.viewer.events import Kind, events_of, neighbour
 
 _SPIN = np.array([0.0, 0.0, 0.1])

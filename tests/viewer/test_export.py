@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.errors import InputError
+from pcnav.core.errors import InputError
 from pcnav.viewer.browser import on_background
 from pcnav.viewer.export import (
     recorded_frames,

@@ -15,12 +15,12 @@ from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from pcnav.cli.run_kinds import depth_run
-from pcnav.config import read_pipeline
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.estimators.depth.tracker import Tracker
 from pcnav.pipeline import run
-from pcnav.results import FrameEstimate
-from pcnav.sequences.opening import open_sequence
-from pcnav.target import load_target
-from pcnav.tracking import Tracker
+from pcnav.recordings.opening import open_sequence
+from pcnav.runs.results import FrameEstimate
+from pcnav.target.satellite import load_target
 from pcnav.viewer.app import serve
 from pcnav.viewer.live import LiveRun, run_live
 from pcnav.viewer.live_rows import depth_row, starting_depth_story

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pcnav.cli.run_kinds import Work, attitudes_run, images_run, tracks_run
-from pcnav.config import Pipeline, read_pipeline
-from pcnav.shipped import shipped_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_pipeline
 from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.simulation.image_recording import simulate_images

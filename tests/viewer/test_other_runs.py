@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.attitude_pipeline import run_attitudes
-from pcnav.config import Pipeline, read_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_pipeline
+from pcnav.core.spatial import exp_rotation
 from pcnav.feature_pipeline import run_features
-from pcnav.image_results import ImageTrack, write_states
-from pcnav.provenance import pipeline_toml
-from pcnav.shipped import shipped_pipeline
+from pcnav.runs.image_results import ImageTrack, write_states
+from pcnav.runs.provenance import pipeline_toml
 from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
-from pcnav.spatial import exp_rotation
 from pcnav.viewer.controls import available_layers
 from pcnav.viewer.curves import groups_of
 from pcnav.viewer.look import Layer

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.errors import InputError
-from pcnav.evaluation.truth import read_truth
-from pcnav.results import read_track
+from pcnav.core.errors import InputError
+from pcnav.recordings.truth import read_truth
+from pcnav.runs.results import read_track
 from pcnav.viewer.curves import groups_of
 from pcnav.viewer.layers import shot_of
 from pcnav.viewer.panels import facts_html, measurements_html

@@ -1,0 +1,1 @@
+"""The typed pipeline file: one module a group of tables."""

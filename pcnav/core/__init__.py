@@ -1,0 +1,1 @@
+"""Arrays, rotations and transforms, cameras, statistics: array in, array out, no files."""

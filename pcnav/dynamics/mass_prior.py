@@ -1,0 +1,22 @@
+"""What is believed of a target's mass before a single frame is seen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class PriorMass:
+    """Covariances of the mass centre and of the inertia ratios that a filter was started with."""
+
+    com_covariance_m2: FloatArray
+    """(3, 3) of the mass centre in the model frame, m^2."""
+    ratio_covariance: FloatArray
+    """(5, 5) of Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
+
+    @staticmethod
+    def from_sd(com_sd_m: FloatArray, ratio_sd: FloatArray) -> "PriorMass":
+        """From standard deviations (3,) and (5,) along the model axes, uncorrelated."""
+        return PriorMass(np.diag(np.square(com_sd_m)), np.diag(np.square(ratio_sd)))

@@ -1,0 +1,1 @@
+"""Attitude, rate and inertia ratios from attitudes alone (Deng 2024)."""

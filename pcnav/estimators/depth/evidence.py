@@ -1,0 +1,59 @@
+"""The evidence for and against a track."""
+
+from collections import deque
+
+import numpy as np
+
+from pcnav.core import chi_square
+from pcnav.filtering.error_state import UpdateResult
+from pcnav.runs.results import NIS_WINDOW_FRAMES
+
+_POOR_EXPLAINED = 0.9
+"""A track that explains less of its frames than this, over the window, is doubtful."""
+_WINDOW_FRAMES = 5
+_LARGEST_DROP = 0.02
+"""So is one that explains so much less than it used to: more than noise moves the share by."""
+_MEMORY_FRAMES = 20
+"""Over about so many frames a track's usual share is taken."""
+_NIS_PROBABILITY = 1e-6
+"""So improbable must the innovations of the window be for the track to be doubtful."""
+
+
+class Evidence:
+    """What the last frames say for and against a track."""
+
+    def __init__(self) -> None:
+        self._explained: deque[float] = deque(maxlen=_WINDOW_FRAMES)
+        self._innovations: deque[tuple[float, int]] = deque(maxlen=NIS_WINDOW_FRAMES)
+        self._usual = float("nan")
+        self._fell = False
+
+    def add(self, explained: float, result: UpdateResult) -> None:
+        """Take in an update: share of the frame explained, and innovations."""
+        self._explained.append(explained)
+        self._fell = bool(explained < self._usual - _LARGEST_DROP)
+        if np.isnan(self._usual):
+            self._usual = explained
+        self._usual += (explained - self._usual) / _MEMORY_FRAMES
+        if result.joint_dof:
+            self._innovations.append((result.joint_nis, result.joint_dof))
+
+    @property
+    def window_nis(self) -> float:
+        """NIS over its degrees of freedom, over the last frames; nan without any."""
+        nis, dof = self._sums()
+        return nis / dof if dof else float("nan")
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the track deserves a fresh look: it explains too little, or errs too much."""
+        if self._fell:
+            return True
+        if len(self._explained) < _WINDOW_FRAMES:
+            return False
+        nis, dof = self._sums()
+        errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
+        return errs or float(np.mean(self._explained)) < _POOR_EXPLAINED
+
+    def _sums(self) -> tuple[float, int]:
+        return sum(nis for nis, _ in self._innovations), sum(dof for _, dof in self._innovations)

@@ -1,0 +1,119 @@
+"""The pose that fits one frame: compared with its rendered view, moved, compared again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, square_root
+from pcnav.filtering.error_state import innovation_gate
+from pcnav.perception.refinement import Comparer, Comparison, FaceEvidence
+
+_MOST_PASSES = 8
+_STEP_ERROR = 0.1
+"""A step is right to this share of itself: the comparison is linear, the view is not."""
+_STILL_SHARE = 0.5
+"""A step of less than this many standard deviations is the last."""
+_GATE_PROBABILITY = 0.9999
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """A pose fitted to one frame."""
+
+    T_cam_model: FloatArray
+    """(4, 4)"""
+    covariance: FloatArray
+    """(6, 6) of its error, as `pose_error`."""
+    comparison: Comparison
+    """The last one, at most a small step away from the pose."""
+    used: tuple[str, ...]
+    rejected: tuple[str, ...]
+    """Names of the faces that agree, and of those that contradict the others."""
+    converged: bool
+
+
+def fit_pose(
+    depth_m: DepthImage,
+    T_cam_model: FloatArray,
+    covariance: FloatArray,
+    comparer: Comparer,
+    *,
+    spread: FloatArray | None = None,
+) -> PoseFit | None:
+    """Fit a pose to a frame, starting from a guess; None when nothing of the guess is seen.
+
+    Args:
+        depth_m: (height, width) the frame.
+        T_cam_model: (4, 4) the guess, also the mean of a prior.
+        covariance: (6, 6) of the guess; wide where it should not decide.
+        comparer: of the target and the camera.
+        spread: (6, 6) how far the guess may really be off, where that is less than its prior.
+    """
+    prior = np.asarray(np.linalg.inv(covariance))
+    guess, pose = T_cam_model, T_cam_model
+    spread = covariance if spread is None else spread
+    fit: PoseFit | None = None
+    for _ in range(_MOST_PASSES):
+        comparison = comparer.compare(depth_m, pose, spread)
+        if not comparison.faces:
+            return fit
+        faces = agreeing(comparison.faces, spread, comparer.lever_m)
+        information = prior + sum(face.information for face in faces)
+        vector = prior @ pose_error(pose, guess) + sum(face.vector for face in faces)
+        posterior = np.asarray(np.linalg.inv(information))
+        step = posterior @ vector
+        pose = moved_pose(pose, step)
+        converged = bool(step @ information @ step < _STILL_SHARE**2 * len(step))
+        kept = {id(face) for face in faces}
+        fit = PoseFit(
+            pose,
+            posterior,
+            comparison,
+            tuple(face.name for face in faces),
+            tuple(face.name for face in comparison.faces if id(face) not in kept),
+            converged,
+        )
+        if converged:
+            break
+        spread = posterior + step_doubt(step)
+    return fit
+
+
+def step_doubt(step: FloatArray) -> FloatArray:
+    """(6, 6) covariance of what is still wrong with a pose after a step (6,) from a bad one."""
+    shift, turn = np.linalg.norm(step[:3]), np.linalg.norm(step[3:])
+    return np.diag((_STEP_ERROR * np.repeat([shift, turn], 3)) ** 2)
+
+
+def agreeing(
+    faces: tuple[FaceEvidence, ...], spread: FloatArray, lever_m: float
+) -> tuple[FaceEvidence, ...]:
+    """The faces that agree on a pose.
+
+    While there are three or more, the one that contradicts the rest most, beyond the 99.99 % gate,
+    is left out; of two that disagree none can be called wrong.
+    """
+    used = list(faces)
+    prior = np.asarray(np.linalg.inv(spread))
+    while len(used) > 2:
+        information = prior + sum(face.information for face in used)
+        vector = np.asarray(sum(face.vector for face in used))
+        excess = [_contradiction(face, information, vector, lever_m) for face in used]
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1.0:
+            break
+        used.pop(worst)
+    return tuple(used)
+
+
+def _contradiction(
+    face: FaceEvidence, information: FloatArray, vector: FloatArray, lever_m: float
+) -> float:
+    """Squared innovation of one face against the pose of all others, over its gate."""
+    others = np.asarray(np.linalg.inv(information - face.information))
+    rows, value = square_root(face.information, face.vector, lever_m)
+    innovation = value - rows @ (others @ (vector - face.vector))
+    covariance = np.eye(len(value)) + rows @ others @ rows.T
+    squared = float(innovation @ np.linalg.solve(covariance, innovation))
+    return squared / innovation_gate(_GATE_PROBABILITY, len(value))

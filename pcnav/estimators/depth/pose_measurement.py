@@ -1,0 +1,166 @@
+"""What a comparison with a rendered view says of the navigation state.
+
+A face gives information about the error of the pose it was rendered at, often not about all six
+components: a plane knows nothing of shifts within itself. The measurement keeps the combinations
+that are known, scaled to unit variance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.state import COM_MODEL, R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.filtering.error_state import Measurement
+
+_LEAST_SHARE = 1e-9
+"""Combinations with less than this share of the largest information are unknown: rounding."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Where the camera is at the time of a frame."""
+
+    T_cam_world: FloatArray
+    """(4, 4)"""
+    R_hill_world: FloatArray
+    """(3, 3)"""
+
+    @staticmethod
+    def of(T_cam_world: FloatArray, time_s: float, mean_motion_rad_s: float) -> "Sight":
+        """At a time, for a chaser on a circular orbit."""
+        return Sight(T_cam_world, R_hill_world(time_s, mean_motion_rad_s))
+
+    @property
+    def R_cam_hill(self) -> FloatArray:
+        """(3, 3)"""
+        return np.asarray(self.T_cam_world[:3, :3] @ self.R_hill_world.T)
+
+
+class PoseReference:
+    """The pose that the faces of a frame were compared with; they share its small computations."""
+
+    def __init__(self, T_cam_model: FloatArray, sight: Sight) -> None:
+        """``T_cam_model`` is (4, 4)."""
+        self.T_cam_model, self.sight = T_cam_model, sight
+        self._last: tuple[NavigationState, FloatArray, FloatArray] | None = None
+
+    def linearised(self, state: NavigationState) -> tuple[FloatArray, FloatArray]:
+        """`pose_error` (6,) of a state's pose, and its derivative (6, 20) by the error state."""
+        if self._last is None or self._last[0] is not state:
+            sight = self.sight
+            pose = state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+            error = pose_error(self.T_cam_model, pose)
+            by_state = pose_jacobian(state, sight)
+            # log(exp(turn) exp(d)) = turn + J_r(turn)^-1 d.
+            by_state[3:] = np.linalg.solve(left_jacobian(-error[3:]), by_state[3:])
+            self._last = (state, error, by_state)
+        return self._last[1:]
+
+
+@dataclass(frozen=True)
+class PoseMeasurement(Measurement[NavigationState]):
+    """Combinations of the error of a predicted pose, each with unit variance.
+
+    The error is `pose_error` from the reference to the true pose.
+    """
+
+    face: str
+    reference: PoseReference
+    rows: FloatArray
+    """(m, 6) the combinations."""
+    value: FloatArray
+    """(m,) measured."""
+
+    @staticmethod
+    def from_information(
+        face: str,
+        reference: PoseReference,
+        information: FloatArray,
+        vector: FloatArray,
+        lever_m: float,
+    ) -> "PoseMeasurement":
+        """From an information matrix (6, 6), maybe singular, and information times error (6,).
+
+        ``lever_m`` makes rotations comparable with shifts: half the target's size.
+        """
+        rows, value = square_root(information, vector, lever_m)
+        return PoseMeasurement(face, reference, rows, value)
+
+    @property
+    def name(self) -> str:
+        """The face's name."""
+        return self.face
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(m, m) the identity."""
+        return np.eye(len(self.value))
+
+    def residual(self, state: NavigationState) -> FloatArray:
+        """(m,) measured minus predicted, in standard deviations."""
+        return np.asarray(self.value - self.rows @ self.reference.linearised(state)[0])
+
+    def jacobian(self, state: NavigationState) -> FloatArray:
+        """(m, 20) derivative of the prediction by the error state."""
+        return np.asarray(self.rows @ self.reference.linearised(state)[1])
+
+
+def joined(measurements: Sequence[PoseMeasurement]) -> PoseMeasurement:
+    """All that faces compared with one pose say, in six combinations at most."""
+    rows = np.vstack([measurement.rows for measurement in measurements])
+    value = np.concatenate([measurement.value for measurement in measurements])
+    # An orthogonal turn of whitened rows keeps them white; what is left of the values beyond the
+    # sixth says nothing of the pose.
+    q, r = np.linalg.qr(rows)
+    return PoseMeasurement("all faces", measurements[0].reference, r, q.T @ value)
+
+
+def pose_error(T_cam_from: FloatArray, T_cam_to: FloatArray) -> FloatArray:
+    """(6,) from one pose (4, 4) to another: shift of the origin (m, camera axes), rotation vector
+    (rad, model axes)."""
+    shift = T_cam_to[:3, 3] - T_cam_from[:3, 3]
+    return np.concatenate([shift, log_rotation(T_cam_from[:3, :3].T @ T_cam_to[:3, :3])])
+
+
+def moved_pose(T_cam_model: FloatArray, error: FloatArray) -> FloatArray:
+    """(4, 4) the pose moved by an error (6,): the inverse of `pose_error`."""
+    moved = T_cam_model.copy()
+    moved[:3, 3] += error[:3]
+    moved[:3, :3] = moved[:3, :3] @ exp_rotation(error[3:])
+    return moved
+
+
+def pose_jacobian(state: NavigationState, sight: Sight) -> FloatArray:
+    """(6, 20) change of the pose (as `pose_error`) by the error state.
+
+    From ``p_cam = R_cam_hill r - R_cam_body com`` and the attitude error in body axes.
+    """
+    R_cam_body = sight.T_cam_world[:3, :3] @ state.R_world_body
+    jacobian = np.zeros((6, STATE_SIZE))
+    jacobian[:3, R_HILL] = sight.R_cam_hill
+    jacobian[:3, COM_MODEL] = -R_cam_body
+    jacobian[:3, THETA_BODY] = R_cam_body @ skew(state.com_model)
+    jacobian[3:, THETA_BODY] = np.eye(3)
+    return jacobian
+
+
+def pose_covariance(state: NavigationState, covariance: FloatArray, sight: Sight) -> FloatArray:
+    """(6, 6) covariance of the pose, from that of the state (20, 20)."""
+    jacobian = pose_jacobian(state, sight)
+    return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def square_root(
+    information: FloatArray, vector: FloatArray, lever_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Rows (m, 6) and values (m,) with ``rows^T rows = information``, ``rows^T value = vector``."""
+    scale = np.array([1.0, 1.0, 1.0, lever_m, lever_m, lever_m])
+    strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
+    known = strength > _LEAST_SHARE * max(float(strength[-1]), 0.0)
+    root, axes = np.sqrt(strength[known]), axes[:, known]
+    rows = (root[:, None] * axes.T) * scale
+    return rows, np.asarray(axes.T @ (vector / scale) / root)

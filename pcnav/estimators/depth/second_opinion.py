@@ -1,0 +1,103 @@
+"""A second opinion on a doubtful track: where would one find the target in this frame alone?
+
+An update leaves out what does not fit, so a filter may go on with the faces that a wrong pose
+happens to explain. A fresh look tells: the pose tracked and the poses found without it are fitted
+to the same frame and compared by their conflicts, as motions are at the start.
+"""
+
+from collections.abc import Sequence
+from enum import Enum, auto
+
+from pcnav.core.arrays import FloatArray
+from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.single_frame import SingleFramePose, refined_hypotheses, refitted
+from pcnav.estimators.depth.start import CLEAR_LEAD, NATS_PER_CONFLICT
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.reading import FrameReader
+from pcnav.recordings.sequence import Frame
+from pcnav.target.satellite import Target
+
+_LONGEST_WAIT_FRAMES = 40
+_LONGEST_WAIT_OPEN_FRAMES = 5
+"""The same while the question is open: sooner or later a view tells the two apart."""
+_VOTES = 2
+"""Looks in a row against a track that end it: one frame may be spoilt by something in the way."""
+_SAME_ANGLE_RAD = 0.1
+_SAME_SHIFT_FRACTION = 0.05
+"""Poses closer than this angle and share of the diameter are one."""
+
+
+class Verdict(Enum):
+    """What a fresh look at a frame says of a track."""
+
+    UPHELD = auto()
+    """No other pose explains the frame nearly as well."""
+    OPEN = auto()
+    """Another pose explains it as well, or the first look says better."""
+    OVERTURNED = auto()
+    """Looks in a row found the target clearly elsewhere."""
+
+
+class SecondOpinion:
+    """When to look afresh, and what came of it. One for each track."""
+
+    def __init__(self, target: Target, reader: FrameReader) -> None:
+        self._target, self._reader = target, reader
+        self._wait, self._since_look, self._votes = 1, 0, 0
+        self._lead = 0.0
+
+    def is_due(self, evidence: Evidence, *, is_open: bool) -> bool:
+        """Whether this frame is to be looked at; asked once a frame.
+
+        ``is_open``: whether the track is one of several that explained the frames so far.
+        """
+        self._since_look += 1
+        if self._votes:
+            return True
+        if not (evidence.is_doubtful or is_open):
+            self._wait = 1
+            return False
+        return self._since_look >= self._wait
+
+    def look(self, frame: Frame) -> tuple[PerceivedFrame, tuple[SingleFramePose, ...]]:
+        """The frame as seen without the track, and where the target may be in it."""
+        perceived = self._reader.look(self._reader.thinned(frame))
+        return perceived, refined_hypotheses(perceived, self._reader)
+
+    def judge(
+        self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
+    ) -> Verdict:
+        """Compare the pose tracked (4, 4) with the poses found in the same frame."""
+        self._since_look = 0
+        # What upholds a doubtful track once will do so in the next frame: doubt has other reasons.
+        self._wait = min(2 * self._wait, _LONGEST_WAIT_FRAMES)
+        lead = self._lead_of(perceived, found, T_cam_model)
+        self._votes = self._votes + 1 if lead < -CLEAR_LEAD else 0
+        if self._votes >= _VOTES:
+            return Verdict.OVERTURNED
+        self._lead += lead
+        if self._votes or self._lead <= CLEAR_LEAD:
+            self._wait = min(self._wait, _LONGEST_WAIT_OPEN_FRAMES)
+            return Verdict.OPEN
+        self._lead = 0.0
+        return Verdict.UPHELD
+
+    def _lead_of(
+        self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
+    ) -> float:
+        """Log-likelihood of the pose tracked over the best other one; inf where there is none."""
+        others = [pose for pose in found if not self._same(pose.T_cam_model, T_cam_model)]
+        if not others:
+            return float("inf")
+        fitted = refitted([T_cam_model], perceived, self._reader)
+        stayed = [pose for pose in fitted if self._same(pose.T_cam_model, T_cam_model)]
+        if stayed:
+            tracked = stayed[0].agreement
+        else:
+            tracked = self._reader.explained(perceived.frame, T_cam_model)
+        return NATS_PER_CONFLICT * (
+            min(pose.agreement.conflict for pose in others) - tracked.conflict
+        )
+
+    def _same(self, a: FloatArray, b: FloatArray) -> bool:
+        return self._target.shows_alike(a, b, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)

@@ -1,0 +1,289 @@
+"""The pose of a target from one depth frame alone: all of its faces, no motion model.
+
+Hypotheses, each fitted to the frame, and the one that then explains most. They are fitted by
+comparison with the rendered view (`pose_fit`), or by rectangles: expected view, measured faces, one
+update of the filter engine from a prior that says nothing, and again with the view expected from
+the better pose. There a bare pose is a navigation state whose mass centre is the model's origin and
+whose camera is the world.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcnav.config.pipeline_file import Measurements
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import log_rotation
+from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.estimators.depth.mass_centre import RectangleMeasurement
+from pcnav.estimators.depth.pose_fit import PoseFit, fit_pose
+from pcnav.filtering.error_state import ErrorStateFilter, innovation_gate
+from pcnav.perception.agreement import Agreement
+from pcnav.perception.association import MeasuredFace
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.perception.refinement import Comparison
+from pcnav.recordings.sequence import Frame
+
+_MOST_HYPOTHESES = 4
+_LARGEST_LAG = 0.3
+"""Hypotheses that explain so much less than the best one are not refined."""
+_LEAST_EXPLAINED = 0.5
+"""A pose that explains less of the frame than this is not believed."""
+_PASSES = 4
+"""Most times the expected view is rendered anew."""
+_POSITION_SD_FRACTION = 1.0
+_ATTITUDE_SD_RAD = 1.0
+"""Prior about the hypothesis, the position over the diameter: so wide that it decides nothing."""
+_HYPOTHESIS_SD_FRACTION = 0.02
+_HYPOTHESIS_SD_RAD = 0.05
+"""How far a hypothesis from one rectangle may be off, the position over the diameter."""
+_BEATEN_SD = 3.0
+"""A coarse fit is given up when it has so many deviations more pixels against it than another."""
+_SAME_PX = 3.0
+"""Poses that show no point of the target further apart are one."""
+_HELD_SD = 1e-9
+"""Deviation of the parts of the state that are no pose: they stay where they are."""
+_GATE_PROBABILITY = 0.9999
+_STILL_SHARE = 1.0
+"""A pass that moves every component by less than this share of its deviation is the last."""
+_POSE = np.r_[R_HILL, THETA_BODY]
+
+
+@dataclass(frozen=True)
+class SingleFramePose:
+    """A pose and what it rests on."""
+
+    T_cam_model: FloatArray
+    """(4, 4)"""
+    covariance: FloatArray
+    """(6, 6) of the model origin (m, camera axes) and the attitude error (rad, model axes)."""
+    agreement: Agreement
+    """Of the frame with the target rendered at the pose."""
+    used: tuple[str, ...]
+    """Names of the rectangles it was fused from."""
+    rejected: tuple[str, ...]
+    """Rectangles that contradict the others."""
+    converged: bool
+    """Whether expecting the view anew moved the pose no more."""
+    comparison: Comparison | None = None
+    """The last one, where the pose was fitted by comparison."""
+
+    @property
+    def explained(self) -> float:
+        """Share of the frame that the pose explains; nan where not rendered."""
+        return self.agreement.share
+
+
+def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | None:
+    """Pose of the target in one frame without any prediction; None when none can be believed.
+
+    The hypotheses that explain most are each refined, and the pose that then explains most of the
+    frame is taken.
+    """
+    candidates = refined_hypotheses(reader.look(frame), reader)
+    return candidates[0] if candidates and candidates[0].explained >= _LEAST_EXPLAINED else None
+
+
+def refined_hypotheses(
+    perceived: PerceivedFrame, reader: FrameReader, near: Sequence[FloatArray] = ()
+) -> tuple[SingleFramePose, ...]:
+    """The likeliest hypotheses of a frame, each refined on all faces; the best explaining first.
+
+    Each is one of the equivalent poses of a symmetric target: that nearest in attitude to one of
+    ``near`` (4, 4 each).
+    """
+    hypotheses = reader.hypotheses(perceived)[:_MOST_HYPOTHESES]
+    likely = [
+        reader.nearest_equivalent(hypothesis.T_cam_model, near)
+        for hypothesis in hypotheses
+        if hypothesis.agreement.share > hypotheses[0].agreement.share - _LARGEST_LAG
+    ]
+    return best_first(refitted(likely, perceived, reader))
+
+
+def best_first(poses: Iterable[SingleFramePose]) -> tuple[SingleFramePose, ...]:
+    """The best explaining first."""
+    return tuple(sorted(poses, key=lambda pose: -pose.explained))
+
+
+def refitted(
+    poses: Sequence[FloatArray], perceived: PerceivedFrame, reader: FrameReader
+) -> list[SingleFramePose]:
+    """Poses (4, 4) fitted to a frame in the way the reader measures; those that found a fit."""
+    if reader.measured_by is Measurements.RECTANGLES:
+        found = [refine_pose(T_cam_model, perceived, reader) for T_cam_model in poses]
+    else:
+        found = compared_poses(poses, perceived.frame, reader)
+    return [pose for pose in found if pose is not None]
+
+
+def compared_poses(
+    hypotheses: Sequence[FloatArray], frame: Frame, reader: FrameReader, doubt: float = 1.0
+) -> list[SingleFramePose | None]:
+    """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
+
+    Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
+    off, in terms of those that rectangles propose.
+    """
+    comparer = reader.comparer(frame)
+    rough = comparer.coarse(frame.depth_m)
+    sd = np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
+    sd = doubt * sd
+    coarse: list[PoseFit] = []
+    for T_cam_model in hypotheses:
+        fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough)
+        if fit is None:
+            continue
+        moved = [reader.moved_px(fit.T_cam_model, other.T_cam_model, frame) for other in coarse]
+        if min(moved, default=np.inf) > _SAME_PX:
+            coarse.append(fit)
+    found: list[SingleFramePose | None] = []
+    for start in _not_beaten(coarse):
+        # The frame is used once: the coarse pass says where to start, not what is known.
+        fit = fit_pose(
+            frame.depth_m, start.T_cam_model, np.diag(sd**2), comparer, spread=start.covariance
+        )
+        found.append(None if fit is None else _from_fit(fit))
+    return found
+
+
+def _not_beaten(fits: Sequence[PoseFit]) -> list[PoseFit]:
+    """The fits that do not have clearly more pixels against them than another one."""
+    conflicts = np.array([fit.comparison.agreement.conflict for fit in fits], dtype=np.float64)
+    if not len(conflicts):
+        return []
+    fewest = float(np.min(conflicts))
+    # Counts vary by their roots.
+    slack = _BEATEN_SD * np.sqrt(conflicts + fewest) + _BEATEN_SD
+    return [fit for fit, near in zip(fits, conflicts - fewest <= slack, strict=True) if near]
+
+
+def _from_fit(fit: PoseFit) -> SingleFramePose:
+    return SingleFramePose(
+        fit.T_cam_model,
+        fit.covariance,
+        fit.comparison.agreement,
+        fit.used,
+        fit.rejected,
+        fit.converged,
+        fit.comparison,
+    )
+
+
+def refine_pose(
+    T_cam_model: FloatArray, perceived: PerceivedFrame, reader: FrameReader
+) -> SingleFramePose | None:
+    """The pose that the faces measured about a hypothesis (4, 4) give; None when there are none.
+
+    In area-weighted mode the frame is read anew from every better pose, which knows the planes
+    that RANSAC may have missed or made up; in paper mode the faces are those RANSAC found.
+    """
+    view = View(perceived, [], [])
+    estimate: SingleFramePose | None = None
+    for attempt in range(_PASSES):
+        # A hypothesis can be off by pixels; a pose fitted to all faces is not.
+        trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
+        if reader.depends_on_pose:
+            view = reader.read(perceived.frame, T_cam_model, trust)
+        else:
+            view = reader.read_again(view, T_cam_model)
+        if not view.faces:
+            break
+        before, estimate = estimate, fuse_faces(view.faces, T_cam_model, reader.diameter_m)
+        T_cam_model = estimate.T_cam_model
+        if before is not None and _is_still(before, estimate):
+            estimate = replace(estimate, converged=True)
+            break
+    if estimate is None:
+        return None
+    return replace(estimate, agreement=reader.explained(perceived.frame, T_cam_model))
+
+
+def fuse_faces(
+    faces: Sequence[MeasuredFace], T_cam_model: FloatArray, diameter_m: float
+) -> SingleFramePose:
+    """The pose that fits the measured faces that agree best.
+
+    Args:
+        faces: at least one.
+        T_cam_model: (4, 4) where to start.
+        diameter_m: of the target; the scale of the prior.
+    """
+    used = agreeing_faces(faces, T_cam_model, diameter_m)
+    kept = {id(face) for face in used}
+    rejected = [face.rectangle.name for face in faces if id(face) not in kept]
+    kalman = _fused(used, T_cam_model, diameter_m)
+    covariance = kalman.covariance[np.ix_(_POSE, _POSE)]
+    names = tuple(face.rectangle.name for face in used)
+    pose = kalman.state.T_cam_model(np.eye(4), np.eye(3))
+    silent = Agreement(0, 0)
+    return SingleFramePose(pose, covariance, silent, names, tuple(rejected), converged=False)
+
+
+def agreeing_faces(
+    faces: Sequence[MeasuredFace], T_cam_model: FloatArray, diameter_m: float
+) -> list[MeasuredFace]:
+    """The faces of one frame that agree on a pose.
+
+    While there are three or more, the one that contradicts the rest most, beyond the 99.99 % gate,
+    is left out; of two that disagree none can be called wrong. Arguments as for `fuse_faces`.
+    """
+    used = list(faces)
+    while len(used) > 2:
+        excess = [_contradiction(used, k, T_cam_model, diameter_m) for k in range(len(used))]
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1.0:
+            break
+        used.pop(worst)
+    return used
+
+
+def _contradiction(
+    faces: list[MeasuredFace], index: int, T_cam_model: FloatArray, diameter_m: float
+) -> float:
+    """Squared innovation of one face against the pose of all others, over its gate."""
+    others = _fused([f for k, f in enumerate(faces) if k != index], T_cam_model, diameter_m)
+    squared, degrees = others.innovation(_measurement(faces[index]))
+    return squared / innovation_gate(_GATE_PROBABILITY, degrees)
+
+
+def _fused(
+    faces: Sequence[MeasuredFace], T_cam_model: FloatArray, diameter_m: float
+) -> ErrorStateFilter[NavigationState]:
+    state = NavigationState(
+        r_hill=T_cam_model[:3, 3],
+        v_hill=np.zeros(3),
+        com_model=np.zeros(3),
+        R_world_body=T_cam_model[:3, :3],
+        omega_body=np.zeros(3),
+        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
+    )
+    sd = np.full(STATE_SIZE, _HELD_SD)
+    sd[R_HILL], sd[THETA_BODY] = _POSITION_SD_FRACTION * diameter_m, _ATTITUDE_SD_RAD
+    # The prior is no knowledge that a measurement could contradict: nothing is gated against it.
+    kalman = ErrorStateFilter(
+        state, np.diag(sd**2), gate_probability=1.0 - 1e-15, most_iterations=10
+    )
+    kalman.update([_measurement(face) for face in faces])
+    return kalman
+
+
+def _measurement(face: MeasuredFace) -> RectangleMeasurement:
+    return RectangleMeasurement(
+        rectangle=face.rectangle.name,
+        T_model_rect=face.rectangle.T_model_rect,
+        T_cam_rect=face.T_cam_rect,
+        known=face.known,
+        full_covariance=face.covariance,
+        T_cam_hill=np.eye(4),
+        R_hill_world=np.eye(3),
+    )
+
+
+def _is_still(before: SingleFramePose, after: SingleFramePose) -> bool:
+    sd = np.sqrt(np.diag(after.covariance))
+    shift = after.T_cam_model[:3, 3] - before.T_cam_model[:3, 3]
+    turn = log_rotation(before.T_cam_model[:3, :3].T @ after.T_cam_model[:3, :3])
+    return bool(np.all(np.abs(np.concatenate([shift, turn])) < _STILL_SHARE * sd))

@@ -1,0 +1,255 @@
+"""The first state of a track: pose hypotheses followed over frames until one motion stands out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+    V_HILL,
+    NavigationState,
+)
+from pcnav.estimators.depth.single_frame import SingleFramePose
+from pcnav.target.satellite import Target
+
+_LARGEST_STEP_RAD = 0.5
+"""Two frames are linked when the attitude is this near to what the motion so far predicts."""
+_LARGEST_SHIFT_FRACTION = 0.3
+"""... and the model origin this near, over the diameter."""
+_FEWEST_FRAMES = 3
+MOST_SIGHTINGS = 10
+"""A motion is followed over so many frames with hypotheses; then the best one is taken."""
+_LEAST_EXPLAINED = 0.5
+"""A motion that explains less of the frames than this on average is not believed."""
+_LARGEST_LAG = 0.1
+"""A sighting that explains so much less of its frame than another one of its motion is dropped."""
+NATS_PER_CONFLICT = 0.25
+"""Log-likelihood that a pixel against a motion costs it. A stray return costs about 4, the log of
+outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
+CLEAR_LEAD = 9.0
+"""Lead in log-likelihood of the best motion over any other that decides: 8,000 to one."""
+_MOST_MOTIONS = 24
+_POSITION_SD_M = 1.0
+_VELOCITY_SD_M_S = 1.0
+_ATTITUDE_SD_RAD = 0.5
+_RATE_SD_RAD_S = 0.5
+"""Spread allowed about the first sightings: far more than they err, so that it decides nothing."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A pose that one frame allows, and where the camera was."""
+
+    time_s: float
+    T_cam_world: FloatArray
+    pose: SingleFramePose
+
+    @property
+    def T_cam_model(self) -> FloatArray:
+        """(4, 4)"""
+        return self.pose.T_cam_model
+
+    @property
+    def R_world_body(self) -> FloatArray:
+        """(3, 3) attitude of the target."""
+        return np.asarray(self.T_cam_world[:3, :3].T @ self.T_cam_model[:3, :3])
+
+    @property
+    def p_world_model(self) -> FloatArray:
+        """(3,) origin of the model, m."""
+        p_cam_model = self.T_cam_model[:3, 3] - self.T_cam_world[:3, 3]
+        return np.asarray(self.T_cam_world[:3, :3].T @ p_cam_model)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Sightings that one tumbling body can have made, in order of time."""
+
+    sightings: tuple[Sighting, ...]
+
+    @property
+    def explained(self) -> float:
+        """Mean share of the frames explained."""
+        return float(np.mean([sighting.pose.explained for sighting in self.sightings]))
+
+    def log_weight(self, frames: int) -> float:
+        """Log-likelihood of the last frames, up to a constant: pixels against it weigh it down."""
+        conflicts = [s.pose.agreement.conflict for s in self.sightings[-frames:]]
+        return -NATS_PER_CONFLICT * float(np.sum(conflicts))
+
+    def predicted_attitude(self, time_s: float) -> FloatArray:
+        """(3, 3) R_world_body if the last rate, seen in the body, goes on."""
+        last = self.sightings[-1]
+        if len(self.sightings) == 1:
+            return last.R_world_body
+        return np.asarray(
+            last.R_world_body @ exp_rotation(self._last_rate() * (time_s - last.time_s))
+        )
+
+    def predicted_position(self, time_s: float) -> FloatArray:
+        """(3,) p_world_model if the last velocity goes on."""
+        last = self.sightings[-1]
+        if len(self.sightings) == 1:
+            return last.p_world_model
+        before = self.sightings[-2]
+        share = (time_s - last.time_s) / (last.time_s - before.time_s)
+        return np.asarray(last.p_world_model + share * (last.p_world_model - before.p_world_model))
+
+    def _last_rate(self) -> FloatArray:
+        before, last = self.sightings[-2:]
+        turn = log_rotation(before.R_world_body.T @ last.R_world_body)
+        return np.asarray(turn / (last.time_s - before.time_s))
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The motion believed, and whether another one explains the frames as well."""
+
+    motion: Motion
+    undecided: bool
+
+
+class MotionStart:
+    """Links pose hypotheses of successive frames into motions and decides between them."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._motions: tuple[Motion, ...] = ()
+
+    def add(
+        self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[SingleFramePose]
+    ) -> Decision | None:
+        """Take in the hypotheses of a frame; a decision as soon as one can be made.
+
+        After ten frames the best motion is taken even if another one is as good, and called
+        undecided. A motion that the target's symmetry maps onto the best one is no other.
+        """
+        sightings = [Sighting(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses]
+        if not sightings:
+            return None
+        linked = [self._extended(motion, sightings) for motion in self._motions]
+        grown = [motion for motion in linked if motion is not None]
+        # What no motion so far leads to may be the beginning of the right one.
+        claimed = {id(motion.sightings[-1]) for motion in grown}
+        begun = [Motion((sighting,)) for sighting in sightings if id(sighting) not in claimed]
+        best_first = sorted([*grown, *begun], key=lambda motion: -motion.explained)
+        self._motions = tuple(best_first[:_MOST_MOTIONS])
+        return self._decide()
+
+    def predicted(self, time_s: float, T_cam_world: FloatArray) -> tuple[FloatArray, ...]:
+        """Poses T_cam_model (4, 4) where the motions so far would have the target now."""
+        return tuple(
+            T_cam_world @ make_transform(m.predicted_attitude(time_s), m.predicted_position(time_s))
+            for m in self._motions
+        )
+
+    @property
+    def best(self) -> Motion | None:
+        """The motion that explains most so far."""
+        return self._motions[0] if self._motions else None
+
+    def _extended(self, motion: Motion, sightings: list[Sighting]) -> Motion | None:
+        """The motion with the sighting that fits it best, or None when none does."""
+        attitude = motion.predicted_attitude(sightings[0].time_s)
+        before = motion.sightings[-1].p_world_model
+        fitting = []
+        for sighting in sightings:
+            turn = float(rotation_angle(attitude.T @ sighting.R_world_body)) / _LARGEST_STEP_RAD
+            # In the world: a camera that pans moves a still target about its own frame.
+            shift_m = float(np.linalg.norm(sighting.p_world_model - before))
+            shift = shift_m / (_LARGEST_SHIFT_FRACTION * self._target.diameter_m)
+            if turn <= 1.0 and shift <= 1.0:
+                fitting.append((turn + shift, sighting))
+        if not fitting:
+            return None
+        best = min(fitting, key=lambda pair: pair[0])[1]
+        return Motion(_sound((*motion.sightings, best)[-MOST_SIGHTINGS:]))
+
+    def _decide(self) -> Decision | None:
+        ripe = [motion for motion in self._motions if len(motion.sightings) >= _FEWEST_FRAMES]
+        if not ripe or ripe[0].explained < _LEAST_EXPLAINED:
+            return None
+        best = ripe[0]
+        rivals = [m for m in ripe[1:] if _rivals(best, m)]
+        undecided = [m for m in rivals if not self._symmetric(best, m)]
+        if undecided and len(best.sightings) < MOST_SIGHTINGS:
+            return None
+        return Decision(best, undecided=bool(undecided))
+
+    def _symmetric(self, a: Motion, b: Motion) -> bool:
+        """Whether the target's own symmetry turns one motion into the other."""
+        relative = a.sightings[-1].T_cam_model[:3, :3].T @ b.sightings[-1].T_cam_model[:3, :3]
+        angles = rotation_angle(self._target.symmetry_rotations[:, :3, :3] @ relative.T)
+        return bool(np.min(angles) < 0.5 * _LARGEST_STEP_RAD)
+
+
+def _sound(sightings: tuple[Sighting, ...]) -> tuple[Sighting, ...]:
+    """Those that do not explain their frames much worse than the others do.
+
+    A fit that went astray may still be near enough to be linked.
+    """
+    most = max(sighting.pose.explained for sighting in sightings)
+    return tuple(s for s in sightings if s.pose.explained >= most - _LARGEST_LAG)
+
+
+def _rivals(best: Motion, other: Motion) -> bool:
+    """Whether another motion is not much less likely, over the frames that both have."""
+    if other.sightings[-1] is best.sightings[-1]:
+        return False
+    frames = min(len(best.sightings), len(other.sightings))
+    return best.log_weight(frames) - other.log_weight(frames) < CLEAR_LEAD
+
+
+def first_state(
+    motion: Motion, com_model: FloatArray, inertia_ratios: FloatArray, mean_motion_rad_s: float
+) -> NavigationState:
+    """State at the first sighting: pose from it, rates from the differences of the sightings."""
+    first, last = motion.sightings[0], motion.sightings[-1]
+    turns = [
+        log_rotation(a.R_world_body.T @ b.R_world_body) / (b.time_s - a.time_s)
+        for a, b in zip(motion.sightings, motion.sightings[1:], strict=False)
+    ]
+    r_first, r_last = (
+        _r_hill(sighting, com_model, mean_motion_rad_s) for sighting in (first, last)
+    )
+    return NavigationState(
+        r_hill=r_first,
+        v_hill=(r_last - r_first) / (last.time_s - first.time_s),
+        com_model=com_model,
+        R_world_body=first.R_world_body,
+        omega_body=np.mean(turns, axis=0),
+        inertia_ratios=inertia_ratios,
+    )
+
+
+def _r_hill(sighting: Sighting, com_model: FloatArray, mean_motion_rad_s: float) -> FloatArray:
+    T_cam_world = sighting.T_cam_world
+    p_cam = sighting.T_cam_model[:3, :3] @ com_model + sighting.T_cam_model[:3, 3]
+    p_world = T_cam_world[:3, :3].T @ (p_cam - T_cam_world[:3, 3])
+    return np.asarray(R_hill_world(sighting.time_s, mean_motion_rad_s) @ p_world)
+
+
+def start_covariance(com_covariance_m2: FloatArray, parameter_covariance: FloatArray) -> FloatArray:
+    """(20, 20) prior about `first_state`: the mass properties' own, the rest left to the data.
+
+    Args:
+        com_covariance_m2: (3, 3) of the mass centre.
+        parameter_covariance: (5, 5) of the inertia's parameters, in which
+            `NavigationState.retract` moves it.
+    """
+    sd = np.zeros(STATE_SIZE)
+    sd[R_HILL], sd[V_HILL] = _POSITION_SD_M, _VELOCITY_SD_M_S
+    sd[THETA_BODY], sd[OMEGA_BODY] = _ATTITUDE_SD_RAD, _RATE_SD_RAD_S
+    covariance = np.diag(sd**2)
+    covariance[COM_MODEL, COM_MODEL] = com_covariance_m2
+    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance
+    return covariance

@@ -1,0 +1,273 @@
+"""The beginning of a track: poses in first frames, one motion through them, a first filter.
+
+A filter linearises each measurement about what it believes at the time, and at the start it
+believes little. So the first state is fitted to all frames of the start at once, and the whole
+young track is fitted anew whenever it has grown by an eighth, so that what was linearised about a
+worse belief never makes up much of what the filter knows.
+"""
+
+import logging
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcnav.config.pipeline_file import FilterTable
+from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.state import NavigationState
+from pcnav.estimators.depth.mass import MassBelief
+from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.estimators.depth.measuring import Kalman
+from pcnav.estimators.depth.pose_measurement import PoseMeasurement, Sight, joined
+from pcnav.estimators.depth.single_frame import (
+    SingleFramePose,
+    agreeing_faces,
+    best_first,
+    compared_poses,
+    refined_hypotheses,
+)
+from pcnav.estimators.depth.start import (
+    MOST_SIGHTINGS,
+    Decision,
+    Motion,
+    MotionStart,
+    first_state,
+    start_covariance,
+)
+from pcnav.estimators.depth.views import (
+    FrameView,
+    silent_view,
+    unused_record,
+    view_of_comparison,
+    view_of_rectangles,
+)
+from pcnav.filtering.error_state import ErrorStateFilter
+from pcnav.filtering.map_arc_fit import ArcError, ArcFit, TimedMeasurements, fit_arc
+from pcnav.perception.association import Unused
+from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.recordings.sequence import Frame
+from pcnav.target.satellite import Target
+
+_log = logging.getLogger("pcnav")
+
+_WELL_EXPLAINED = 0.9
+_LARGEST_DROP = 0.02
+"""Motions whose best explains this much of a frame, and hardly less than of the frames before,
+need no search for others."""
+_DOUBT_WITHOUT_RATE = 3.0
+"""A hypothesis carried over from one sighting may be off by so many times more than one that
+rectangles propose: the target turns."""
+_FIRST_ARC = 6
+_ARC_GROWTH = 1.12
+"""The whole arc since the start is fitted anew at this length, and whenever it has grown so."""
+_LAST_ARC = 400
+"""Frames after which the filter goes on alone: by then the inertia is known well enough."""
+_START_PASSES = 6
+"""Most times the first frames are read anew with the poses that fit them."""
+_LARGEST_ARC_CHI_SQUARE = 4.0
+"""Per degree of freedom: a motion that fits its frames worse is not believed."""
+_STILL_PX = 0.1
+"""A fit that moves no point of the target further than this is final."""
+
+
+class YoungArc:
+    """All measurements since the start, fitted as one while they are few."""
+
+    def __init__(self, model: MassCentreModel, guess: NavigationState, belief: MassBelief) -> None:
+        self._model, self._guess = model, guess
+        self._prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
+        self._start: NavigationState | None = None
+        self._next_fit = _FIRST_ARC
+        self.frames: list[TimedMeasurements] = []
+
+    def fit(self) -> ArcFit | None:
+        """The state that fits the arc; None where no fit is found or believed."""
+        try:
+            fit = fit_arc(self._model, self._guess, self._prior, self.frames, self._start)
+        except ArcError as error:
+            _log.info("%s", error)
+            return None
+        if not fit.converged:
+            return None
+        self._start = fit.states[0]
+        return fit if fit.chi_square < _LARGEST_ARC_CHI_SQUARE * fit.dof else None
+
+    def extend(self, timed: TimedMeasurements) -> ArcFit | None:
+        """Add a frame; a fit of the whole when it is time for one."""
+        self.frames.append(condensed(timed))
+        if len(self.frames) < self._next_fit:
+            return None
+        self._next_fit = int(np.ceil(_ARC_GROWTH * len(self.frames)))
+        return self.fit()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the arc is too long to go on with."""
+        return len(self.frames) >= _LAST_ARC
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A track that has begun."""
+
+    kalman: Kalman
+    arc: YoungArc
+    undecided: bool
+    """Whether another motion, no equivalent one, explains the frames as well."""
+    view: FrameView
+
+
+class Starter:
+    """Finds a first state without any prior on the motion."""
+
+    def __init__(
+        self,
+        target: Target,
+        reader: FrameReader,
+        model: MassCentreModel,
+        filtering: FilterTable,
+        belief: MassBelief,
+        *,
+        refined: bool,
+    ) -> None:
+        self._target, self._reader, self._model = target, reader, model
+        self._filtering, self._belief, self._refined = filtering, belief, refined
+        self._units_checked = False
+        self._start = MotionStart(target)
+        self._frames: deque[Frame] = deque(maxlen=MOST_SIGHTINGS)
+
+    def add(self, frame: Frame, sight: Sight) -> Begun | FrameView:
+        """Take in a frame: a track begun, or the frame as it was seen.
+
+        Raises `InputError` when target and frame differ in units.
+        """
+        if self._refined:
+            frame = self._reader.thinned(frame)
+        hypotheses, waiting = self._hypotheses(frame)
+        if hypotheses:
+            self._frames.append(frame)
+        decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
+        if decision is None:
+            return waiting
+        begun = self._begin(decision)
+        if begun is None:
+            _log.info("frame %d: the first motion did not hold", frame.index)
+            self._start = MotionStart(self._target)
+            return waiting
+        return begun
+
+    def _hypotheses(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView]:
+        """Where the target may be in a frame, and the frame as it was seen.
+
+        Motions that go on and explain the frame as well as those before save the search for planes.
+        """
+        predicted = self._start.predicted(frame.time_s, frame.T_cam_world)
+        best = self._start.best
+        if self._refined and best is not None:
+            doubt = _DOUBT_WITHOUT_RATE if len(best.sightings) == 1 else 1.0
+            found = compared_poses(predicted, frame, self._reader, doubt)
+            followed = best_first(pose for pose in found if pose is not None)
+            usual = max(sighting.pose.explained for sighting in best.sightings)
+            enough = max(_WELL_EXPLAINED, usual - _LARGEST_DROP)
+            if followed and followed[0].explained >= enough:
+                return followed, silent_view(frame)
+        perceived = self._reader.look(frame)
+        if not self._units_checked:
+            self._units_checked = self._reader.check_units(perceived)
+        hypotheses = refined_hypotheses(perceived, self._reader, predicted)
+        return hypotheses, _looked_at(perceived, "no motion decided on yet")
+
+    def _begin(self, decision: Decision) -> Begun | None:
+        """Fit the first state to the frames of the motion decided on, and start the filter."""
+        motion, belief = decision.motion, self._belief
+        n = self._model.mean_motion_rad_s
+        guess = first_state(motion, belief.com_model, belief.inertia_ratios, n)
+        arc = YoungArc(self._model, guess, belief)
+        by_time = {frame.time_s: frame for frame in self._frames}
+        frames = [by_time[sighting.time_s] for sighting in motion.sightings]
+        sights = [Sight.of(frame.T_cam_world, frame.time_s, n) for frame in frames]
+        if self._refined:
+            views = self._compared(motion, frames, sights)
+            arc.frames = [condensed(_timed(view)) for view in views]
+            fit = arc.fit()
+        else:
+            fit, views = self._fit_rectangles(arc, motion, frames, sights)
+        if fit is None:
+            return None
+        kalman = ErrorStateFilter(
+            fit.states[-1],
+            fit.covariance,
+            gate_probability=self._filtering.gate_probability,
+            most_iterations=self._filtering.iterations,
+        )
+        return Begun(kalman, arc, decision.undecided, views[-1])
+
+    def _compared(
+        self, motion: Motion, frames: list[Frame], sights: list[Sight]
+    ) -> list[FrameView]:
+        views = []
+        for sighting, frame, sight in zip(motion.sightings, frames, sights, strict=True):
+            comparison = sighting.pose.comparison
+            assert comparison is not None, "poses were fitted by comparison"
+            kept = tuple(face for face in comparison.faces if face.name in sighting.pose.used)
+            comparison = replace(comparison, faces=kept)
+            views.append(
+                view_of_comparison(frame, comparison, 0.5 * self._target.diameter_m, sight)
+            )
+        return views
+
+    def _fit_rectangles(
+        self, arc: YoungArc, motion: Motion, frames: list[Frame], sights: list[Sight]
+    ) -> tuple[ArcFit | None, list[FrameView]]:
+        poses = [sighting.T_cam_model for sighting in motion.sightings]
+        views: list[FrameView] = []
+        fit: ArcFit | None = None
+        for attempt in range(_START_PASSES):
+            # A pose from one rectangle can be off by pixels; one fitted to all of them is not.
+            trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
+            views = [
+                view_of_rectangles(self._agreeing(self._reader.read(frame, pose, trust), pose), s)
+                for frame, pose, s in zip(frames, poses, sights, strict=True)
+            ]
+            arc.frames = [_timed(view) for view in views]
+            fit = arc.fit()
+            if fit is None:
+                break
+            before, poses = (
+                poses,
+                [
+                    state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+                    for state, sight in zip(fit.states, sights, strict=True)
+                ],
+            )
+            if attempt > 0 and max(map(self._reader.moved_px, before, poses, frames)) < _STILL_PX:
+                break
+        return fit, views
+
+    def _agreeing(self, view: View, T_cam_model: FloatArray) -> View:
+        """A view without the faces that the others contradict: nothing else gates them yet."""
+        faces = agreeing_faces(view.faces, T_cam_model, self._target.diameter_m)
+        kept = {id(face) for face in faces}
+        out = [Unused(f.seen, "contradicts the others") for f in view.faces if id(f) not in kept]
+        return replace(view, faces=faces, unused=[*view.unused, *out])
+
+
+def condensed(timed: TimedMeasurements) -> TimedMeasurements:
+    """The same in as few measurements as possible: an arc is gone through many times."""
+    faces = [m for m in timed.measurements if isinstance(m, PoseMeasurement)]
+    if not faces or len(faces) < len(timed.measurements):
+        return timed
+    return TimedMeasurements(timed.time_s, (joined(faces),))
+
+
+def _timed(view: FrameView) -> TimedMeasurements:
+    return TimedMeasurements(view.frame.time_s, view.measurements)
+
+
+def _looked_at(perceived: PerceivedFrame, reason: str) -> FrameView:
+    """A frame in which nothing was measured, with all that was seen in it."""
+    time_s = perceived.frame.time_s
+    unused = tuple(unused_record(time_s, Unused(seen, reason)) for seen in perceived.seen)
+    labels = perceived.image_labels
+    return FrameView(perceived.frame, labels, (), (), (), unused, float("nan"))

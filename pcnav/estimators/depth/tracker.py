@@ -1,0 +1,289 @@
+"""The tracker: acquires a target, follows it frame by frame, says what its estimate is worth."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcnav.config.pipeline_file import FilterTable, Measurements, PerceptionTable
+from pcnav.dynamics.mass_prior import PriorMass
+from pcnav.dynamics.state import ratio_covariance
+from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.mass import MassBelief, learnt_belief, prior_belief
+from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.estimators.depth.measuring import Kalman, Updated, pose_of, updater_of
+from pcnav.estimators.depth.pose_measurement import Sight, pose_covariance, pose_error
+from pcnav.estimators.depth.second_opinion import SecondOpinion, Verdict
+from pcnav.estimators.depth.single_frame import SingleFramePose
+from pcnav.estimators.depth.starting import Begun, Starter, YoungArc
+from pcnav.estimators.depth.views import FrameView, silent_view
+from pcnav.filtering.error_state import ErrorStateFilter, UpdateResult, innovation_gate
+from pcnav.filtering.map_arc_fit import ArcFit, TimedMeasurements
+from pcnav.perception.reading import FrameReader
+from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.runs.results import FrameEstimate
+from pcnav.runs.status import Status
+from pcnav.target.satellite import Target
+from pcnav.target.symmetry import group_name
+
+_log = logging.getLogger("pcnav")
+
+_MOST_BLIND_FRAMES = 10
+"""Frames with returns but without an accepted measurement before the track is given up."""
+_LEAST_RETURNS = 40
+"""Fewer returns than this are specks."""
+_LEAST_EXPLAINED = 0.5
+"""A pose found afresh that explains less of the frame is not believed."""
+
+
+@dataclass
+class _Track:
+    """A target being followed."""
+
+    kalman: Kalman
+    arc: YoungArc | None
+    time_s: float
+    second_opinion: SecondOpinion
+    evidence: Evidence
+    symmetric: bool
+    """Whether the target's own symmetry leaves equivalent attitudes."""
+    open_question: bool
+    """Whether another motion, no equivalent one, explains the frames as well."""
+    blind_frames: int = 0
+    was_wrong: bool = False
+
+    @property
+    def status(self) -> Status:
+        """What it is worth after a frame that was used."""
+        ambiguous = self.symmetric or self.open_question
+        return Status.AMBIGUOUS if ambiguous else Status.LOCKED
+
+
+class Tracker:
+    """Follows one target through a sequence: acquires it, then filters frame by frame.
+
+    Nothing but the target, the pipeline's settings and the frames enters an estimate.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        info: SequenceInfo,
+        perception: PerceptionTable,
+        filtering: FilterTable,
+        seed: int,
+    ) -> None:
+        self._target, self._info, self._filtering = target, info, filtering
+        sigma_m = perception.range_sigma_m or info.range_sigma_m
+        self._reader = FrameReader(target, perception, sigma_m, seed)
+        self._refined = perception.measured_by is not Measurements.RECTANGLES
+        self._updater = updater_of(self._reader)
+        self._model = MassCentreModel(
+            info.mean_motion_rad_s,
+            filtering.acceleration_psd_m2_s3,
+            filtering.angular_acceleration_psd_rad2_s3,
+        )
+        self._belief = prior_belief(target, info.initial, filtering)
+        self._status = Status.ACQUIRING
+        self._track: _Track | None = None
+        self._starter = self._new_starter(self._belief)
+
+    @property
+    def prior(self) -> PriorMass | None:
+        """What was believed of the mass before the first frame; None until there is a track."""
+        return None if self._track is None else self._belief.prior
+
+    def step(self, frame: Frame) -> tuple[FrameEstimate, FrameView]:
+        """Take in one frame. Raises `InputError` when target and frame differ in units."""
+        sight = Sight.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
+        if self._track is None:
+            estimate, view = self._acquire(frame, sight)
+        else:
+            estimate, view = self._follow(frame, sight, self._track)
+        if estimate.status != self._status:
+            self._tell(frame, estimate)
+            self._status = Status(estimate.status)
+        return estimate, view
+
+    def _tell(self, frame: Frame, estimate: FrameEstimate) -> None:
+        group = ""
+        if estimate.status == Status.AMBIGUOUS:
+            group = f", symmetry group {group_name(self._target.symmetry_rotations)}"
+        _log.info(
+            "frame %d: %s -> %s%s (explained %.0f %%, NIS per degree of freedom %.2f)",
+            frame.index,
+            self._status,
+            estimate.status,
+            group,
+            100.0 * estimate.explained,
+            estimate.window_nis,
+        )
+
+    # Acquiring.
+
+    def _new_starter(self, belief: MassBelief) -> Starter:
+        return Starter(
+            self._target,
+            self._reader,
+            self._model,
+            self._filtering,
+            belief,
+            refined=self._refined,
+        )
+
+    def _acquire(self, frame: Frame, sight: Sight) -> tuple[FrameEstimate, FrameView]:
+        outcome = self._starter.add(frame, sight)
+        if not isinstance(outcome, Begun):
+            return self._estimate(outcome, None, Status.ACQUIRING, sight), outcome
+        track = _Track(
+            outcome.kalman,
+            outcome.arc,
+            frame.time_s,
+            SecondOpinion(self._target, self._reader),
+            Evidence(),
+            symmetric=len(self._target.symmetry_rotations) > 1,
+            open_question=outcome.undecided,
+        )
+        self._track = track
+        return self._estimate(outcome.view, None, track.status, sight), outcome.view
+
+    # Following.
+
+    def _follow(self, frame: Frame, sight: Sight, track: _Track) -> tuple[FrameEstimate, FrameView]:
+        kalman = track.kalman
+        kalman.predict(self._model, track.time_s, frame.time_s - track.time_s)
+        track.time_s = frame.time_s
+        if np.count_nonzero(frame.depth_m) < _LEAST_RETURNS:
+            view = silent_view(frame)
+            return self._estimate(view, None, Status.COASTING, sight), view
+        updated = self._updater.update(frame, kalman, sight)
+        status = Status.COASTING
+        if updated.is_good:
+            status = self._go_on(frame, sight, track, updated)
+        else:
+            updated, status = self._search(frame, sight, track, updated)
+        estimate = self._estimate(updated.view, updated.result, status, sight)
+        if status is Status.LOST:
+            self._lose(track)
+        return estimate, updated.view
+
+    def _go_on(self, frame: Frame, sight: Sight, track: _Track, updated: Updated) -> Status:
+        """Take in what a good update says of the track, and say what it is worth now."""
+        self._take_in(track, updated)
+        opinion = track.second_opinion
+        if opinion.is_due(track.evidence, is_open=track.open_question):
+            perceived, found = opinion.look(frame)
+            verdict = opinion.judge(perceived, found, pose_of(track.kalman, sight))
+            track.open_question = verdict is not Verdict.UPHELD
+            if verdict is Verdict.OVERTURNED:
+                track.was_wrong = True
+                return Status.LOST
+        return track.status
+
+    def _search(
+        self, frame: Frame, sight: Sight, track: _Track, updated: Updated
+    ) -> tuple[Updated, Status]:
+        """Look for the target where the prediction explains nothing, though there are returns."""
+        opinion = track.second_opinion
+        perceived, found = opinion.look(frame)
+        again = self._found_again(frame, sight, track.kalman, found)
+        if again is not None:
+            self._take_in(track, again)
+            return again, track.status
+        track.blind_frames += 1
+        verdict = opinion.judge(perceived, found, pose_of(track.kalman, sight))
+        gave_up = verdict is Verdict.OVERTURNED or track.blind_frames > _MOST_BLIND_FRAMES
+        return updated, Status.LOST if gave_up else Status.COASTING
+
+    def _take_in(self, track: _Track, updated: Updated) -> None:
+        assert updated.result is not None, "the update was good"
+        track.blind_frames = 0
+        track.evidence.add(updated.view.explained, updated.result)
+        self._extend_arc(track, updated.view, updated.result)
+
+    def _extend_arc(self, track: _Track, view: FrameView, result: UpdateResult) -> None:
+        """Keep the young track's measurements, and go on from each fit of them all."""
+        if track.arc is None:
+            return
+        passed = tuple(m for m, ok in zip(view.measurements, result.accepted, strict=True) if ok)
+        fit = track.arc.extend(TimedMeasurements(view.frame.time_s, passed))
+        if fit is not None:
+            track.kalman = self._filter_from(fit)
+        if track.arc.is_over:
+            track.arc = None
+
+    def _filter_from(self, fit: ArcFit) -> Kalman:
+        return ErrorStateFilter(
+            fit.states[-1],
+            fit.covariance,
+            gate_probability=self._filtering.gate_probability,
+            most_iterations=self._filtering.iterations,
+        )
+
+    def _found_again(
+        self, frame: Frame, sight: Sight, kalman: Kalman, found: Sequence[SingleFramePose]
+    ) -> Updated | None:
+        """An update from where a fresh look finds the target, if the prediction allows that.
+
+        After a gap the prediction may be off by more than a comparison with its view can bridge.
+        """
+        predicted = pose_of(kalman, sight)
+        spread = pose_covariance(kalman.state, kalman.covariance, sight)
+        allowed = []
+        for pose in found:
+            error = pose_error(predicted, pose.T_cam_model)
+            squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
+            gate = innovation_gate(self._filtering.gate_probability, len(error))
+            if pose.explained >= _LEAST_EXPLAINED and squared < gate:
+                allowed.append((squared, pose))
+        if not allowed:
+            return None
+        best = min(allowed, key=lambda pair: pair[0])[1]
+        start = (best.T_cam_model, best.covariance)
+        updated = self._updater.update(frame, kalman, sight, start)
+        return updated if updated.is_good else None
+
+    def _lose(self, track: _Track) -> None:
+        """Start again; what was learnt of the mass stays if the track was right until it was lost.
+
+        A symmetric target may be found in another of its equivalent attitudes, where what was
+        learnt would be turned; and a wrong track has learnt nothing.
+        """
+        was_right = not (track.was_wrong or track.open_question or track.evidence.is_doubtful)
+        belief = self._belief
+        if was_right and not track.symmetric and track.arc is None:
+            belief = learnt_belief(track.kalman.state, track.kalman.covariance)
+        self._track = None
+        self._starter = self._new_starter(belief)
+
+    # Results.
+
+    def _estimate(
+        self, view: FrameView, result: UpdateResult | None, status: Status, sight: Sight
+    ) -> FrameEstimate:
+        track, frame = self._track, view.frame
+        accepted = (True,) * len(view.measurements) if result is None else result.accepted
+        estimate = FrameEstimate(
+            index=frame.index,
+            time_s=frame.time_s,
+            state=None,
+            covariance=None,
+            T_cam_model=None,
+            status=str(status),
+            nis=float("nan") if result is None else result.joint_nis,
+            nis_dof=0 if result is None else result.joint_dof,
+            n_rectangles=sum(accepted[face] for face in view.face_of_record),
+            records=view.outcomes(accepted),
+            explained=view.explained,
+            window_nis=float("nan") if track is None else track.evidence.window_nis,
+        )
+        if track is None:
+            return estimate
+        kalman = track.kalman
+        return replace(
+            estimate,
+            state=kalman.state,
+            covariance=ratio_covariance(kalman.state, kalman.covariance),
+            T_cam_model=pose_of(kalman, sight),
+        )

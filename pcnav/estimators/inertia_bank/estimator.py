@@ -1,0 +1,229 @@
+"""Relative state of a target of unknown inertia and shape from feature tracks (Segal 2011).
+
+A bank of iterated filters, one per hypothesis of the target's inertia, sees the same frames. The
+innovations weigh the hypotheses; the most probable filter, or the mean of all, is the estimate.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pcnav.config.features import BankEstimate, InertiaBankTable, inertia_matrix
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import rotation_from_xyzw
+from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.dynamics.rigid_body import ratios_from_inertia
+from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
+from pcnav.estimators.inertia_bank.relative_state import (
+    MOTION_SIZE,
+    PixelMeasurements,
+    RelativeStates,
+    point_slice,
+    reduced_pixels,
+)
+from pcnav.filtering.batched_filter import BatchedUpdate
+from pcnav.estimators.inertia_bank.hypotheses import Mixture, moment_matched
+from pcnav.recordings.tracks import TrackFrame
+from pcnav.runs.feature_estimate import FeatureEstimate, FeaturePoint, MotionEstimate
+from pcnav.runs.status import Status
+
+_FEWEST_POINTS = 3
+_DECIDED = 0.9
+"""A hypothesis of less weight leaves the estimate ambiguous."""
+
+
+@dataclass(frozen=True)
+class _Following:
+    """What is followed: the numbers of the points in the state, and how they fare."""
+
+    features: tuple[int, ...] = ()
+    """In the order of the state."""
+    last_seen_s: dict[int, float] = field(default_factory=dict)
+    rejections: dict[int, int] = field(default_factory=dict)
+    """In a row."""
+    frames_refused: int = 0
+    """Frames in a row in which points were seen and none was used."""
+
+
+class InertiaBankEstimator:
+    """A `FeatureEstimator`: consumes frames of tracks, nothing of the target is known before."""
+
+    def __init__(
+        self, rig: StereoRig, orbit: KeplerOrbit, table: InertiaBankTable, seed: int = 0
+    ) -> None:
+        """``seed`` is unused: nothing here is drawn at random."""
+        self._rig, self._orbit, self._table = rig, orbit, table
+        self._inertia = np.stack([inertia_matrix(values) for values in table.hypotheses])
+        self._ratios = np.stack([ratios_from_inertia(inertia) for inertia in self._inertia])
+        self._bank: InertiaBank | None = None
+        self._following = _Following()
+        self._time_s: float | None = None
+
+    def step(self, frame: TrackFrame) -> FeatureEstimate:
+        """See `FeatureEstimator`."""
+        self._check(frame)
+        self._time_s = frame.time_s
+        R_rig_hill = frame.R_rig_world @ self._orbit.R_hill_world(frame.time_s).T
+        if self._bank is None:
+            return self._acquire(frame, R_rig_hill)
+        result, seen = self._update(self._bank, frame, R_rig_hill)
+        accepted = result.accepted[0] if result is not None else np.zeros(0, dtype=np.bool_)
+        used = tuple(f for f, ok in zip(seen, accepted, strict=True) if ok)
+        rejected = tuple(f for f, ok in zip(seen, accepted, strict=True) if not ok)
+        self._take_note(frame.time_s, used, rejected)
+        if self._following.frames_refused >= self._table.most_rejections:
+            self._bank, self._following = None, _Following()
+            return FeatureEstimate(frame.time_s, Status.LOST, None, rejected=rejected)
+        self._forget_and_add(self._bank, frame, R_rig_hill)
+        return self._estimate(self._bank, frame.time_s, result, used, rejected)
+
+    def _check(self, frame: TrackFrame) -> None:
+        where = f"frame at {frame.time_s:g} s"
+        if self._time_s is not None and not frame.time_s > self._time_s:
+            raise InputError(where, "time_s", f"expected more than {self._time_s:g}")
+        if len(np.unique(frame.features)) != len(frame.features):
+            raise InputError(where, "feature", "expected every feature once")
+        disparity = StereoRig.disparity(frame.pixels)
+        if not (np.all(np.isfinite(frame.pixels)) and np.all(disparity > 0.0)):
+            raise InputError(where, "pixels", "expected finite pixels of positive disparity")
+
+    def _acquire(self, frame: TrackFrame, R_rig_hill: FloatArray) -> FeatureEstimate:
+        """Begin with the first frame of enough points, which are triangulated."""
+        if len(frame.features) < _FEWEST_POINTS:
+            return FeatureEstimate(frame.time_s, Status.ACQUIRING, None)
+        positions, noise = triangulated(self._rig, R_rig_hill, frame.pixels[None])
+        attitude = rotation_from_xyzw(np.array(self._table.attitude_xyzw))
+        start = start_motion(self._table, positions, attitude[None])
+        self._bank = InertiaBank(self._table, self._orbit, self._inertia[None], start, frame.time_s)
+        count = min(len(frame.features), self._table.most_features)
+        self._bank.add(positions[:, :count], noise[:, :count])
+        features = tuple(int(f) for f in frame.features[:count])
+        self._following = _Following(features, dict.fromkeys(features, frame.time_s))
+        return self._estimate(self._bank, frame.time_s, None, features, ())
+
+    def _update(
+        self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray
+    ) -> tuple[BatchedUpdate | None, tuple[int, ...]]:
+        """Move to the frame and update with the points that are in the state; their numbers."""
+        place = {feature: k for k, feature in enumerate(self._following.features)}
+        known = [k for k, feature in enumerate(frame.features) if int(feature) in place]
+        seen = tuple(int(frame.features[k]) for k in known)
+        if not known:
+            return bank.step(frame.time_s, None), ()
+        points: IntArray = np.array([place[feature] for feature in seen], dtype=np.intp)
+        pixels = reduced_pixels(frame.pixels[known])[None]
+        measured = PixelMeasurements(self._rig, R_rig_hill, points, pixels)
+        return bank.step(frame.time_s, measured), seen
+
+    def _take_note(self, time_s: float, used: tuple[int, ...], rejected: tuple[int, ...]) -> None:
+        before = self._following
+        refused = before.frames_refused
+        self._following = replace(
+            before,
+            last_seen_s={**before.last_seen_s, **dict.fromkeys((*used, *rejected), time_s)},
+            rejections={
+                **before.rejections,
+                **dict.fromkeys(used, 0),
+                **{f: before.rejections.get(f, 0) + 1 for f in rejected},
+            },
+            # A frame without any point says nothing either way.
+            frames_refused=0 if used else refused + int(bool(rejected)),
+        )
+
+    def _forget_and_add(self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray) -> None:
+        """Drop points that are always rejected or make room for new ones; add the new ones."""
+        now = self._following
+        most, refused = self._table.most_features, self._table.most_rejections
+        stay = [f for f in now.features if now.rejections.get(f, 0) < refused]
+        new = [k for k, f in enumerate(frame.features) if int(f) not in now.features][:most]
+        # Those in view are not dropped for others in view.
+        out_of_view = [f for f in stay if now.last_seen_s[f] < frame.time_s]
+        out_of_view.sort(key=lambda f: now.last_seen_s[f])
+        surplus = max(0, len(stay) + len(new) - most)
+        dropped = set(out_of_view[:surplus])
+        stay = [f for f in stay if f not in dropped]
+        new = new[: most - len(stay)]
+        if len(stay) < len(now.features):
+            kept: IntArray = np.array([now.features.index(f) for f in stay], dtype=np.intp)
+            bank.keep(kept)
+        if new:
+            bank.add(*triangulated(self._rig, R_rig_hill, frame.pixels[new][None]))
+        added = [int(frame.features[k]) for k in new]
+        seen = {f: now.last_seen_s[f] for f in stay} | dict.fromkeys(added, frame.time_s)
+        rejections = {f: now.rejections.get(f, 0) for f in stay}
+        self._following = _Following((*stay, *added), seen, rejections, now.frames_refused)
+
+    def _estimate(
+        self,
+        bank: InertiaBank,
+        time_s: float,
+        result: BatchedUpdate | None,
+        used: tuple[int, ...],
+        rejected: tuple[int, ...],
+    ) -> FeatureEstimate:
+        weights = bank.weights()[0]
+        best = int(np.argmax(weights))
+        blend = weights
+        if self._table.estimate is BankEstimate.MAP:
+            blend = np.eye(len(weights))[best]
+        chosen: IntArray = np.flatnonzero(blend > 0.0)
+        mixture = moment_matched(
+            bank.states.take(chosen),
+            bank.covariance[chosen],
+            blend[chosen][None] / blend[chosen].sum(),
+            self._ratios[chosen][None],
+        )
+        is_decided = bool(weights[best] >= _DECIDED)
+        status = Status.LOCKED if is_decided else Status.AMBIGUOUS
+        motion = self._motion(mixture, time_s)
+        if self._table.estimate is BankEstimate.MAP and not is_decided:
+            motion = _with_doubt(motion, weights, self._ratios)
+        notes = {f"weight_{k + 1}": float(weight) for k, weight in enumerate(weights)}
+        return FeatureEstimate(
+            time_s=time_s,
+            status=status if used else Status.COASTING,
+            motion=motion,
+            used=used,
+            rejected=rejected,
+            nis=float("nan") if result is None or not used else float(result.joint_nis[best]),
+            nis_dof=0 if result is None else int(result.joint_dof[best]),
+            notes={"hypothesis": float(best + 1), **notes},
+        )
+
+    def _motion(self, mixture: Mixture, time_s: float) -> MotionEstimate:
+        """In the terms that all feature estimators report: world attitude, body errors."""
+        states: RelativeStates = mixture.states
+        n = states.size
+        to_body = np.eye(n + mixture.parameters.shape[1])
+        to_body[:n, :n] = states.to_body_errors()[0]
+        covariance = to_body @ mixture.covariance[0] @ to_body.T
+        rows = np.r_[:MOTION_SIZE, n : len(covariance)]
+        points = {
+            feature: FeaturePoint(
+                states.points_body[0, k], covariance[point_slice(k), point_slice(k)]
+            )
+            for k, feature in enumerate(self._following.features)
+        }
+        return MotionEstimate(
+            r_hill=states.r_hill[0],
+            v_hill=states.v_hill[0],
+            R_world_body=self._orbit.R_hill_world(time_s).T @ states.R_hill_body[0],
+            omega_body=states.omega_body[0],
+            inertia_ratios=mixture.parameters[0],
+            covariance=covariance[np.ix_(rows, rows)],
+            features=points,
+        )
+
+
+def _with_doubt(motion: MotionEstimate, weights: FloatArray, ratios: FloatArray) -> MotionEstimate:
+    """One hypothesis followed while others may be right: how far its inertia is from theirs.
+
+    ``weights`` (H,) and ``ratios`` (H, 5) of all hypotheses. The second moment about the one
+    followed is that of its error as the bank knows it. Once decided, the inertia is held fixed.
+    """
+    away = ratios - motion.inertia_ratios
+    covariance = motion.covariance.copy()
+    covariance[MOTION_SIZE:, MOTION_SIZE:] += away.T @ (weights[:, None] * away)
+    return replace(motion, covariance=covariance)

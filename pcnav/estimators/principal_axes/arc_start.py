@@ -1,0 +1,279 @@
+"""From an arc of frames to the state of Hu 2024's filter at its end, nothing known before.
+
+Points -> rigid map and its poses -> rotation and inertia -> unique principal frame -> mass centre
+-> everything together, from the pixels -> a filter pass over the arc.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+
+from pcnav.config.features import Identification, PrincipalAxesTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
+from pcnav.dynamics.kepler import KeplerOrbit, step_relative
+from pcnav.dynamics.orbit import hill_transition
+from pcnav.dynamics.principal_inertia import ratios_from_moments
+from pcnav.estimators.attitude_inertia.rotation_arc import fit_rotation_arc, positive
+from pcnav.estimators.features.feature_map import FeatureMap, build_map, sighting
+from pcnav.estimators.features.photogrammetric_frame import best_triple, photogrammetric_axes
+from pcnav.estimators.principal_axes.arc_fit import ArcFit, fit_pixels, longest_steps, weakly_held
+from pcnav.estimators.principal_axes.feature_measurements import FrameView
+from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
+from pcnav.estimators.principal_axes.inertia_identification import (
+    MomentumFit,
+    angular_rate,
+    batch_least_squares,
+    errors_in_variables,
+)
+from pcnav.estimators.principal_axes.linearised import Leg, filter_about
+from pcnav.estimators.principal_axes.principal_choice import FrameKnowledge, frame_knowledge
+from pcnav.estimators.principal_axes.principal_frame import free_axes, principal_axes
+from pcnav.recordings.tracks import TrackFrame
+
+_FEWEST_POSES = 10
+_PASSES = 2
+_MOST_ATTITUDES = 40
+_LARGEST_GAP_RAD = 0.5
+"""Turn between the attitudes that a rate is differentiated from."""
+_DIFFUSE = 1000.0
+"""The filter pass begins with the fit's deviations times this: with none of its information."""
+_BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class ArcStart:
+    """What an arc says at its end."""
+
+    time_s: float
+    state: PrincipalState
+    covariance: FloatArray
+    """(14 + 3N, 14 + 3N)"""
+    features: tuple[int, ...]
+    """In the order of the state's points."""
+    used: tuple[int, ...]
+    """Those of the last frame that agree with the others."""
+    triple: tuple[int, int, int]
+    """The features whose photogrammetric frame gave the axes their signs."""
+    knowledge: FrameKnowledge
+    """How well the arc shows the axes if the target turned without torque, as (10) has it."""
+
+
+@dataclass(frozen=True)
+class _Rotation:
+    """Rotation and inertia of the map at the first pose."""
+
+    R_world_map: FloatArray
+    omega_map: FloatArray
+    inertia: FloatArray
+    """(3, 3) N = 3 I / tr(I), map axes."""
+
+
+def start_from_arc(
+    frames: Sequence[TrackFrame],
+    rig: StereoRig,
+    orbit: KeplerOrbit,
+    table: PrincipalAxesTable,
+    rng: np.random.Generator,
+) -> ArcStart | None:
+    """The filter's state at the last frame; None when the frames do not show one rigid body."""
+    sightings = [sighting(frame, rig) for frame in frames]
+    found = build_map(sightings, rng)
+    if found is None or len(found.poses) < _FEWEST_POSES:
+        return None
+    times = np.array([sightings[pose.frame].time_s for pose in found.poses])
+    rotation = _identified(found, times, table.identification)
+    names = sorted(found.points)
+    points = np.stack([found.points[name] for name in names])
+    R_map_t, triple = _axes(points, rotation, table.unique_frame, rng)
+    centre, r, v = _mass_centre(found, times, orbit, points)
+    state = PrincipalState(
+        R_world_body=rotation.R_world_map @ R_map_t,
+        omega_body=R_map_t.T @ rotation.omega_map,
+        ratios=ratios_from_moments(np.diag(R_map_t.T @ rotation.inertia @ R_map_t)),
+        r_hill=r,
+        v_hill=v,
+        points=(points - centre) @ R_map_t,
+    )
+    state = state.retract(state.admissible(np.zeros(14 + 3 * len(names)), _unit(len(names))))
+    views = _views(found, frames, rig, orbit, names)
+    model = PrincipalAxesModel(
+        orbit, table.acceleration_psd_m2_s3, table.angular_acceleration_psd_rad2_s3
+    )
+    fit = fit_pixels(times, views, model, state)
+    end, covariance = _filtered(fit, times, views, model, table.gate_probability)
+    i, j, k = (names[slot] for slot in triple)
+    known = frame_knowledge(fit.state, max(1.0, fit.misfit) * fit.covariance)
+    used = tuple(views[-1].features.tolist())
+    return ArcStart(float(times[-1]), end, covariance, tuple(names), used, (i, j, k), known)
+
+
+def _unit(points: int) -> FloatArray:
+    return np.eye(14 + 3 * points)
+
+
+def _identified(found: FeatureMap, times: FloatArray, method: Identification) -> _Rotation:
+    """Rotation and inertia by one of the methods, from poses thinned to what is needed."""
+    every = -(-len(times) // _MOST_ATTITUDES)
+    poses, times = found.poses[::every], times[::every]
+    R = np.stack([pose.R_world_map for pose in poses])
+    noise = np.stack(
+        [pose.R_world_map.T @ pose.covariance[:3, :3] @ pose.R_world_map for pose in poses]
+    )
+    rates = angular_rate(R, times)
+    spans = times[2:] - times[:-2]
+    near = np.linalg.norm(rates, axis=1) * spans < _LARGEST_GAP_RAD
+    near &= spans < 2.5 * np.median(spans)
+    inner, rates = R[1:-1][near], rates[near]
+    rate_noise = ((noise[2:] + noise[:-2]) / spans[:, None, None] ** 2)[near]
+    linear = errors_in_variables(inner, rates, rate_noise)
+    printed = batch_least_squares(inner, rates)
+    omega = _first_rate(rates, times[1:-1][near], float(times[0]))
+    if method is not Identification.ARC:
+        chosen = printed if method is Identification.PRINTED else linear
+        return _Rotation(R[0], omega, inertia_of(_parameters(chosen)))
+    starts = np.stack([_parameters(linear), _parameters(printed), _BALL])
+    fit = fit_rotation_arc(
+        times,
+        np.broadcast_to(R, (3, *R.shape)),
+        np.broadcast_to(noise, (3, *noise.shape)),
+        np.tile(omega, (3, 1)),
+        starts,
+    )
+    best = int(fit.cost.argmin())
+    return _Rotation(fit.R_world_g[best], fit.omega_g[best], fit.inertia()[best])
+
+
+def _first_rate(rates: FloatArray, times: FloatArray, first: float) -> FloatArray:
+    """(3,) rate at the first time, of a straight line through the first few rates."""
+    few = slice(0, 10)
+    line = np.polyfit(times[few] - first, rates[few], min(1, len(rates[few]) - 1))
+    return np.asarray(line[-1])
+
+
+def _parameters(fit: MomentumFit) -> FloatArray:
+    trace = float(np.trace(fit.inertia))
+    if not (np.isfinite(trace) and trace > 0.1):
+        return _BALL
+    return positive(parameters_of(fit.inertia))
+
+
+def _axes(
+    points: FloatArray, rotation: _Rotation, unique: bool, rng: np.random.Generator
+) -> tuple[FloatArray, tuple[int, int, int]]:
+    """R_map_t of the principal axes, and the triple of points that signed them.
+
+    The order of the three points is that which makes both signs the clearest: an axis of the
+    triple's frame at right angles to a principal axis would leave its sign to the noise.
+    """
+    best = best_triple(points)
+    tried = []
+    for order in permutations(best):
+        R_map_p = photogrammetric_axes(points[list(order)])
+        _, axes = principal_axes(R_map_p.T @ rotation.inertia @ R_map_p)
+        tried.append((min(axes[0, 0], axes[1, 1]), order, R_map_p @ axes))
+    _, (i, j, k), R_map_t = max(tried, key=lambda each: each[0])
+    if not unique:
+        some = photogrammetric_axes(points[rng.permutation(list(best))])
+        R_map_t = some @ free_axes(some.T @ rotation.inertia @ some)
+    return R_map_t, (i, j, k)
+
+
+def _mass_centre(
+    found: FeatureMap, times: FloatArray, orbit: KeplerOrbit, points: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mass centre in map axes, and its r and v in Hill axes at the first time.
+
+    The mass centre is the point that moves on an orbit while the map turns about it:
+    ``t(k) = R_world_hill(k) r(k) - R_world_map(k) c``, linear in c and in the orbit's start. The
+    part of c along an axis that never turns is not seen; a weak preference for the middle of the
+    points decides it.
+    """
+    transitions = _transitions(orbit, times, found.poses[0].t_world)
+    normal, right = np.zeros((9, 9)), np.zeros(9)
+    for pose, time, transition in zip(found.poses, times, transitions, strict=True):
+        rows = np.hstack([orbit.R_hill_world(float(time)).T @ transition[:3], -pose.R_world_map])
+        weight = np.linalg.inv(pose.covariance[3:, 3:])
+        normal += rows.T @ weight @ rows
+        right += rows.T @ weight @ pose.t_world
+    middle = points.mean(axis=0)
+    spread = float(np.square(points - middle).sum(axis=1).max())
+    normal[6:, 6:] += np.eye(3) / spread
+    right[6:] += middle / spread
+    x = np.asarray(np.linalg.solve(normal, right), np.float64)
+    return x[6:], x[:3], x[3:6]
+
+
+def _transitions(orbit: KeplerOrbit, times: FloatArray, r: FloatArray) -> list[FloatArray]:
+    """(6, 6) of the relative orbit from the first time to all."""
+    if orbit.eccentricity == 0.0:
+        return [hill_transition(orbit.mean_motion_rad_s, float(t - times[0])) for t in times]
+    found = [np.eye(6)]
+    for before, after in zip(times[:-1].tolist(), times[1:].tolist(), strict=True):
+        *_, step = step_relative(orbit, r, np.zeros(3), before, after - before)
+        found.append(step @ found[-1])
+    return found
+
+
+def _views(
+    found: FeatureMap,
+    frames: Sequence[TrackFrame],
+    rig: StereoRig,
+    orbit: KeplerOrbit,
+    names: Sequence[int],
+) -> list[FrameView]:
+    """The frames of the poses with the features that agree with the map."""
+    slot = {name: k for k, name in enumerate(names)}
+    views = []
+    for pose in found.poses:
+        frame = frames[pose.frame]
+        usable = frame.pixels[rig.disparity(frame.pixels) > 0.0][pose.agrees]
+        features = frame.features[rig.disparity(frame.pixels) > 0.0][pose.agrees]
+        kept = replace(frame, features=features, pixels=usable)
+        slots = np.array([slot[name] for name in features.tolist()], dtype=np.intp)
+        views.append(FrameView(kept, rig, orbit.R_hill_world(frame.time_s), slots))
+    return views
+
+
+def _filtered(
+    fit: ArcFit,
+    times: FloatArray,
+    views: Sequence[FrameView],
+    model: PrincipalAxesModel,
+    gate_probability: float,
+) -> tuple[PrincipalState, FloatArray]:
+    """State and covariance at the end of the arc: the fit, with process noise along the way.
+
+    A target that is disturbed leads the fit astray, and with it the trajectory that the pass is
+    linear about. The state that a pass finds is therefore carried back to the start, without
+    disturbances, for the next to be linear about.
+    """
+    first, misfit = fit.state, max(1.0, fit.misfit)
+    for _ in range(_PASSES):
+        states, legs = _trajectory(first, times, model)
+        # The information of the fit itself is not used; see `_DIFFUSE`.
+        wide = weakly_held(fit.state, _DIFFUSE**2 * misfit * fit.covariance)
+        error, covariance = filter_about(states, legs, views, wide, gate_probability)
+        error = states[-1].admissible(error, covariance)
+        reset = states[-1].retraction_jacobian(error)
+        end = states[-1].retract(error)
+        first, _, _ = model.propagate(end, float(times[-1]), float(times[0] - times[-1]))
+    return end, reset @ covariance @ reset.T
+
+
+def _trajectory(
+    first: PrincipalState, times: FloatArray, model: PrincipalAxesModel
+) -> tuple[list[PrincipalState], list[list[Leg]]]:
+    """States at all times, and the legs between them, without disturbances."""
+    states, legs = [first], []
+    for before, after in zip(times[:-1].tolist(), times[1:].tolist(), strict=True):
+        state, leg = states[-1], []
+        for time, step in longest_steps(before, after):
+            state, transition, noise = model.propagate(state, time, step)
+            leg.append(Leg(transition, noise))
+        states.append(state)
+        legs.append(leg)
+    return states, legs

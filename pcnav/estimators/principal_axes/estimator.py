@@ -1,0 +1,137 @@
+"""Relative motion of a target without a model, in its unique principal axes (Hu 2024).
+
+Frames are gathered until an arc shows motion and inertia (`arc_start`); from then
+on a filter follows them (`feature_following`): the pixels of every feature, each
+once. In print the filter takes the attitude of the principal frame and the points, which come from
+the same pixels, as independent measurements; that is an option. Frames without features are coasted
+through.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pcnav.config.features import PrincipalAxesTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
+from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.estimators.principal_axes.arc_start import start_from_arc
+from pcnav.estimators.principal_axes.feature_following import FeatureFollower, Taken
+from pcnav.estimators.principal_axes.feature_states import PrincipalState
+from pcnav.estimators.principal_axes.principal_choice import frame_knowledge, motion_estimate
+from pcnav.recordings.tracks import TrackFrame
+from pcnav.runs.feature_estimate import FeatureEstimate
+from pcnav.runs.status import Status
+
+_FEWEST_POINTS = 3
+_TRY_EVERY = 0.25
+"""Of the shortest arc, between tries to start."""
+
+
+class PrincipalAxesEstimator:
+    """A `FeatureEstimator`: consumes frames of tracks, nothing of the target is known before."""
+
+    def __init__(
+        self, rig: StereoRig, orbit: KeplerOrbit, table: PrincipalAxesTable, seed: int = 0
+    ) -> None:
+        """``seed`` is that of the draws of consensus among many features."""
+        self._rig, self._orbit, self._table = rig, orbit, table
+        self._rng = np.random.default_rng(seed)
+        self._arc: list[TrackFrame] = []
+        self._next_try_s = -np.inf
+        self._follower: FeatureFollower | None = None
+        self._used_at_start: tuple[int, ...] = ()
+        self._time_s: float | None = None
+
+    @property
+    def state(self) -> PrincipalState | None:
+        """The filter's state; None while acquiring."""
+        return self._follower.state if self._follower is not None else None
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """(14 + 3N, 14 + 3N) of the state's error; None while acquiring."""
+        return self._follower.covariance if self._follower is not None else None
+
+    @property
+    def features(self) -> tuple[int, ...]:
+        """In the order of the state's points."""
+        return self._follower.features if self._follower is not None else ()
+
+    @property
+    def triple(self) -> tuple[int, int, int] | None:
+        """The features whose photogrammetric frame (6) gave the principal axes their signs."""
+        return self._follower.triple if self._follower is not None else None
+
+    def step(self, frame: TrackFrame) -> FeatureEstimate:
+        """See `FeatureEstimator`."""
+        self._check(frame)
+        self._time_s = frame.time_s
+        frame = _well_formed(frame, self._rig)
+        if self._follower is None:
+            return self._acquire(frame)
+        self._follower.predict(frame.time_s)
+        taken = self._follower.take(frame) if len(frame.features) else Taken()
+        if self._follower.is_lost:
+            self._follower, self._arc = None, []
+            return FeatureEstimate(frame.time_s, Status.LOST, None, rejected=taken.rejected)
+        return _estimate(self._follower, frame.time_s, taken)
+
+    def _check(self, frame: TrackFrame) -> None:
+        if self._time_s is not None and frame.time_s <= self._time_s:
+            expected = f"expected times in order, got {frame.time_s:g} after {self._time_s:g}"
+            raise InputError("tracks", "time_s", expected)
+        if len(set(frame.features.tolist())) != len(frame.features):
+            expected = f"expected every feature once at {frame.time_s:g} s"
+            raise InputError("tracks", "feature", expected)
+
+    def _acquire(self, frame: TrackFrame) -> FeatureEstimate:
+        """Gather an arc and start when it shows the principal axes, or is as long as it may be."""
+        table = self._table
+        if len(frame.features) >= _FEWEST_POINTS:
+            earliest = frame.time_s - table.longest_arc_s
+            self._arc = [f for f in self._arc if f.time_s >= earliest] + [frame]
+            length = frame.time_s - self._arc[0].time_s
+            if length >= table.arc_s - 1e-9 and frame.time_s >= self._next_try_s:
+                self._next_try_s = frame.time_s + _TRY_EVERY * table.arc_s
+                self._start(length + 2.0 * _TRY_EVERY * table.arc_s >= table.longest_arc_s)
+        if self._follower is None:
+            return FeatureEstimate(frame.time_s, Status.ACQUIRING, None)
+        self._follower.predict(frame.time_s)
+        return _estimate(self._follower, frame.time_s, Taken(used=self._used_at_start))
+
+    def _start(self, at_last: bool) -> None:
+        start = start_from_arc(self._arc, self._rig, self._orbit, self._table, self._rng)
+        if start is None:
+            return
+        if at_last or start.knowledge.is_determined:
+            self._follower = FeatureFollower(start, self._rig, self._orbit, self._table, self._rng)
+            self._arc, self._used_at_start = [], start.used
+
+
+def _well_formed(frame: TrackFrame, rig: StereoRig) -> TrackFrame:
+    """The frame without features that cannot be points before the rig."""
+    kept = rig.disparity(frame.pixels) > 0.0
+    if kept.all():
+        return frame
+    return replace(frame, features=frame.features[kept], pixels=frame.pixels[kept])
+
+
+def _estimate(follower: FeatureFollower, time_s: float, taken: Taken) -> FeatureEstimate:
+    state, covariance = follower.state, follower.covariance
+    knowledge = frame_knowledge(state, covariance)
+    status = Status.COASTING
+    if taken.used:
+        status = Status.LOCKED if knowledge.is_determined else Status.AMBIGUOUS
+    result = taken.result
+    return FeatureEstimate(
+        time_s=time_s,
+        status=status,
+        motion=motion_estimate(state, covariance, follower.features),
+        used=taken.used,
+        rejected=taken.rejected,
+        nis=result.joint_nis if result is not None else float("nan"),
+        nis_dof=result.joint_dof if result is not None else 0,
+        notes=knowledge.notes(),
+    )

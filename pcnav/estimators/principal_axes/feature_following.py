@@ -1,0 +1,326 @@
+"""Following the features of a target with the filter of its principal axes (Hu 2024, section 4)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pcnav.config.features import FeatureMeasurements, PrincipalAxesTable
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.spatial import rotation_angle
+from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.estimators.features.feature_map import Sighting, moves_rigidly, sighting
+from pcnav.estimators.features.photogrammetric_frame import align
+from pcnav.estimators.principal_axes.arc_fit import longest_steps
+from pcnav.estimators.principal_axes.arc_start import ArcStart
+from pcnav.estimators.principal_axes.feature_measurements import (
+    AttitudeMeasurement,
+    FrameView,
+    PointMeasurement,
+)
+from pcnav.estimators.principal_axes.feature_state_changes import (
+    relabelled,
+    with_point,
+    without_points,
+)
+from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
+from pcnav.estimators.principal_axes.principal_choice import (
+    frame_knowledge,
+    free_choice,
+    unique_choice,
+)
+from pcnav.filtering.error_state import ErrorStateFilter, Measurement, UpdateResult
+from pcnav.recordings.tracks import TrackFrame
+
+_GAP_S = 2.0
+"""Without features for longer, those that re-appear must agree with one another first."""
+_CLEAR_SD = 3.0
+_NEW_POINT_DISTANCE = 16.3
+"""Squared, of two sightings of a new feature: the 99.9 % point of three components."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What came of a frame."""
+
+    result: UpdateResult | None = None
+    used: tuple[int, ...] = ()
+    rejected: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Points:
+    """The features in the state and how they fare."""
+
+    features: tuple[int, ...]
+    """In the order of the state."""
+    last_used_s: dict[int, float]
+    rejections: dict[int, int] = field(default_factory=dict)
+    """In a row."""
+    frames_refused: int = 0
+    """Frames in a row in which features were seen and none was used."""
+    candidates: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    """Features that one frame has shown: point (body axes, m) and covariance."""
+
+    def slots(self, features: IntArray) -> IntArray:
+        """(n,) places in the state of features; -1 for those not in it."""
+        place = {name: slot for slot, name in enumerate(self.features)}
+        return np.array([place.get(name, -1) for name in features.tolist()], dtype=np.intp)
+
+    def noted(self, time_s: float, used: Sequence[int], rejected: Sequence[int]) -> "_Points":
+        """How the features fared in a frame."""
+        rejections = {name: n for name, n in self.rejections.items() if name not in used}
+        for name in rejected:
+            rejections[name] = rejections.get(name, 0) + 1
+        return replace(
+            self,
+            last_used_s={**self.last_used_s, **dict.fromkeys(used, time_s)},
+            rejections=rejections,
+            frames_refused=self.frames_refused + 1 if rejected and not used else 0,
+        )
+
+    def without(self, names: Sequence[int]) -> "_Points":
+        """Some of them forgotten."""
+        return replace(
+            self,
+            features=tuple(f for f in self.features if f not in names),
+            last_used_s={f: t for f, t in self.last_used_s.items() if f not in names},
+            rejections={f: n for f, n in self.rejections.items() if f not in names},
+        )
+
+
+class FeatureFollower:
+    """The filter from its start on: predicts, measures, and keeps its points and axes."""
+
+    def __init__(
+        self,
+        start: ArcStart,
+        rig: StereoRig,
+        orbit: KeplerOrbit,
+        table: PrincipalAxesTable,
+        rng: np.random.Generator,
+    ) -> None:
+        self._rig, self._orbit, self._table, self._rng = rig, orbit, table, rng
+        self._model = PrincipalAxesModel(
+            orbit, table.acceleration_psd_m2_s3, table.angular_acceleration_psd_rad2_s3
+        )
+        self.triple = start.triple
+        self._time_s = start.time_s
+        self._filter = self._filter_of(start.state, start.covariance)
+        self._points = _Points(start.features, dict.fromkeys(start.features, start.time_s))
+        self._shape = dict(zip(start.features, start.state.points, strict=True))
+
+    @property
+    def state(self) -> PrincipalState:
+        """As it is now."""
+        return self._filter.state
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(14 + 3N, 14 + 3N) of the state's error."""
+        return self._filter.covariance
+
+    @property
+    def features(self) -> tuple[int, ...]:
+        """In the order of the state's points."""
+        return self._points.features
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether what is seen has not been what is expected for too long."""
+        return self._points.frames_refused >= self._table.most_rejections
+
+    def predict(self, time_s: float) -> None:
+        """Move to a time; nothing happens at the present one."""
+        if time_s > self._time_s:
+            for time, step in longest_steps(self._time_s, time_s):
+                self._filter.predict(self._model, time, step)
+            self._time_s = time_s
+
+    def take(self, frame: TrackFrame) -> Taken:
+        """Measure the features of a frame at the present time."""
+        sight = sighting(frame, self._rig)
+        slots = self._points.slots(frame.features)
+        after_gap = self._time_s - max(self._points.last_used_s.values()) >= _GAP_S
+        if after_gap and not self._table.unique_frame:
+            self._choose_freely(slots)
+        trusted = slots >= 0
+        if after_gap or self._points.frames_refused:
+            trusted = self._agreeing(sight, slots)
+        taken = self._measured(frame, sight, slots, trusted, after_gap)
+        self._points = self._points.noted(self._time_s, taken.used, taken.rejected)
+        if taken.used:
+            self._keep_axes_unique()
+            self._drop_rejected()
+            self._add_new(sight)
+        return taken
+
+    def _filter_of(
+        self, state: PrincipalState, covariance: FloatArray, most_iterations: int = 1
+    ) -> ErrorStateFilter[PrincipalState]:
+        return ErrorStateFilter(
+            state,
+            covariance,
+            gate_probability=self._table.gate_probability,
+            most_iterations=most_iterations,
+        )
+
+    # Measuring
+
+    def _agreeing(self, sight: Sighting, slots: IntArray) -> BoolArray:
+        """(n,) features of the state that together move as the body does.
+
+        After a gap the prediction is wide and its gate lets wrong matches in.
+        """
+        known = slots >= 0
+        if known.sum() < 4:
+            return known
+        points = self.state.points[slots[known]]
+        exact = np.broadcast_to(1e-12 * np.eye(3), (len(points), 3, 3))
+        motion = moves_rigidly(sight.p_world[known], points, sight.noise[known], exact, self._rng)
+        if motion.fit is None:
+            return known
+        trusted = known.copy()
+        trusted[known] = motion.pairs
+        return trusted
+
+    def _measured(
+        self,
+        frame: TrackFrame,
+        sight: Sighting,
+        slots: IntArray,
+        trusted: BoolArray,
+        after_gap: bool,
+    ) -> Taken:
+        """Update with the trusted features."""
+        refused = frame.features[(slots >= 0) & ~trusted].tolist()
+        if not trusted.any():
+            return Taken(rejected=tuple(refused))
+        names = frame.features[trusted].tolist()
+        if self._table.measurements is FeatureMeasurements.PIXELS:
+            measurements = self._pixels(frame, slots, trusted)
+        else:
+            measurements = self._points_and_attitude(sight, slots, trusted)
+        # From a wide prediction one linearisation does not lead to the estimate.
+        iterations = self._table.most_iterations if after_gap else 1
+        kalman = self._filter_of(self.state, self.covariance, iterations)
+        result = kalman.update(measurements)
+        self._filter = kalman
+        passed = dict(zip(names, result.accepted, strict=False))
+        return Taken(
+            result,
+            tuple(name for name in names if passed[name]),
+            (*(name for name in names if not passed[name]), *refused),
+        )
+
+    def _pixels(
+        self, frame: TrackFrame, slots: IntArray, trusted: BoolArray
+    ) -> list[Measurement[PrincipalState]]:
+        if not trusted.all():
+            frame = replace(frame, features=frame.features[trusted], pixels=frame.pixels[trusted])
+        R_hill_world = self._orbit.R_hill_world(frame.time_s)
+        return [*FrameView(frame, self._rig, R_hill_world, slots[trusted]).measurements()]
+
+    def _points_and_attitude(
+        self, sight: Sighting, slots: IntArray, trusted: BoolArray
+    ) -> list[Measurement[PrincipalState]]:
+        """The printed measurements (33): the points, and the attitude that the same points give."""
+        R = self._orbit.R_hill_world(sight.time_s)
+        rows = np.flatnonzero(trusted)
+        found: list[Measurement[PrincipalState]] = [
+            PointMeasurement(
+                *(int(sight.features[k]), int(slots[k])),
+                *(R @ sight.p_world[k], R @ sight.noise[k] @ R.T, R),
+            )
+            for k in rows
+        ]
+        identified = [k for k in rows if int(sight.features[k]) in self._shape]
+        if len(identified) >= 3:
+            shape = np.stack([self._shape[int(sight.features[k])] for k in identified])
+            fit = align(sight.p_world[identified], shape, sight.noise[identified])
+            noise = fit.R_a_b.T @ fit.covariance[:3, :3] @ fit.R_a_b
+            found.append(AttitudeMeasurement(fit.R_a_b, noise))
+        return found
+
+    # The choice of axes
+
+    def _keep_axes_unique(self) -> None:
+        """Choose the axes anew where the order of the moments is clearly another by now (17)."""
+        if not self._table.unique_frame or float(self.state.ratios.min()) >= 0.0:
+            return
+        knowledge = frame_knowledge(self.state, self.covariance)
+        if knowledge.order_significance > -_CLEAR_SD:
+            return
+        corners = None
+        if set(self.triple) <= set(self.features):
+            corners = self.state.points[[self.features.index(name) for name in self.triple]]
+        self._relabel(unique_choice(self.state, corners))
+
+    def _choose_freely(self, slots: IntArray) -> None:
+        """Axes as the decomposition comes, where features re-appear: the filter without (17).
+
+        Its photogrammetric frame is that of three of the features, in the order they are found.
+        """
+        shown = slots[slots >= 0]
+        if len(shown) >= 3:
+            corners = self.state.points[self._rng.permutation(shown)[:3]]
+            self._relabel(free_choice(self.state, corners))
+
+    def _relabel(self, R_body_new: FloatArray) -> None:
+        if float(rotation_angle(R_body_new)) > 1e-6:
+            moved = relabelled(self.state, self.covariance, R_body_new)
+            self._filter = self._filter_of(*moved)
+            self._shape = {name: p @ R_body_new for name, p in self._shape.items()}
+
+    # Points that come and go
+
+    def _drop_rejected(self) -> None:
+        """Forget points that are rejected again and again."""
+        self._drop(
+            [
+                name
+                for name, count in self._points.rejections.items()
+                if count >= self._table.most_rejections and name in self.features
+            ]
+        )
+
+    def _add_new(self, sight: Sighting) -> None:
+        """Add features that two frames agree on."""
+        unknown = np.flatnonzero(self._points.slots(sight.features) < 0)
+        if not len(unknown):
+            return
+        state, candidates = self.state, dict(self._points.candidates)
+        R = state.R_world_body
+        R_hill_world = self._orbit.R_hill_world(sight.time_s)
+        r_world = R_hill_world.T @ state.r_hill
+        for k in unknown:
+            name = int(sight.features[k])
+            p, noise = R.T @ (sight.p_world[k] - r_world), R.T @ sight.noise[k] @ R
+            before, earlier = candidates.pop(name, (p, noise))
+            apart = p - before
+            agree = apart @ np.linalg.solve(noise + earlier, apart) < _NEW_POINT_DISTANCE
+            if name in self._points.candidates and agree:
+                self._add(name, p, noise, R_hill_world)
+            else:
+                candidates[name] = p, noise
+        self._points = replace(self._points, candidates=candidates)
+
+    def _add(self, name: int, p: FloatArray, noise: FloatArray, R_hill_world: FloatArray) -> None:
+        if len(self.features) >= self._table.most_features:
+            self._drop([min(self.features, key=lambda f: self._points.last_used_s[f])])
+        R_body_hill = (R_hill_world @ self.state.R_world_body).T
+        grown = with_point(self.state, self.covariance, p, noise, R_body_hill)
+        self._filter = self._filter_of(*grown)
+        self._points = replace(
+            self._points,
+            features=(*self.features, name),
+            last_used_s={**self._points.last_used_s, name: self._time_s},
+        )
+
+    def _drop(self, names: Sequence[int]) -> None:
+        if names:
+            slots = [self.features.index(name) for name in names]
+            left = without_points(self.state, self.covariance, slots)
+            self._filter = self._filter_of(*left)
+            self._points = self._points.without(names)

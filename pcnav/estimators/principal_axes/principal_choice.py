@@ -1,0 +1,140 @@
+"""Which principal axes a state is told in, how well they are known, and what is reported."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.principal_inertia import middle_ratio, moments_from_ratios, moments_jacobian
+from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
+from pcnav.estimators.principal_axes.feature_states import (
+    OMEGA,
+    R_HILL,
+    RATIOS,
+    THETA,
+    V_HILL,
+    PrincipalState,
+    point_slice,
+)
+from pcnav.estimators.principal_axes.principal_frame import (
+    PRINCIPAL_CHOICES,
+    free_axes,
+    principal_axes,
+)
+from pcnav.runs.feature_estimate import FeaturePoint, MotionEstimate
+
+_CLEAR_SD = 3.0
+"""Moments closer than so many standard deviations of their gap are near equal."""
+_LARGEST_TILT_SD_RAD = 0.15
+"""Beyond, the axes are not determined however clear the gaps look."""
+
+
+@dataclass(frozen=True)
+class FrameKnowledge:
+    """How well the principal axes are known."""
+
+    ratios: tuple[float, float, float]
+    """p_x, p_y, p_z."""
+    gaps: FloatArray
+    """(2,) Ix - Iy and Iy - Iz over Ix."""
+    gap_sd: FloatArray
+    """(2,)"""
+    tilt_sd_rad: float
+    """Of the attitude, in its least known direction."""
+
+    @property
+    def significance(self) -> float:
+        """Smaller distance between successive moments over its standard deviation."""
+        return float(np.min(np.abs(self.gaps) / np.maximum(self.gap_sd, 1e-12)))
+
+    @property
+    def order_significance(self) -> float:
+        """The smaller gap over its standard deviation; negative when the order is violated."""
+        return float(np.min(self.gaps / np.maximum(self.gap_sd, 1e-12)))
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the moments differ clearly and the axes are known."""
+        return self.significance > _CLEAR_SD and self.tilt_sd_rad < _LARGEST_TILT_SD_RAD
+
+    def notes(self) -> dict[str, float]:
+        """For the columns of a result."""
+        return {
+            "p_x": self.ratios[0],
+            "p_y": self.ratios[1],
+            "p_z": self.ratios[2],
+            "moment_gap_over_sd": self.significance,
+            "axes_sd_rad": self.tilt_sd_rad,
+        }
+
+
+def frame_knowledge(state: PrincipalState, covariance: FloatArray) -> FrameKnowledge:
+    """What state and covariance (n, n) say of the axes."""
+    moments = moments_from_ratios(state.ratios)
+    by = -np.diff(moments_jacobian(state.ratios), axis=0)
+    gap_sd = np.sqrt(np.einsum("ip,pq,iq->i", by, covariance[RATIOS, RATIOS], by))
+    px, pz = state.ratios.tolist()
+    tilt = float(np.linalg.eigvalsh(covariance[THETA, THETA])[-1])
+    return FrameKnowledge(
+        ratios=(px, middle_ratio(state.ratios), pz),
+        gaps=-np.diff(moments),
+        gap_sd=gap_sd,
+        tilt_sd_rad=float(np.sqrt(max(tilt, 0.0))),
+    )
+
+
+def unique_choice(state: PrincipalState, corners: FloatArray | None) -> FloatArray:
+    """(3, 3) R_body_new to the axes that (17) asks for, a signed permutation.
+
+    ``corners`` (3, 3) are the points whose photogrammetric frame decides the signs; without them,
+    the nearest axes with the right order are taken.
+    """
+    inertia = np.diag(moments_from_ratios(state.ratios))
+    if corners is None:
+        moments = moments_from_ratios(state.ratios)
+        ordered = [S for S in PRINCIPAL_CHOICES if np.all(np.diff(moments @ np.abs(S)) <= 1e-15)]
+        return max(ordered, key=lambda S: float(np.trace(S)))
+    R_body_p = photogrammetric_axes(corners)
+    _, axes = principal_axes(R_body_p.T @ inertia @ R_body_p)
+    return _nearest_choice(R_body_p @ axes)
+
+
+def free_choice(state: PrincipalState, corners: FloatArray) -> FloatArray:
+    """(3, 3) R_body_new to the axes as the eigen-decomposition hands them out."""
+    inertia = np.diag(moments_from_ratios(state.ratios))
+    R_body_p = photogrammetric_axes(corners)
+    return _nearest_choice(R_body_p @ free_axes(R_body_p.T @ inertia @ R_body_p))
+
+
+def _nearest_choice(R_body_new: FloatArray) -> FloatArray:
+    """The axes are eigenvectors of a diagonal matrix: but for rounding, one of the 24 choices."""
+    fit = np.einsum("kij,ij->k", PRINCIPAL_CHOICES, R_body_new)
+    return np.asarray(PRINCIPAL_CHOICES[int(fit.argmax())], np.float64)
+
+
+def motion_estimate(
+    state: PrincipalState, covariance: FloatArray, features: tuple[int, ...]
+) -> MotionEstimate:
+    """What the filter reports: in its axes the products of inertia are zero by definition."""
+    moments = moments_from_ratios(state.ratios)
+    change = state.additive()
+    covariance = change @ covariance @ change.T
+    rows = np.concatenate(
+        [np.arange(block.start, block.stop) for block in (R_HILL, V_HILL, THETA, OMEGA)]
+    )
+    selected = np.zeros((17, len(covariance)))
+    selected[np.arange(12), rows] = 1.0
+    selected[12:14, RATIOS] = moments_jacobian(state.ratios)[1:]
+    points = {
+        name: FeaturePoint(state.points[k], covariance[point_slice(k), point_slice(k)])
+        for k, name in enumerate(features)
+    }
+    return MotionEstimate(
+        r_hill=state.r_hill,
+        v_hill=state.v_hill,
+        R_world_body=state.R_world_body,
+        omega_body=state.omega_body,
+        inertia_ratios=np.array([moments[1], moments[2], 0.0, 0.0, 0.0]),
+        covariance=selected @ covariance @ selected.T,
+        features=points,
+    )

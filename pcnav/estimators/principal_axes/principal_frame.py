@@ -1,0 +1,44 @@
+"""The principal frame of a target made unique: (17) of Hu 2024."""
+
+from itertools import permutations, product
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+
+
+def _choices() -> FloatArray:
+    found = [
+        np.diag(signs) @ np.eye(3)[:, list(order)]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    ]
+    return np.stack([choice for choice in found if np.linalg.det(choice) > 0.0])
+
+
+PRINCIPAL_CHOICES = _choices()
+"""(24, 3, 3) R_body_new from a principal frame to all of them; the first is the identity."""
+
+
+def principal_axes(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Moments (..., 3) falling and axes R_g_t (..., 3, 3) of inertia matrices (..., 3, 3) (17).
+
+    The first axis makes an acute angle with the x axis of the given frame, as in print. Print stops
+    there, and two frames are left, half a turn about that axis apart; the second axis is therefore
+    chosen to make an acute angle with the y axis of the given frame.
+    """
+    values, vectors = np.linalg.eigh(inertia)
+    moments, axes = values[..., ::-1], vectors[..., ::-1]
+    x = axes[..., 0] * _sign(axes[..., 0, 0])[..., None]
+    y = axes[..., 1] * _sign(axes[..., 1, 1])[..., None]
+    return moments, np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def _sign(values: FloatArray) -> FloatArray:
+    return np.where(values < 0.0, -1.0, 1.0)
+
+
+def free_axes(inertia: FloatArray) -> FloatArray:
+    """(3, 3) R_g_t as the eigen-decomposition hands it out: any order and signs, right-handed."""
+    _, axes = np.linalg.eigh(inertia)
+    return np.asarray(axes * np.array([1.0, 1.0, np.linalg.det(axes)]))

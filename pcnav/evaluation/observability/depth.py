@@ -1,0 +1,121 @@
+"""The depth filter as a subject: what a view of the target tells of its pose, view by view."""
+
+import numpy as np
+
+from pcnav.config.pipeline_file import FilterTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import make_transform
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.dynamics.state import NavigationState
+from pcnav.estimators.depth.mass import MassBelief
+from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.estimators.depth.pose_measurement import PoseMeasurement, PoseReference, Sight
+from pcnav.estimators.depth.start import start_covariance
+from pcnav.evaluation.observability.information import reference_arc
+from pcnav.evaluation.observability.report import Subject
+from pcnav.evaluation.observability.subjects import carried, timing_of
+from pcnav.evaluation.observability.told import DEPTH
+from pcnav.filtering.error_state import Measurement
+from pcnav.perception.refinement import Comparer
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target
+
+_SAME_ASPECT_RAD = 0.25
+_SAME_RANGE = 0.15
+"""Views this close to one that was compared tell as much of the pose; the range is relative."""
+_SHARP_POSE = np.diag([1e-4] * 3 + [1e-4] * 3) ** 2
+"""(6, 6) with which a pose is predicted by a track that has settled, m and rad."""
+
+
+class Views:
+    """Information (6, 6) of a depth frame about the pose it shows, by rendered views.
+
+    A view is rendered and compared with itself (`pcnav.perception.refinement`): what that would
+    tell of an error of the pose is what a frame would. Aspects that are alike share one.
+    """
+
+    def __init__(self, target: Target, camera: PinholeCamera, range_sigma_m: float) -> None:
+        self._comparer = Comparer(target, camera, range_sigma_m)
+        self._renderer = DepthRenderer(target.mesh, camera)
+        self.lever_m = self._comparer.lever_m
+        self._poses: list[FloatArray] = []
+        self._known: list[FloatArray] = []
+
+    def information(self, T_cam_model: FloatArray) -> FloatArray:
+        """(6, 6) about the error of a pose (4, 4), as `FaceEvidence` has it."""
+        if self._poses:
+            poses = np.stack(self._poses)
+            trace = np.einsum("kij,ij->k", poses[:, :3, :3], T_cam_model[:3, :3])
+            shift = np.linalg.norm(poses[:, :3, 3] - T_cam_model[:3, 3], axis=1)
+            near = shift < _SAME_RANGE * np.linalg.norm(T_cam_model[:3, 3])
+            alike = np.where(near, trace, -np.inf)
+            best = int(np.argmax(alike))
+            if alike[best] > 1.0 + 2.0 * np.cos(_SAME_ASPECT_RAD):
+                return self._known[best]
+        depth_m = self._renderer.render(T_cam_model).depth_m
+        found = self._comparer.compare(depth_m, T_cam_model, _SHARP_POSE)
+        information = sum((face.information for face in found.faces), np.zeros((6, 6)))
+        self._poses.append(T_cam_model)
+        self._known.append(information)
+        return information
+
+
+def depth_subject(
+    title: str,
+    filtering: FilterTable,
+    belief: MassBelief,
+    views: Views,
+    mean_motion_rad_s: float,
+    at: tuple[float, NavigationState],
+    times_s: FloatArray,
+    R_cam_hill: FloatArray,
+) -> Subject[NavigationState]:
+    """Of the depth filter.
+
+    Args:
+        title: of what is judged.
+        filtering: process noise.
+        belief: mass properties before the first frame.
+        views: of the target and the camera.
+        mean_motion_rad_s: of the chaser's orbit.
+        at: a time, s, and the state of the motion then.
+        times_s: (n,) of the frames.
+        R_cam_hill: (3, 3) of a camera at the chaser's mass centre.
+    """
+    n, (at_s, state) = mean_motion_rad_s, at
+    model = MassCentreModel(
+        n, filtering.acceleration_psd_m2_s3, filtering.angular_acceleration_psd_rad2_s3
+    )
+    timing = timing_of(times_s, state.omega_body)
+
+    def sensor(seen: NavigationState, k: int) -> list[Measurement[NavigationState]]:
+        hill = R_hill_world(float(timing.times_s[k]), n)
+        sight = Sight(make_transform(R_cam_hill @ hill, np.zeros(3)), hill)
+        pose = seen.T_cam_model(sight.T_cam_world, hill)
+        information = views.information(pose)
+        if not information.any():
+            return []
+        reference = PoseReference(pose, sight)
+        return [
+            PoseMeasurement.from_information(
+                "view", reference, information, np.zeros(6), views.lever_m
+            )
+        ]
+
+    start = carried(model, state, at_s, float(timing.times_s[0]))
+    arc = reference_arc(model, start, timing.times_s, sensor, timing.weights)
+    return Subject(
+        title=title,
+        estimator="depth",
+        told=DEPTH,
+        arc=arc,
+        frames=timing.frames,
+        frames_seen=len(timing.recorded_s),
+        prior_covariance=start_covariance(belief.com_covariance_m2, belief.parameter_covariance),
+        omega_body=arc.states[timing.frames - 1].omega_body,
+        inertia=inertia_from_ratios(state.inertia_ratios),
+        note="Every frame is compared with the rendered view; the camera keeps its direction in "
+        "Hill axes.",
+    )

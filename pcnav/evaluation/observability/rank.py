@@ -1,0 +1,162 @@
+"""Rank of an observability matrix, told by the gap in its singular values at sixty digits.
+
+In double precision a singular value that is small and one that is zero look alike: the Lie
+derivatives of order ten span more decades than a double has digits. The matrix is exact here
+(`pcnav.evaluation.observability.lie`), its singular values have some fifty correct digits, and
+those that vanish stand out by forty orders of magnitude.
+"""
+
+from dataclasses import dataclass
+from decimal import Context, Decimal, localcontext
+from fractions import Fraction
+from math import factorial
+from typing import Any
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.evaluation.observability.lie import Number, ObjectArray
+
+DIGITS = 60
+TOLERANCE = 1e-12
+"""Singular values below this share of the largest count as zero.
+
+States of a run are doubles: a spin about a principal axis that is not a coordinate axis is one only
+up to their rounding, some 1e-16. Exact states leave zeros below 1e-50.
+"""
+_MOST_SWEEPS = 60
+
+
+@dataclass(frozen=True)
+class ObservabilityRank:
+    """What the local rank condition says at a state."""
+
+    singular_values: tuple[Decimal, ...]
+    """(n,) of the scaled matrix, largest first."""
+    tolerance: float
+    """Relative to the largest."""
+    directions: FloatArray
+    """(n, n) right singular vectors as columns, largest first, in the units of the unknowns."""
+
+    @property
+    def size(self) -> int:
+        """How many unknowns there are."""
+        return len(self.singular_values)
+
+    @property
+    def rank(self) -> int:
+        """How many singular values are above the tolerance."""
+        return int(np.sum(self.relative > self.tolerance))
+
+    @property
+    def relative(self) -> FloatArray:
+        """(n,) singular values over the largest."""
+        largest = self.singular_values[0] or Decimal(1)
+        return np.array([float(value / largest) for value in self.singular_values])
+
+    @property
+    def gap(self) -> float:
+        """Smallest singular value that counts over the largest that does not: how clear the rank
+        is. Against rounding at sixty digits where none is dropped."""
+        relative, rank = self.relative, self.rank
+        dropped = float(relative[rank]) if rank < self.size else 0.0
+        return float(relative[rank - 1]) / max(dropped, 10.0 ** (5 - DIGITS)) if rank else 0.0
+
+    @property
+    def unobservable(self) -> FloatArray:
+        """(n, n - rank) directions of the unknowns that no derivative sees."""
+        return self.directions[:, self.rank :]
+
+
+def rank_of(
+    blocks: ObjectArray,
+    time_scale_s: Number,
+    units: tuple[Number, ...],
+    tolerance: float = TOLERANCE,
+) -> ObservabilityRank:
+    """Rank of the gradients of Lie derivatives, (K + 1, m, n) of `Fraction` or `Decimal`.
+
+    Rank does not depend on scale, but a tolerance does: the block of order k is multiplied by
+    ``time_scale^k / k!``, a Taylor coefficient over that time, and each unknown is counted in its
+    unit (n,).
+    """
+    scale: Any = time_scale_s
+    factors = [scale**k / factorial(k) for k in range(len(blocks))]
+    scaled = blocks * np.array(factors, dtype=object)[:, None, None]
+    scaled = scaled * np.array(units, dtype=object)
+    with localcontext(Context(prec=DIGITS)):
+        values, right = _singular(_decimal(scaled.reshape(-1, scaled.shape[-1])))
+    directions = np.array(right, dtype=np.float64)
+    return ObservabilityRank(tuple(values), tolerance, directions)
+
+
+def exact_rank(blocks: ObjectArray) -> int:
+    """Rank of gradients (K + 1, m, n) of `Fraction`, by elimination without rounding."""
+    rows = blocks.reshape(-1, blocks.shape[-1]).copy()
+    rank = 0
+    for column in range(rows.shape[1]):
+        pivots = np.flatnonzero(rows[rank:, column] != 0)
+        if not len(pivots):
+            continue
+        pivot = rank + int(pivots[0])
+        rows[[rank, pivot]] = rows[[pivot, rank]]
+        factors = rows[rank + 1 :, column] / rows[rank, column]
+        rows[rank + 1 :] = rows[rank + 1 :] - np.outer(factors, rows[rank])
+        rank += 1
+        if rank == len(rows):
+            break
+    return rank
+
+
+def _singular(matrix: ObjectArray) -> tuple[list[Decimal], ObjectArray]:
+    """Singular values, largest first, and right singular vectors (n, n) of a matrix of decimals.
+
+    One-sided Jacobi: rotations of pairs of columns until all are orthogonal (Hestenes 1958). It
+    finds small singular values to as many digits as large ones where columns are well scaled.
+    """
+    work = matrix.copy()
+    n = work.shape[1]
+    right = np.array([[Decimal(int(i == j)) for j in range(n)] for i in range(n)], dtype=object)
+    least = Decimal(10) ** (4 - DIGITS)
+    floor = (sum(work.ravel() * work.ravel(), Decimal(0)) or Decimal(1)) * least**2
+    for _ in range(_MOST_SWEEPS):
+        rotated = False
+        for i in range(n - 1):
+            for j in range(i + 1, n):
+                rotated |= _orthogonalise(work, right, i, j, least, floor)
+        if not rotated:
+            break
+    values = [(work[:, k] @ work[:, k]).sqrt() for k in range(n)]
+    order = sorted(range(n), key=lambda k: values[k], reverse=True)
+    return [values[k] for k in order], right[:, order]
+
+
+def _orthogonalise(
+    work: ObjectArray, right: ObjectArray, i: int, j: int, least: Decimal, floor: Decimal
+) -> bool:
+    """Make columns i and j orthogonal, in place; whether there was anything to do."""
+    x, y = work[:, i], work[:, j]
+    xx, yy, xy = x @ x, y @ y, x @ y
+    # Columns that are nothing but rounding are orthogonal to all.
+    if abs(xy) <= least * (xx * yy).sqrt() or xx <= floor or yy <= floor:
+        return False
+    zeta = (yy - xx) / (2 * xy)
+    tangent = (1 if zeta >= 0 else -1) / (abs(zeta) + (1 + zeta * zeta).sqrt())
+    cosine = 1 / (1 + tangent * tangent).sqrt()
+    sine = cosine * tangent
+    for columns in (work, right):
+        first, second = columns[:, i].copy(), columns[:, j].copy()
+        columns[:, i] = cosine * first - sine * second
+        columns[:, j] = sine * first + cosine * second
+    return True
+
+
+def _decimal(matrix: ObjectArray) -> ObjectArray:
+    return np.array([[_to_decimal(value) for value in row] for row in matrix], dtype=object)
+
+
+def _to_decimal(value: Number) -> Decimal:
+    """To the digits of the context."""
+    if isinstance(value, Fraction):
+        return Decimal(value.numerator) / Decimal(value.denominator)
+    return +value

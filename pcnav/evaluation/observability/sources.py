@@ -1,0 +1,335 @@
+"""From a result folder, or from a pipeline, to its observability."""
+
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.config.attitude_inertia import AttitudeInertiaTable
+from pcnav.config.features import EstimatorKind
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
+from pcnav.dynamics.inertia_parameters import parameters_of
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
+from pcnav.estimators.attitude_inertia.rotation_model import RotationState, TorqueFreeModel
+from pcnav.estimators.depth.mass import prior_belief
+from pcnav.estimators.image_motion.chain import run_chain
+from pcnav.estimators.image_motion.source import is_seen_by_one_camera
+from pcnav.evaluation.observability.depth import Views, depth_subject
+from pcnav.evaluation.observability.report import ObservabilityReport, Subject, judge
+from pcnav.evaluation.observability.subjects import (
+    FeatureMotion,
+    attitude_subject,
+    bank_subject,
+    carried,
+    measured_attitudes_subject,
+    principal_subject,
+)
+from pcnav.files.csv_table import read_csv
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.track_files import read_tracks
+from pcnav.recordings.tracks import Tracks
+from pcnav.report.text_table import TextTable
+from pcnav.runs.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS
+from pcnav.runs.image_results import SD_COLUMNS as IMAGE_SD_COLUMNS
+from pcnav.runs.image_results import ImageTrack
+from pcnav.runs.results import PIPELINE_FILE, STATES_FILE, Track, read_track
+from pcnav.simulation.features import feature_scenario, simulate_features
+from pcnav.simulation.image_recording import simulated_tracks
+from pcnav.simulation.recording import stated_range_sigma
+from pcnav.simulation.scenario import camera_rotation, pinhole_camera, true_motion
+from pcnav.target.mesh import read_mesh
+from pcnav.target.satellite import Target, load_target
+
+_LOG = logging.getLogger("pcnav")
+
+Wanted = Mapping[str, float] | None
+"""See `judge`."""
+_FEWEST = 6
+"""Attitudes that a motion is fitted to."""
+_LEAST_NOISE_RAD2 = 1e-8
+"""Of an attitude, beside what the chain states."""
+
+
+def observability_of_run(
+    folder: Path, wanted: Wanted = None, title: str | None = None
+) -> ObservabilityReport:
+    """What the motion of a run makes observable, as far as its estimates tell the motion.
+
+    The trajectory is the one that leads to the last estimate. The title is the folder's name where
+    none is given. Raises `InputError` when the folder, or what the run was made from, is missing or
+    damaged, or when the run has no estimate.
+    """
+    pipeline = read_pipeline(folder / PIPELINE_FILE)
+    if pipeline.sequence is None:
+        expected = "expected the recording that the run was made from"
+        raise InputError(folder / PIPELINE_FILE, "sequence", expected)
+    title = title or folder.resolve().name
+    if pipeline.estimator.kind is EstimatorKind.DEPTH:
+        return _of_depth_run(title, folder, pipeline, wanted)
+    if pipeline.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
+        return judge(_attitude_run(title, folder, pipeline), wanted)
+    if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
+        return judge(_image_run(title, folder, pipeline), wanted)
+    tracks = read_tracks(Path(pipeline.sequence))
+    return _of_features(title, pipeline, tracks, _last_motion(folder), wanted)
+
+
+def observability_of_pipeline(
+    pipeline: Pipeline,
+    source: Path | str = "pipeline",
+    mesh: Path | None = None,
+    wanted: Wanted = None,
+) -> ObservabilityReport:
+    """What the simulated motion of a pipeline makes observable to its estimator.
+
+    Args:
+        pipeline: its scenario and estimator.
+        source: its file, which an `InputError` names.
+        mesh: of the target, for depth frames.
+        wanted: see `judge`.
+    """
+    title = Path(source).stem
+    if pipeline.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
+        return _of_attitudes(title, pipeline, pipeline.attitude_inertia, wanted)
+    if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
+        return _of_image_pipeline(title, pipeline, source, mesh, wanted)
+    if pipeline.estimator.kind is EstimatorKind.DEPTH:
+        if mesh is None:
+            raise InputError(source, "target_mesh", "expected the mesh that depth frames show")
+        return _of_depth_pipeline(title, pipeline, source, mesh, wanted)
+    scenario = feature_scenario(pipeline, source)
+    tracks, truth = simulate_features(scenario, np.random.default_rng(pipeline.seed))
+    motion = FeatureMotion(
+        time_s=float(truth.times_s[0]),
+        r_hill=truth.r_hill[0],
+        v_hill=truth.v_hill[0],
+        R_world_body=truth.R_world_body[0],
+        omega_body=truth.omega_body[0],
+        inertia=truth.inertia,
+        points=dict(enumerate(truth.points)),
+    )
+    return _of_features(title, pipeline, tracks, motion, wanted)
+
+
+def tables_for_report(judged: Callable[[], ObservabilityReport]) -> tuple[TextTable, ...]:
+    """What a motion makes observable, as tables; none where that cannot be told.
+
+    A run must not be lost to it: what stands in the way is said in a warning.
+    """
+    try:
+        return judged().tables()
+    except (InputError, ValueError, np.linalg.LinAlgError) as error:
+        _LOG.warning("the report does without its part on observability: %s", error)
+        return ()
+
+
+def can_be_judged(track: ImageTrack) -> bool:
+    """Whether a run on images has attitudes enough to tell a motion."""
+    return int(np.count_nonzero(_of_longest_segment(track.segment, track.has_attitude))) >= _FEWEST
+
+
+def _of_longest_segment(segment: IntArray, known: BoolArray) -> BoolArray:
+    """(n,) frames with an attitude in the segment that has most of them."""
+    if not known.any():
+        return known
+    numbers, counts = np.unique(segment[known], return_counts=True)
+    return np.asarray(known & (segment == numbers[np.argmax(counts)]))
+
+
+def _of_attitudes(
+    title: str, pipeline: Pipeline, table: AttitudeInertiaTable, wanted: Wanted
+) -> ObservabilityReport:
+    body, scenario = pipeline.body, pipeline.scenario
+    start = RotationState(
+        exp_rotation(np.radians(np.array(body.attitude_rotvec_deg))),
+        np.radians(np.array(body.omega_body_deg_s)),
+        parameters_of(inertia_from_ratios(np.array(body.inertia_ratios))),
+    )
+    times_s = np.arange(scenario.frames) / scenario.frame_rate_hz
+    return judge(attitude_subject(title, table, start, times_s), wanted)
+
+
+def _of_image_pipeline(
+    title: str, pipeline: Pipeline, source: Path | str, mesh: Path | None, wanted: Wanted
+) -> ObservabilityReport:
+    """The attitudes are those of the chain on simulated tracks, in the target's own axes."""
+    truth = true_motion(pipeline, source)
+    shown = None if mesh is None else read_mesh(mesh)
+    tracks = simulated_tracks(pipeline, truth, shown, title)
+    frames = run_chain(tracks, pipeline.image_motion)
+    known = [frame.covariance for frame in frames if frame.reference is not None]
+    noise = [each for each in known if each is not None]
+    if not noise:
+        expected = (
+            "expected tracks that tell an attitude: no frame of the simulated ones is measured; "
+            "look at a run on images instead"
+        )
+        raise InputError(source, "image_motion", expected)
+    state = truth.states[0]
+    start = RotationState(
+        state.R_world_body,
+        state.omega_body,
+        parameters_of(inertia_from_ratios(state.inertia_ratios)),
+    )
+    subject = measured_attitudes_subject(
+        title, pipeline.attitude_inertia, start, truth.times_s, np.stack(noise), True
+    )
+    return judge(subject, wanted)
+
+
+def _image_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[RotationState]:
+    """The motion is the one that fits the attitudes of the longest segment."""
+    names = ("time_s", "q_x", "q_y", "q_z", "q_w", "segment", *IMAGE_SD_COLUMNS)
+    rows = read_csv(folder / STATES_FILE, names).numbers(names)
+    has_attitude = np.isfinite(rows[:, 1])
+    at = _of_longest_segment(rows[:, 5].astype(np.intp), has_attitude)
+    if np.count_nonzero(at) < _FEWEST:
+        raise InputError(folder / STATES_FILE, "rows", f"expected at least {_FEWEST} attitudes")
+    times_s, R, sd = rows[at, 0], rotation_from_xyzw(rows[at, 1:5]), rows[at, 6:9]
+    # The first attitude of a segment defines its axes and has no error.
+    noise = np.einsum("ni,ij->nij", sd[1:] ** 2, np.eye(3))
+    table = pipeline.attitude_inertia
+    estimator = AttitudeInertiaEstimator(table)
+    floor = _LEAST_NOISE_RAD2 * np.eye(3)
+    estimate = estimator.step(float(times_s[0]), R[0], floor)
+    for k in range(1, len(times_s)):
+        estimate = estimator.step(float(times_s[k]), R[k], noise[k - 1] + floor)
+    model = TorqueFreeModel(0.0, table.propagation)
+    last = estimate.state
+    end = RotationState(last.R_world_body[0], last.omega_body[0], last.parameters[0])
+    start = carried(model, end, estimate.time_s, float(rows[0, 0]))
+    return measured_attitudes_subject(title, table, start, rows[:, 0], noise, True)
+
+
+def _attitude_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[RotationState]:
+    """The motion is the one that leads to the last estimate."""
+    names = (*MOTION_COLUMNS[:1], *MOTION_COLUMNS[7:], "sd_measured_rad")
+    rows = read_csv(folder / STATES_FILE, names).numbers(names)
+    known = np.flatnonzero(np.isfinite(rows[:, 1:-1]).all(axis=1))
+    measured = rows[np.isfinite(rows[:, -1]), -1]
+    if not known.size or not measured.size:
+        raise InputError(folder / STATES_FILE, "rows", "expected at least one estimate")
+    last = rows[known[-1]]
+    table = pipeline.attitude_inertia
+    end = RotationState(
+        rotation_from_xyzw(last[1:5]),
+        last[5:8],
+        parameters_of(inertia_from_ratios(last[8:13])),
+    )
+    model = TorqueFreeModel(0.0, table.propagation)
+    start = carried(model, end, float(last[0]), float(rows[0, 0]))
+    noise = measured[:, None, None] ** 2 * np.eye(3)
+    chained = is_seen_by_one_camera(Path(pipeline.sequence or ""))
+    return measured_attitudes_subject(title, table, start, rows[:, 0], noise, chained)
+
+
+def _of_depth_pipeline(
+    title: str, pipeline: Pipeline, source: Path | str, mesh: Path, wanted: Wanted
+) -> ObservabilityReport:
+    motion, target = true_motion(pipeline, source), load_target(mesh)
+    sigma_m = pipeline.perception.range_sigma_m or stated_range_sigma(pipeline.noise)
+    subject = depth_subject(
+        title,
+        pipeline.filter,
+        prior_belief(target, None, pipeline.filter),
+        Views(target, pinhole_camera(pipeline.camera), sigma_m),
+        pipeline.orbit.mean_motion_rad_s,
+        (float(motion.times_s[0]), motion.states[0]),
+        motion.times_s,
+        camera_rotation(pipeline.camera, source),
+    )
+    return judge(subject, wanted)
+
+
+def _of_depth_run(
+    title: str, folder: Path, pipeline: Pipeline, wanted: Wanted
+) -> ObservabilityReport:
+    mesh = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
+    sequence = open_sequence(Path(pipeline.sequence or ""), mesh)
+    shown = mesh or sequence.info.target_mesh
+    if shown is None:
+        raise InputError(folder / PIPELINE_FILE, "target_mesh", "expected the target's mesh")
+    try:
+        return observability_of_depth(
+            title, pipeline, sequence, load_target(shown), read_track(folder), wanted
+        )
+    except ValueError as error:
+        raise InputError(folder / STATES_FILE, "rows", str(error)) from error
+
+
+def observability_of_depth(
+    title: str,
+    pipeline: Pipeline,
+    sequence: Sequence,
+    target: Target,
+    track: Track,
+    wanted: Wanted = None,
+) -> ObservabilityReport:
+    """As `observability_of_run`, of a run on depth frames that is at hand.
+
+    Raises ``ValueError`` for a track without an estimate.
+    """
+    known, info = np.flatnonzero(track.has_estimate), sequence.info
+    if not known.size:
+        raise ValueError("expected at least one estimate")
+    first, last = int(known[0]), int(known[-1])
+    state = track.state(last)
+    assert state is not None, "the frame has an estimate"
+    hill = R_hill_world(float(track.time_s[last]), info.mean_motion_rad_s)
+    # The pose is that of the model in the camera; the camera's own attitude is what is left.
+    R_cam_world = track.T_cam_model[last, :3, :3] @ state.R_world_body.T
+    range_sigma_m = pipeline.perception.range_sigma_m or info.range_sigma_m
+    subject = depth_subject(
+        title,
+        pipeline.filter,
+        prior_belief(target, info.initial, pipeline.filter),
+        Views(target, sequence.frame(last).camera, range_sigma_m),
+        info.mean_motion_rad_s,
+        (float(track.time_s[last]), state),
+        track.time_s[first : last + 1],
+        np.asarray(R_cam_world @ hill.T),
+    )
+    return judge(subject, wanted)
+
+
+def _of_features(
+    title: str, pipeline: Pipeline, tracks: Tracks, motion: FeatureMotion, wanted: Wanted
+) -> ObservabilityReport:
+    if pipeline.estimator.kind is EstimatorKind.PRINCIPAL_AXES:
+        return judge(principal_subject(title, pipeline.principal_axes, tracks, motion), wanted)
+    if pipeline.estimator.kind is EstimatorKind.INERTIA_BANK:
+        return judge(bank_subject(title, pipeline.inertia_bank, tracks, motion), wanted)
+    raise InputError(
+        title, "estimator.kind", f'expected one on feature tracks, got "{pipeline.estimator.kind}"'
+    )
+
+
+def _last_motion(folder: Path) -> FeatureMotion:
+    """The last estimate of a run on feature tracks."""
+    rows = read_csv(folder / STATES_FILE, MOTION_COLUMNS).numbers(MOTION_COLUMNS)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    features = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS[:4])
+    points = _points(features.numbers(FEATURE_COLUMNS[:4]))
+    if not len(rows) or not points:
+        raise InputError(folder / STATES_FILE, "rows", "expected at least one estimate")
+    last = rows[-1]
+    return FeatureMotion(
+        time_s=float(last[0]),
+        r_hill=last[1:4],
+        v_hill=last[4:7],
+        R_world_body=rotation_from_xyzw(last[7:11]),
+        omega_body=last[11:14],
+        inertia=inertia_from_ratios(last[14:19]),
+        points=points,
+    )
+
+
+def _points(rows: FloatArray) -> dict[int, FloatArray]:
+    return {int(row[0]): row[1:4] for row in rows if np.all(np.isfinite(row))}

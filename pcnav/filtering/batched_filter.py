@@ -1,0 +1,302 @@
+"""The filter engine on many states at once: the equations of `ErrorStateFilter` on batches.
+
+A bank of hypotheses, and a Monte Carlo study of banks, run thousands of filters of one shape in
+step. Here they are one array with a leading batch dimension B: same gate, same iterated update with
+residuals taken anew at every iterate, same Joseph form, injection and reset. The tests hold both
+paths to the same numbers.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.filtering.error_state import innovation_gate
+
+_CONVERGED = 1e-3
+"""Change of every component over its standard deviation, as in `ErrorStateFilter`."""
+
+
+class BatchedStates(Protocol):
+    """B states whose errors live in one vector space of size n."""
+
+    def take(self, index: IntArray, /) -> Self:
+        """The states at (b,) places of the batch."""
+
+    def retract(self, error: FloatArray, /) -> Self:
+        """The states moved by error vectors (B, n)."""
+
+    @property
+    def curved(self) -> slice:
+        """Components outside of which the retraction's Jacobian is the identity."""
+
+    def retraction_block(self, error: FloatArray, /) -> FloatArray:
+        """(B, k, k) the retraction's Jacobian within `curved`."""
+
+    def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
+        """The errors (B, n) that lead to states that can be, nearest to the given ones."""
+
+
+S = TypeVar("S", bound=BatchedStates)
+Contra = TypeVar("Contra", contravariant=True)
+
+
+class MeasurementSet(Protocol[Contra]):
+    """m independent measurements of s components each, of every state of a batch."""
+
+    def take(self, index: IntArray, /) -> Self:
+        """Those of the (b,) places of the batch."""
+
+    @property
+    def noise(self) -> FloatArray:
+        """(m, s, s) covariance of each measurement's error, the same for the whole batch."""
+
+    def residual(self, states: Contra, /) -> FloatArray:
+        """(B, m, s) measured minus predicted."""
+
+    def jacobian(self, states: Contra, /) -> FloatArray:
+        """(B, m, s, n) derivative of the prediction by the states' errors."""
+
+
+class BatchedMotion(Protocol[S]):
+    """How the states of a batch move in time."""
+
+    def propagate(
+        self, states: S, time_s: float, step_s: float
+    ) -> tuple[S, FloatArray, FloatArray]:
+        """States after a step, transition of their errors and process noise, both (B, n, n)."""
+
+
+@dataclass(frozen=True)
+class BatchedUpdate:
+    """What an update did to each of B states."""
+
+    accepted: BoolArray
+    """(B, m) whether each measurement was used."""
+    nis: FloatArray
+    """(B, m) innovation squared over its covariance at the prediction."""
+    joint_nis: FloatArray
+    """(B,) of all accepted measurements together."""
+    joint_dof: IntArray
+    """(B,) how many components they have."""
+    log_determinant: FloatArray
+    """(B,) of their innovation covariance at the prediction."""
+    noise_squares: FloatArray
+    """(B,) their innovation squared over the measurement noise alone (Segal 2011 (12))."""
+    iterations: IntArray
+    """(B,)"""
+    converged: BoolArray
+    """(B,)"""
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """A linearisation of b states: innovation covariance and what the gain is made of."""
+
+    H: FloatArray
+    """(b, ms, n)"""
+    HP: FloatArray
+    S: FloatArray
+    """(b, ms, ms)"""
+
+    @staticmethod
+    def of(H: FloatArray, P: FloatArray, R: FloatArray) -> "_Pass":
+        """With covariances P (b, n, n) and noise R (ms, ms)."""
+        HP = H @ P
+        return _Pass(H, HP, HP @ _transposed(H) + R)
+
+    def masked(self, mask: BoolArray, R: FloatArray) -> "_Pass":
+        """Without the rows that (b, ms) masks out: such rows say nothing and keep their noise."""
+        if np.all(mask):
+            return self
+        rows = mask[..., None]
+        both = rows & mask[:, None, :]
+        return _Pass(self.H * rows, self.HP * rows, np.where(both, self.S - R, 0.0) + R)
+
+
+@dataclass(frozen=True)
+class _Gain:
+    """What the last pass of every state used, and what it found."""
+
+    error: FloatArray
+    """(B, n)"""
+    H: FloatArray
+    """(B, ms, n)"""
+    K: FloatArray
+    """(B, n, ms)"""
+    joint_nis: FloatArray
+    """(B,) of the first pass: at the prediction."""
+    iterations: IntArray
+    converged: BoolArray
+
+
+class BatchedFilter(Generic[S]):
+    """States and covariances (B, n, n), moved by `predict` and `update`."""
+
+    def __init__(
+        self,
+        states: S,
+        covariance: FloatArray,
+        *,
+        gate_probability: float = 0.9999,
+        most_iterations: int = 5,
+    ) -> None:
+        self.states = states
+        self.covariance = covariance
+        self._gate_probability = gate_probability
+        self._most_iterations = most_iterations
+
+    def predict(self, model: BatchedMotion[S], time_s: float, step_s: float) -> None:
+        """Move states and covariances forward by ``step_s`` from ``time_s``."""
+        self.states, F, Q = model.propagate(self.states, time_s, step_s)
+        self.covariance = _symmetric(F @ self.covariance @ _transposed(F) + Q)
+
+    def gate(self, nis: FloatArray, size: int) -> BoolArray:
+        """(B, m) which measurements of ``size`` components each state would accept by itself."""
+        return np.asarray(nis <= innovation_gate(self._gate_probability, size))
+
+    def update(
+        self,
+        measurements: MeasurementSet[S],
+        choose: Callable[[BoolArray], BoolArray] = lambda accepted: accepted,
+    ) -> BatchedUpdate:
+        """Gate, then one iterated update of every state with the measurements that pass.
+
+        ``choose`` turns what each state's gate says, (B, m), into what is used: a bank whose
+        filters are compared by their innovations must use the same in all of them. The equations
+        are explained at `ErrorStateFilter.update`.
+        """
+        noise = measurements.noise
+        size = noise.shape[1]
+        R = _block_diagonal(noise)
+        residual = measurements.residual(self.states)
+        first = _Pass.of(_flat(measurements.jacobian(self.states)), self.covariance, R)
+        nis = _single_nis(residual, first.S)
+        accepted = choose(self.gate(nis, size))
+        mask = np.repeat(accepted, size, axis=1)
+        first = first.masked(mask, R)
+        innovation = _rows(residual) * mask
+        gain = self._iterate(measurements, mask, first, innovation, R)
+        posterior = _joseph(self.covariance, gain.H, gain.K, R)
+        error = self.states.admissible(gain.error, posterior)
+        block, curved = self.states.retraction_block(error), self.states.curved
+        self.states = self.states.retract(error)
+        self.covariance = _symmetric(_reset(posterior, block, curved))
+        left_out = (~accepted) @ np.linalg.slogdet(noise)[1]
+        weighed = innovation @ np.linalg.inv(R)
+        return BatchedUpdate(
+            accepted=accepted,
+            nis=nis,
+            joint_nis=gain.joint_nis,
+            joint_dof=size * np.sum(accepted, axis=1),
+            log_determinant=_log_determinant(first.S) - left_out,
+            noise_squares=np.sum(innovation * weighed, axis=1),
+            iterations=gain.iterations,
+            converged=gain.converged,
+        )
+
+    def _iterate(
+        self,
+        measurements: MeasurementSet[S],
+        mask: BoolArray,
+        first: _Pass,
+        innovation: FloatArray,
+        R: FloatArray,
+    ) -> _Gain:
+        """Gauss-Newton on the posterior; states that have settled take no further part."""
+        prior, P = self.states, self.covariance
+        inverse = np.linalg.inv(first.S)
+        spread = (inverse @ innovation[..., None])[..., 0]
+        K = _transposed(inverse @ first.HP)
+        error, H = (K @ innovation[..., None])[..., 0], first.H
+        settled = _settled(error, K, first.HP, P)
+        iterations = np.ones(len(P), dtype=np.intp)
+        for _ in range(self._most_iterations - 1):
+            active = np.flatnonzero(~settled)
+            if len(active) == 0:
+                break
+            # Most often all go on, and then nothing needs to be picked out.
+            whole = len(active) == len(P)
+            some = prior if whole else prior.take(active)
+            seen = measurements if whole else measurements.take(active)
+            P_some, rows = (P, mask) if whole else (P[active], mask[active])
+            at = error if whole else error[active]
+            iterate = some.retract(at)
+            H_some = _flat(seen.jacobian(iterate))
+            H_some[..., prior.curved] = H_some[..., prior.curved] @ some.retraction_block(at)
+            here = _Pass.of(H_some, P_some, R).masked(rows, R)
+            left = _rows(seen.residual(iterate)) * rows + (here.H @ at[..., None])[..., 0]
+            K_some = _transposed(np.linalg.inv(here.S) @ here.HP)
+            found = (K_some @ left[..., None])[..., 0]
+            now_settled = _settled(found - at, K_some, here.HP, P_some)
+            iterations[active] += 1
+            settled[active] = now_settled
+            if whole:
+                error, K, H = found, K_some, here.H
+            else:
+                error[active], K[active], H[active] = found, K_some, here.H
+        nis = np.sum(innovation * spread, axis=1)
+        return _Gain(error, H, K, nis, iterations, settled)
+
+
+def _settled(change: FloatArray, K: FloatArray, HP: FloatArray, P: FloatArray) -> BoolArray:
+    """(b,) whether a change is far below the standard deviation of every component."""
+    # Of the posterior P - K H P; its rounding does not matter for this test.
+    explained = np.einsum("bnk,bkn->bn", K, HP)
+    variance = np.diagonal(P, axis1=1, axis2=2) - explained
+    return np.asarray(np.all(np.abs(change) <= _CONVERGED * np.sqrt(np.maximum(variance, 0.0)), 1))
+
+
+def _block_diagonal(noise: FloatArray) -> FloatArray:
+    """(ms, ms) of blocks (m, s, s)."""
+    m, s = noise.shape[:2]
+    R = np.zeros((m, s, m, s))
+    which = np.arange(m)
+    R[which, :, which, :] = noise
+    return R.reshape(m * s, m * s)
+
+
+def _single_nis(residual: FloatArray, S_matrix: FloatArray) -> FloatArray:
+    """(B, m) of each measurement alone."""
+    batch, m, s = residual.shape
+    which = np.arange(m)
+    blocks = S_matrix.reshape(batch, m, s, m, s)[:, which, :, which, :]
+    spread = np.linalg.solve(np.moveaxis(blocks, 0, 1), residual[..., None])[..., 0]
+    return np.asarray(np.sum(residual * spread, axis=-1))
+
+
+def _joseph(P: FloatArray, H: FloatArray, K: FloatArray, R: FloatArray) -> FloatArray:
+    """(B, n, n) ``(1 - K H) P (1 - K H)^T + K R K^T``."""
+    left = np.eye(P.shape[-1]) - K @ H
+    return np.asarray(left @ P @ _transposed(left) + K @ R @ _transposed(K))
+
+
+def _reset(P: FloatArray, block: FloatArray, curved: slice) -> FloatArray:
+    """``J P J^T`` with J the identity but for the block; changes the P (B, n, n) it is given."""
+    P[:, curved] = block @ P[:, curved]
+    P[..., curved] = P[..., curved] @ _transposed(block)
+    return P
+
+
+def _log_determinant(S_matrix: FloatArray) -> FloatArray:
+    diagonal = np.diagonal(np.linalg.cholesky(S_matrix), axis1=-2, axis2=-1)
+    return np.asarray(2.0 * np.sum(np.log(diagonal), axis=-1))
+
+
+def _flat(jacobian: FloatArray) -> FloatArray:
+    """(B, m, s, n) as (B, ms, n)."""
+    return jacobian.reshape(jacobian.shape[0], -1, jacobian.shape[-1])
+
+
+def _rows(residual: FloatArray) -> FloatArray:
+    return residual.reshape(len(residual), -1)
+
+
+def _transposed(matrix: FloatArray) -> FloatArray:
+    return np.swapaxes(matrix, -1, -2)
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (matrix + _transposed(matrix)))

@@ -1,0 +1,229 @@
+"""The one filter engine: an iterated error-state Kalman filter on filterpy's linear algebra.
+
+An estimator supplies a state that can be moved by an error (`ManifoldState`), a `MotionModel` that
+propagates it, and `Measurement` values. The engine owns gating, iteration, Joseph form, error
+injection and the reset Jacobian. filterpy keeps the error at zero mean between steps; the engine
+injects what an update finds into the state and resets.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+
+from pcnav.core import chi_square
+from pcnav.core.arrays import FloatArray
+
+
+class ManifoldState(Protocol):
+    """A state whose errors live in a vector space of fixed size."""
+
+    def retract(self, error: FloatArray, /) -> Self:
+        """The state moved by an error vector (n,)."""
+
+    def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
+        """(n, n) how a small change of ``error`` moves the retracted state, in its own error."""
+
+    def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
+        """The error (n,) that leads to a state that can be, nearest to the given one.
+
+        Nearest in the metric of the covariance (n, n); the given error itself where it is such.
+        """
+
+
+S = TypeVar("S", bound=ManifoldState)
+
+
+class Measurement(ABC, Generic[S]):
+    """A value that says how far a state is from what was measured."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What was measured, for logs and tables."""
+
+    @property
+    @abstractmethod
+    def covariance(self) -> FloatArray:
+        """(m, m) covariance of the measurement error, in the residual's units."""
+
+    @abstractmethod
+    def residual(self, state: S) -> FloatArray:
+        """(m,) measured minus predicted."""
+
+    @abstractmethod
+    def jacobian(self, state: S) -> FloatArray:
+        """(m, n) derivative of the prediction (minus that of the residual) by the state's error."""
+
+
+class MotionModel(ABC, Generic[S]):
+    """How a state moves in time."""
+
+    @abstractmethod
+    def propagate(self, state: S, time_s: float, step_s: float) -> tuple[S, FloatArray, FloatArray]:
+        """State after ``step_s``, transition matrix of its error and process noise, both (n, n)."""
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """What an update did."""
+
+    accepted: tuple[bool, ...]
+    """Per measurement, whether it passed the gate."""
+    nis: tuple[float, ...]
+    """Per measurement, innovation squared over its covariance at the prediction."""
+    dof: tuple[int, ...]
+    """Per measurement, how many components it has."""
+    joint_nis: float
+    """Of all accepted measurements together; nan when there is none."""
+    joint_dof: int
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Snapshot(Generic[S]):
+    """A filter's state and covariance at one moment."""
+
+    state: S
+    covariance: FloatArray
+
+
+class ErrorStateFilter(Generic[S]):
+    """State and covariance of an estimator, moved by `predict` and `update`."""
+
+    def __init__(
+        self,
+        state: S,
+        covariance: FloatArray,
+        *,
+        gate_probability: float = 0.9999,
+        most_iterations: int = 5,
+    ) -> None:
+        self.state = state
+        self._gate_probability = gate_probability
+        self._most_iterations = most_iterations
+        self._kalman = ExtendedKalmanFilter(dim_x=len(covariance), dim_z=1)
+        self._kalman.P = covariance.copy()
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, n) covariance of the state's error."""
+        return np.asarray(self._kalman.P, dtype=np.float64)
+
+    def snapshot(self) -> "Snapshot[S]":
+        """State and covariance as they are now, for `restore`."""
+        return Snapshot(self.state, self.covariance.copy())
+
+    def restore(self, snapshot: "Snapshot[S]") -> None:
+        """Go back to a snapshot."""
+        self.state = snapshot.state
+        self._kalman.P = snapshot.covariance.copy()
+
+    def predict(self, model: MotionModel[S], time_s: float, step_s: float) -> None:
+        """Move state and covariance forward by ``step_s`` from ``time_s``."""
+        self.state, transition, noise = model.propagate(self.state, time_s, step_s)
+        self._kalman.F, self._kalman.Q = transition, noise
+        self._kalman.x = np.zeros((len(noise), 1))
+        self._kalman.predict()
+        self._kalman.P = _symmetric(self._kalman.P)
+
+    def innovation(self, measurement: Measurement[S]) -> tuple[float, int]:
+        """Normalised innovation squared of a measurement at the present state, and its size."""
+        residual = measurement.residual(self.state)
+        H = measurement.jacobian(self.state)
+        S_matrix = H @ self.covariance @ H.T + measurement.covariance
+        return float(residual @ np.linalg.solve(S_matrix, residual)), len(residual)
+
+    def update(self, measurements: Sequence[Measurement[S]]) -> UpdateResult:
+        """Gate, then one iterated update with all measurements that pass.
+
+        Gauss-Newton on the posterior: every pass linearises about the last iterate ``x (+) d`` and
+        asks the Kalman update for the whole error from the prediction, with the innovation
+        ``e(d) + H d`` (Bell and Cathey 1993). ``H`` includes how the error of the iterate depends
+        on d, and the covariance is carried to the new state by the same Jacobian (the reset).
+        """
+        tests = [self.innovation(measurement) for measurement in measurements]
+        accepted = tuple(
+            nis <= innovation_gate(self._gate_probability, size) for nis, size in tests
+        )
+        used = [m for m, passed in zip(measurements, accepted, strict=True) if passed]
+        nis, dof = tuple(t[0] for t in tests), tuple(t[1] for t in tests)
+        if not used:
+            return UpdateResult(accepted, nis, dof, float("nan"), 0, 0, True)
+        joint = _Stack(used)
+        joint_nis, joint_dof = self.innovation(joint)
+        prior, prior_covariance = self.state, self.covariance.copy()
+        error = np.zeros(len(prior_covariance))
+        converged, iteration = False, 0
+        while iteration < self._most_iterations and not converged:
+            iteration += 1
+            iterate = prior.retract(error)
+            H = joint.jacobian(iterate) @ prior.retraction_jacobian(error)
+            step = self._kalman_step(
+                joint.residual(iterate) + H @ error, H, joint.covariance, prior_covariance
+            )
+            change = step - error
+            error = step
+            # Far below the standard deviation of every component: nothing more to gain.
+            converged = bool(np.all(np.abs(change) <= 1e-3 * np.sqrt(np.diag(self.covariance))))
+        # The covariance stays: a bound tells less than it seems, the truth may be anywhere inside.
+        error = prior.admissible(error, self.covariance)
+        reset = prior.retraction_jacobian(error)
+        self.state = prior.retract(error)
+        self._kalman.P = _symmetric(reset @ self.covariance @ reset.T)
+        return UpdateResult(accepted, nis, dof, joint_nis, joint_dof, iteration, converged)
+
+    def _kalman_step(
+        self, innovation: FloatArray, H: FloatArray, R: FloatArray, prior_covariance: FloatArray
+    ) -> FloatArray:
+        """The error (n,) that filterpy's update finds from the prior; leaves the posterior in P."""
+        self._kalman.x = np.zeros((len(prior_covariance), 1))
+        self._kalman.P = prior_covariance
+        self._kalman.update(
+            innovation[:, None],
+            HJacobian=lambda _: H,
+            Hx=lambda _: np.zeros((len(innovation), 1)),
+            R=R,
+        )
+        return np.asarray(self._kalman.x, dtype=np.float64).ravel()
+
+
+@lru_cache(maxsize=64)
+def innovation_gate(probability: float, dof: int) -> float:
+    """Normalised innovation squared that a true measurement stays below with a probability."""
+    return float(chi_square.quantile(probability, dof))
+
+
+class _Stack(Measurement[S]):
+    """Several independent measurements as one."""
+
+    def __init__(self, parts: Sequence[Measurement[S]]) -> None:
+        self._parts = parts
+        sizes = [len(part.covariance) for part in parts]
+        ends = np.cumsum(sizes)
+        self._covariance = np.zeros((ends[-1], ends[-1]))
+        for part, end, size in zip(parts, ends, sizes, strict=True):
+            self._covariance[end - size : end, end - size : end] = part.covariance
+
+    @property
+    def name(self) -> str:
+        return " + ".join(part.name for part in self._parts)
+
+    @property
+    def covariance(self) -> FloatArray:
+        return self._covariance
+
+    def residual(self, state: S) -> FloatArray:
+        return np.concatenate([part.residual(state) for part in self._parts])
+
+    def jacobian(self, state: S) -> FloatArray:
+        return np.vstack([part.jacobian(state) for part in self._parts])
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (matrix + matrix.T), dtype=np.float64)

@@ -1,0 +1,209 @@
+"""Maximum a-posteriori fit of one trajectory to the measurements of a whole arc.
+
+A filter linearises each measurement once, about what it believes then. At the start that belief is
+poor and measurements of millimetres make second-order terms larger than their noise, which leaves
+false confidence behind. Fitting the initial state to the whole arc at once has no such memory.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import least_squares
+
+from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.state import NavigationState
+from pcnav.filtering.error_state import Measurement, MotionModel
+
+State = NavigationState
+
+_FEW_STEPS = 5
+_SMALL_STEP = 0.1
+"""A step of so many standard deviations, in the mean over the state, is the last."""
+_MOST_STEPS = 40
+"""Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
+
+
+@dataclass(frozen=True)
+class TimedMeasurements:
+    """What was measured at one time."""
+
+    time_s: float
+    measurements: tuple[Measurement[State], ...]
+
+
+@dataclass(frozen=True)
+class ArcFit:
+    """The trajectory that fits an arc best."""
+
+    states: tuple[State, ...]
+    """At every time of the arc."""
+    covariance: FloatArray
+    """(n, n) of the last state's error."""
+    initial_covariance: FloatArray
+    """(n, n) of the first state's error."""
+    chi_square: float
+    """Of measurements and prior together."""
+    dof: int
+    """Number of measured components."""
+    converged: bool
+
+
+class ArcError(ValueError):
+    """An arc that no trajectory can be fitted to: the numbers broke down."""
+
+
+def fit_arc(
+    model: MotionModel[State],
+    guess: State,
+    prior_covariance: FloatArray,
+    arc: Sequence[TimedMeasurements],
+    start: State | None = None,
+) -> ArcFit:
+    """Fit the state at the arc's first time; the guess is also the mean of the prior.
+
+    Process noise is left out: over the short arcs this is for it is far below the measurements'.
+
+    Args:
+        model: how the state moves.
+        guess: state at the first time.
+        prior_covariance: (n, n) of the guess; large where nothing is known.
+        arc: in order of time.
+        start: state at the first time to iterate from, as an earlier fit found it; the guess
+            if None.
+
+    Raises `ArcError` when a covariance is not positive definite or an iterate is not finite.
+    """
+    try:
+        trajectory = _Trajectory(model, guess, prior_covariance, arc)
+        begin = np.zeros(len(prior_covariance)) if start is None else guess.local(start)
+        settled = None if start is None else _settled(trajectory, begin)
+        if settled is not None:
+            return trajectory.fit(settled, converged=True)
+        solution = least_squares(
+            trajectory.residual,
+            begin,
+            jac=trajectory.jacobian,
+            # A trust region that starts at one standard deviation of the prior: a first step a
+            # hundred times that, as other methods allow, may try rates that take ages to propagate.
+            method="trf",
+            x_scale=np.sqrt(np.diag(prior_covariance)),
+            max_nfev=_MOST_STEPS,
+        )
+        return trajectory.fit(solution.x, converged=bool(solution.success))
+    except (np.linalg.LinAlgError, ValueError, OverflowError) as error:
+        raise ArcError(f"no trajectory through {len(arc)} frames: {error}") from error
+
+
+def _settled(trajectory: "_Trajectory", error: FloatArray) -> FloatArray | None:
+    """Where a few plain Gauss-Newton steps settle from a good start; None if they do not."""
+    cost = np.inf
+    for _ in range(_FEW_STEPS):
+        residual, jacobian = trajectory.residual(error), trajectory.jacobian(error)
+        if not residual @ residual < cost:
+            return None
+        cost = float(residual @ residual)
+        step = -cho_solve(cho_factor(jacobian.T @ jacobian), jacobian.T @ residual)
+        error = error + step
+        # What is left of the step squares with every further one.
+        if np.sum((jacobian @ step) ** 2) < _SMALL_STEP**2 * len(error):
+            return error
+    return None
+
+
+class _Trajectory:
+    """The residuals of an arc as a function of the error of its first state."""
+
+    def __init__(
+        self,
+        model: MotionModel[State],
+        guess: State,
+        prior_covariance: FloatArray,
+        arc: Sequence[TimedMeasurements],
+    ) -> None:
+        self._model, self._guess, self._arc = model, guess, arc
+        self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
+        size = len(prior_covariance)
+        self._bound_rows = slice(size, size + 3)
+        self._roots = [[_root(m.covariance) for m in t.measurements] for t in arc]
+        # Residual and Jacobian come from one pass along the arc; scipy asks for them in turn.
+        self._last: tuple[bytes, _Pass] | None = None
+
+    def residual(self, error: FloatArray) -> FloatArray:
+        """Whitened residuals of prior and measurements."""
+        return self._evaluated(error).residual
+
+    def jacobian(self, error: FloatArray) -> FloatArray:
+        """Their derivative by the error."""
+        return self._evaluated(error).jacobian
+
+    def fit(self, error: FloatArray, *, converged: bool) -> ArcFit:
+        """The fit that an error stands for."""
+        at = self._evaluated(error)
+        size = len(error)
+        # That the inertia is a body's guides the fit; as a measurement it would claim too much.
+        measured = np.delete(at.jacobian, self._bound_rows, axis=0)
+        by_error = cho_solve(cho_factor(measured.T @ measured), np.eye(size))
+        admissible = self._guess.admissible(error, by_error)
+        moved = at if np.array_equal(admissible, error) else self._evaluated(admissible)
+        # A covariance of the error at the guess: carry it to the first state and to the last.
+        first = self._guess.retraction_jacobian(admissible)
+        initial = first @ by_error @ first.T
+        covariance = moved.sensitivity @ by_error @ moved.sensitivity.T
+        return ArcFit(
+            states=tuple(moved.states),
+            covariance=0.5 * (covariance + covariance.T),
+            initial_covariance=initial,
+            chi_square=float(at.residual @ at.residual),
+            dof=len(measured) - size,
+            converged=converged,
+        )
+
+    def _evaluated(self, error: FloatArray) -> "_Pass":
+        key = error.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self._evaluate(error))
+        return self._last[1]
+
+    def _evaluate(self, error: FloatArray) -> "_Pass":
+        state = self._guess.retract(error)
+        sensitivity = self._guess.retraction_jacobian(error)
+        states, time_s = [], self._arc[0].time_s
+        bound, by_state = state.thinness()
+        residuals = [self._prior_root @ error, bound]
+        jacobians = [self._prior_root, by_state @ sensitivity]
+        for timed, roots in zip(self._arc, self._roots, strict=True):
+            if timed.time_s != time_s:
+                state, transition, _ = self._model.propagate(state, time_s, timed.time_s - time_s)
+                sensitivity = transition @ sensitivity
+                time_s = timed.time_s
+            states.append(state)
+            for measurement, root in zip(timed.measurements, roots, strict=True):
+                residual = measurement.residual(state)
+                by_error = -measurement.jacobian(state) @ sensitivity
+                if root is not None:
+                    both = np.column_stack([residual, by_error])
+                    whitened = solve_triangular(root, both, lower=True)
+                    residual, by_error = whitened[:, 0], whitened[:, 1:]
+                residuals.append(residual)
+                jacobians.append(by_error)
+        return _Pass(states, sensitivity, np.concatenate(residuals), np.vstack(jacobians))
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """An arc gone through from one first state."""
+
+    states: list[State]
+    sensitivity: FloatArray
+    """(n, n) derivative of the last state's error by the error at the guess."""
+    residual: FloatArray
+    jacobian: FloatArray
+
+
+def _root(covariance: FloatArray) -> FloatArray | None:
+    """Lower Cholesky factor, None for the identity: whitened already."""
+    if np.array_equal(covariance, np.eye(len(covariance))):
+        return None
+    return np.asarray(cholesky(covariance, lower=True))

@@ -1,0 +1,182 @@
+"""The JSON files of a BOP scene, parsed into compact arrays."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import make_transform
+from pcnav.recordings.poses import nearest_rotation, orthonormality_error
+
+SCENE_CAMERA_FILE = "scene_camera.json"
+SCENE_GT_FILE = "scene_gt.json"
+OBJECT_ID = 1
+"""obj_id of the target in the scenes we write."""
+ROTATION_TOLERANCE = 1e-4
+"""Largest orthonormality error of a stored rotation: files round to as few as five digits."""
+
+Content = TypeVar("Content")
+_Nine = Annotated[list[float], Field(min_length=9, max_length=9)]
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_MAXIMUM_KEY_DIGITS = 9
+
+
+class _Entry(BaseModel):
+    # Other producers add keys of their own, which are no concern of ours.
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, strict=True)
+
+
+class _CameraEntry(_Entry):
+    cam_K: _Nine
+    depth_scale: Annotated[float, Field(gt=0.0)]
+    timestamp_s: float | None = None
+    cam_R_w2c: _Nine | None = None
+    cam_t_w2c: _Three | None = None
+
+
+class _PoseEntry(_Entry):
+    cam_R_m2c: _Nine
+    cam_t_m2c: _Three
+    obj_id: int
+
+
+_CAMERAS = TypeAdapter(dict[str, _CameraEntry])
+_POSES = TypeAdapter(dict[str, list[_PoseEntry]])
+
+
+@dataclass(frozen=True)
+class SceneCamera:
+    """scene_camera.json, one row per frame in the order of the frame numbers."""
+
+    numbers: IntArray
+    """(n,) frame numbers, which name the images."""
+    time_s: FloatArray
+    """(n,) strictly increasing."""
+    intrinsics: FloatArray
+    """(n, 4) fx, fy, cx, cy, px."""
+    depth_step_m: FloatArray
+    """(n,) metres per stored unit."""
+    T_cam_world: FloatArray
+    """(n, 4, 4)"""
+    assumed: tuple[str, ...]
+    """What the file does not say and was assumed, in words."""
+
+
+def read_scene_camera(path: Path) -> SceneCamera:
+    """Read and check scene_camera.json. Raises `InputError` naming the frame and the field."""
+    entries = _by_number(path, _read_json(path, _CAMERAS))
+    if not entries:
+        raise InputError(path, "frames", "expected at least one frame")
+    numbers = list(entries)
+    cameras = list(entries.values())
+    assumed = []
+    time_s = np.arange(len(numbers), dtype=np.float64)
+    if _all_or_none(path, numbers, [c.timestamp_s for c in cameras], "timestamp_s"):
+        time_s = np.array([c.timestamp_s for c in cameras], dtype=np.float64)
+        steps = np.concatenate([[True], np.diff(time_s) > 0.0])
+        _require(path, numbers, steps, "timestamp_s", "expected timestamps that increase")
+    else:
+        assumed.append("no timestamp_s: 0, 1, 2, ... s assumed")
+    T_cam_world = np.tile(np.eye(4), (len(numbers), 1, 1))
+    has_rotation = _all_or_none(path, numbers, [c.cam_R_w2c for c in cameras], "cam_R_w2c")
+    has_translation = _all_or_none(path, numbers, [c.cam_t_w2c for c in cameras], "cam_t_w2c")
+    if has_rotation != has_translation:
+        missing = "cam_t_w2c" if has_rotation else "cam_R_w2c"
+        raise InputError(path, f"{numbers[0]}.{missing}", "expected both of cam_R_w2c, cam_t_w2c")
+    if has_rotation:
+        R = np.array([c.cam_R_w2c for c in cameras], dtype=np.float64)
+        p_mm = np.array([c.cam_t_w2c for c in cameras], dtype=np.float64)
+        T_cam_world = _poses(path, numbers, R, p_mm, "cam_R_w2c")
+    else:
+        assumed.append("no cam_R_w2c and cam_t_w2c: a camera at rest assumed")
+    return SceneCamera(
+        numbers=np.array(numbers, dtype=np.intp),
+        time_s=time_s,
+        intrinsics=_intrinsics(path, numbers, np.array([c.cam_K for c in cameras])),
+        depth_step_m=np.array([c.depth_scale for c in cameras]) / 1000.0,
+        T_cam_world=T_cam_world,
+        assumed=tuple(assumed),
+    )
+
+
+def read_scene_poses(path: Path) -> tuple[IntArray, FloatArray]:
+    """Numbers (n,) of the frames of scene_gt.json that show the target, and (n, 4, 4) T_cam_model.
+
+    The target is the only object of a frame, or else the one with obj_id 1. Raises `InputError`.
+    """
+    found = {}
+    for number, poses in _by_number(path, _read_json(path, _POSES)).items():
+        candidates = poses if len(poses) == 1 else [p for p in poses if p.obj_id == OBJECT_ID]
+        if len(candidates) > 1 or (poses and not candidates):
+            expected = f"expected one object, or exactly one with obj_id {OBJECT_ID}"
+            raise InputError(path, f"{number}.obj_id", expected)
+        if candidates:
+            found[number] = candidates[0]
+    if not found:
+        raise InputError(path, "frames", "expected at least one pose")
+    numbers = list(found)
+    R = np.array([p.cam_R_m2c for p in found.values()], dtype=np.float64)
+    p_mm = np.array([p.cam_t_m2c for p in found.values()], dtype=np.float64)
+    T_cam_model = _poses(path, numbers, R, p_mm, "0.cam_R_m2c")
+    return np.array(numbers, dtype=np.intp), T_cam_model
+
+
+def _read_json(path: Path, adapter: TypeAdapter[Content]) -> Content:
+    try:
+        return adapter.validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in first["loc"]) or "file"
+        if first["type"] == "missing":
+            raise InputError(path, field, "missing; expected a value") from error
+        raise InputError(path, field, first["msg"]) from error
+
+
+def _by_number(path: Path, entries: dict[str, Content]) -> dict[int, Content]:
+    """The entries keyed by frame number, in increasing order."""
+    for key in entries:
+        if not (key.isascii() and key.isdecimal() and len(key) <= _MAXIMUM_KEY_DIGITS):
+            raise InputError(path, repr(key), "expected a frame number as key, such as 0 or 12")
+    numbered = {int(key): entry for key, entry in entries.items()}
+    if len(numbered) < len(entries):
+        raise InputError(path, "frames", "expected every frame number once")
+    return dict(sorted(numbered.items()))
+
+
+def _all_or_none(path: Path, numbers: list[int], values: list[Content | None], field: str) -> bool:
+    absent = [number for number, value in zip(numbers, values, strict=True) if value is None]
+    if 0 < len(absent) < len(numbers):
+        raise InputError(path, f"{absent[0]}.{field}", "missing, while other frames have it")
+    return not absent
+
+
+def _intrinsics(path: Path, numbers: list[int], cam_K: FloatArray) -> FloatArray:
+    fx, skew, cx, k10, fy, cy = cam_K.T[:6]
+    focal = (fx > 0.0) & (fy > 0.0)
+    _require(path, numbers, focal, "cam_K", "expected focal lengths above 0")
+    _require(path, numbers, skew == 0.0, "cam_K", "expected no skew (second number 0)")
+    last = (k10 == 0.0) & (cam_K[:, 6:] == [0.0, 0.0, 1.0]).all(axis=1)
+    _require(path, numbers, last, "cam_K", "expected fx 0 cx 0 fy cy 0 0 1")
+    return np.stack([fx, fy, cx, cy], axis=1)
+
+
+def _poses(
+    path: Path, numbers: list[int], R: FloatArray, p_mm: FloatArray, field: str
+) -> FloatArray:
+    R = R.reshape(-1, 3, 3)
+    proper = orthonormality_error(R) <= ROTATION_TOLERANCE
+    expected = f"expected a rotation matrix (orthonormal to {ROTATION_TOLERANCE:g}, determinant 1)"
+    _require(path, numbers, proper, field, expected)
+    return make_transform(nearest_rotation(R), p_mm / 1000.0)
+
+
+def _require(path: Path, numbers: list[int], good: BoolArray, field: str, expected: str) -> None:
+    """Raise `InputError` for the first frame where ``good`` is false."""
+    if not good.all():
+        raise InputError(path, f"{numbers[int(np.argmin(good))]}.{field}", expected)

@@ -1,0 +1,192 @@
+"""Images of one camera: a folder of numbered pictures, or a video, with the camera's intrinsics.
+
+FOLDER/camera.toml    [camera] as of `pcnav.recordings.monocular`; beside a video, NAME.toml or
+                      camera.toml
+FOLDER/*.png, *.jpg   in the order of their names; or FOLDER/images/
+FOLDER/times.csv      optional: time_s, one row per image; else frame_rate_hz of camera.toml, for a
+                      video its own rate
+FOLDER/attitude.csv   optional: R_world_cam, as of `pcnav.recordings.monocular`
+"""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from pcnav.core._extras import opencv
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
+from pcnav.files.csv_table import read_csv
+from pcnav.recordings.monocular import (
+    CAMERA_FILE,
+    MONOCULAR_TRACKS_FILE,
+    CameraFacts,
+    read_camera_attitudes,
+    read_camera_file,
+)
+
+GreyImage: TypeAlias = npt.NDArray[np.uint8]
+"""(height, width) grey levels."""
+
+TIMES_FILE = "times.csv"
+IMAGE_FOLDER = "images"
+
+_IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
+_VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm"}
+_LOG = logging.getLogger("pcnav")
+
+
+@dataclass(frozen=True)
+class ImageSequence:
+    """Images in order of time; a picture is read when it is asked for."""
+
+    name: str
+    path: Path
+    """The folder, or the video."""
+    files: tuple[Path, ...]
+    """Empty for a video."""
+    facts: CameraFacts
+    times_s: FloatArray
+    """(n,)"""
+    R_cam_world: FloatArray
+    """(n, 3, 3)"""
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """Intrinsics; the images as `read` gives them have no distortion."""
+        return self.facts.camera
+
+    def read(self) -> Iterator[tuple[float, FloatArray, GreyImage]]:
+        """Time (s), R_cam_world (3, 3) and grey levels of every image. Raises `InputError`."""
+        pictures = _pictures(self.files, self.camera) if self.files else _shots(self)
+        for time_s, R, image in zip(
+            self.times_s.tolist(), self.R_cam_world, pictures, strict=False
+        ):
+            yield time_s, R, _undistorted(image, self.facts)
+
+
+def is_image_sequence(path: Path) -> bool:
+    """Whether a path is a video or a folder of images with camera.toml and without tracks."""
+    if path.is_file():
+        return path.suffix.lower() in _VIDEO_SUFFIXES
+    if (path / MONOCULAR_TRACKS_FILE).exists() or not (path / CAMERA_FILE).is_file():
+        return False
+    return bool(_image_files(path))
+
+
+def open_images(path: Path) -> ImageSequence:
+    """Open a folder of images or a video.
+
+    Raises `InputError` for missing files, a wrong camera file, times that do not fit the images,
+    and a video that cannot be read or OpenCV missing for one.
+    """
+    return _open_video(path) if path.is_file() else _open_folder(path)
+
+
+def _image_files(folder: Path) -> tuple[Path, ...]:
+    for place in (folder, folder / IMAGE_FOLDER):
+        if place.is_dir():
+            names = sorted(p for p in place.iterdir() if p.suffix.lower() in _IMAGE_SUFFIXES)
+            if names:
+                return tuple(names)
+    return ()
+
+
+def _open_folder(folder: Path) -> ImageSequence:
+    files = _image_files(folder)
+    if not files:
+        raise InputError(folder, "images", "expected PNG or JPEG images in it or in images/")
+    facts = read_camera_file(folder / CAMERA_FILE)
+    times_s = _times(folder, len(files), facts)
+    R = read_camera_attitudes(folder, times_s)
+    return ImageSequence(folder.resolve().name, folder, files, facts, times_s, R)
+
+
+def _times(folder: Path, count: int, facts: CameraFacts) -> FloatArray:
+    path = folder / TIMES_FILE
+    if path.is_file():
+        times_s = read_csv(path, ("time_s",)).times()
+        if len(times_s) != count:
+            raise InputError(path, "rows", f"expected one for each of {count} images")
+        if np.any(np.diff(times_s) <= 0.0):
+            raise InputError(path, "time_s", "expected times that increase")
+        return times_s
+    if facts.frame_rate_hz is None:
+        _LOG.warning(
+            "%s: neither times.csv nor frame_rate_hz: images are taken as 1 s apart", folder
+        )
+    return np.arange(count) / (facts.frame_rate_hz or 1.0)
+
+
+def _open_video(path: Path) -> ImageSequence:
+    beside = path.with_suffix(".toml")
+    facts = read_camera_file(beside if beside.is_file() else path.parent / CAMERA_FILE)
+    cv2 = opencv("reading videos")
+    video = cv2.VideoCapture(str(path))
+    try:
+        if not video.isOpened():
+            raise InputError(path, "file", "expected a video that OpenCV can read")
+        count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        rate = facts.frame_rate_hz or float(video.get(cv2.CAP_PROP_FPS))
+    finally:
+        video.release()
+    if count < 1 or not rate > 0.0:
+        raise InputError(path, "file", "expected a video with frames and a frame rate")
+    times_s = np.arange(count) / rate
+    R = read_camera_attitudes(path.parent, times_s)
+    return ImageSequence(path.stem, path, (), facts, times_s, R)
+
+
+def _pictures(files: tuple[Path, ...], camera: PinholeCamera) -> Iterator[GreyImage]:
+    for path in files:
+        try:
+            with Image.open(path) as opened:
+                grey = _eight_bits(opened)
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise InputError(path, "file", f"expected an undamaged image ({error})") from error
+        yield _sized(path, grey, camera)
+
+
+def _eight_bits(opened: Image.Image) -> GreyImage:
+    if opened.mode.startswith("I"):
+        # 16-bit grey: the lower byte is below what the tracker tells apart.
+        deep = np.asarray(opened).astype(np.float64)
+        return np.clip(deep / 257.0, 0.0, 255.0).astype(np.uint8)
+    return np.asarray(opened.convert("L"), dtype=np.uint8)
+
+
+def _shots(sequence: ImageSequence) -> Iterator[GreyImage]:
+    cv2 = opencv("reading videos")
+    video = cv2.VideoCapture(str(sequence.path))
+    try:
+        while True:
+            there, shot = video.read()
+            if not there:
+                return
+            grey = shot if shot.ndim == 2 else cv2.cvtColor(shot, cv2.COLOR_BGR2GRAY)
+            yield _sized(sequence.path, np.asarray(grey, dtype=np.uint8), sequence.camera)
+    finally:
+        video.release()
+
+
+def _sized(path: Path, grey: GreyImage, camera: PinholeCamera) -> GreyImage:
+    height, width = grey.shape
+    if (width, height) != (camera.width, camera.height):
+        expected = f"expected {camera.width} x {camera.height} px as the camera file says"
+        raise InputError(path, "image size", f"{expected}, got {width} x {height}")
+    return grey
+
+
+def _undistorted(image: GreyImage, facts: CameraFacts) -> GreyImage:
+    if facts.distortion is None:
+        return image
+    cv2 = opencv("images with lens distortion")
+    return np.asarray(
+        cv2.undistort(image, facts.camera.matrix, np.array(facts.distortion)), dtype=np.uint8
+    )

@@ -1,0 +1,31 @@
+"""Tracks of feature points seen by a stereo rig: what the feature estimators consume."""
+
+from dataclasses import dataclass
+
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.kepler import KeplerOrbit
+
+
+@dataclass(frozen=True)
+class TrackFrame:
+    """The features seen at one time; none in a blackout."""
+
+    time_s: float
+    R_rig_world: FloatArray
+    """(3, 3) attitude of the rig, which sits at the chaser's mass centre."""
+    features: IntArray
+    """(n,) numbers of the features seen, each at most once."""
+    pixels: FloatArray
+    """(n, 4) u_left, v_left, u_right, v_right."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """A recording."""
+
+    name: str
+    rig: StereoRig
+    orbit: KeplerOrbit
+    frames: tuple[TrackFrame, ...]
+    """In order of time."""

@@ -1,0 +1,114 @@
+"""Reader of folders in the layout of the tsdf-fusion example data (7-Scenes recordings)."""
+
+import logging
+import re
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import invert_transform, make_transform
+from pcnav.recordings.bop import DEFAULT_RANGE_SIGMA_M
+from pcnav.recordings.depth_png import depth_png_size, read_depth_png
+from pcnav.recordings.poses import nearest_rotation, orthonormality_error
+from pcnav.recordings.sequence import Frame, Sequence, SequenceInfo
+
+INTRINSICS_FILE = "camera-intrinsics.txt"
+POSE_TOLERANCE = 1e-2
+"""Largest orthonormality error of a stored pose; such poses are tracked, and rounded."""
+
+_DEPTH_NAME = re.compile(r"frame-(\d+)\.depth\.png")
+_DEPTH_STEP_M = np.float32(0.001)
+_INVALID_UNITS = 65535
+_EXACT = 1e-9
+_LOG = logging.getLogger("pcnav")
+
+
+class TsdfFusionSequence(Sequence):
+    """frame-000000.depth.png (mm), frame-000000.pose.txt (camera to world), camera-intrinsics.txt.
+
+    Depth 0 and 65535 mean no return. The format has no times and no noise figure: 0, 1, 2, ... s
+    and `DEFAULT_RANGE_SIGMA_M` are assumed, and poses are turned into the nearest rotation, all
+    said in one warning. Raises `InputError`.
+    """
+
+    def __init__(self, path: Path, target_mesh: Path | None = None) -> None:
+        if not path.is_dir():
+            raise InputError(path, "folder", f"expected a folder with {INTRINSICS_FILE}")
+        self._path = path
+        self._info = SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh)
+        matches = (_DEPTH_NAME.fullmatch(file.name) for file in path.iterdir())
+        names = [match for match in matches if match is not None]
+        if not names:
+            raise InputError(path, "folder", "expected images named frame-000000.depth.png")
+        names.sort(key=lambda match: int(match[1]))
+        self._images = tuple(path / match[0] for match in names)
+        size = depth_png_size(self._images[0])
+        self._size = size
+        K = _matrix(path / INTRINSICS_FILE, 3)
+        _require_pinhole(path / INTRINSICS_FILE, K)
+        fx, fy, cx, cy = (float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+        self._camera = PinholeCamera(size.width, size.height, fx, fy, cx, cy)
+        poses = [_pose(path / f"frame-{match[1]}.pose.txt") for match in names]
+        self._T_cam_world = invert_transform(np.stack([T for T, _ in poses]))
+        worst = max(error for _, error in poses)
+        assumed = f"0, 1, 2, ... s and range noise of {DEFAULT_RANGE_SIGMA_M:g} m assumed"
+        if worst > _EXACT:
+            assumed += f"; poses replaced by the nearest rotation (off by up to {worst:.1e})"
+        _LOG.warning("%s: %s", path, assumed)
+
+    @property
+    def path(self) -> Path:
+        """The folder it is read from."""
+        return self._path
+
+    @property
+    def info(self) -> SequenceInfo:
+        """What holds for the whole sequence."""
+        return self._info
+
+    def __len__(self) -> int:
+        return len(self._images)
+
+    def frame(self, index: int) -> Frame:
+        """Read one frame. Raises `InputError` when its file is missing or damaged."""
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        units = read_depth_png(self._images[index], self._size)
+        depth_m = units * _DEPTH_STEP_M
+        depth_m[units == _INVALID_UNITS] = 0.0
+        return Frame(index, float(index), depth_m, self._camera, self._T_cam_world[index])
+
+
+def _matrix(path: Path, size: int) -> FloatArray:
+    """A square matrix of finite numbers from a text file."""
+    expected = f"expected {size} rows of {size} finite numbers"
+    try:
+        rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        matrix = np.array([[float(word) for word in row] for row in rows if row])
+    except OSError as error:
+        raise InputError(path, "file", f"{expected} ({error.strerror})") from error
+    except ValueError as error:
+        raise InputError(path, "matrix", f"{expected} ({error})") from error
+    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+        raise InputError(path, "matrix", expected)
+    return matrix
+
+
+def _require_pinhole(path: Path, K: FloatArray) -> None:
+    if not (K[0, 0] > 0.0 and K[1, 1] > 0.0):
+        raise InputError(path, "matrix", "expected focal lengths above 0")
+    if K[0, 1] != 0.0 or K[1, 0] != 0.0 or (K[2] != [0.0, 0.0, 1.0]).any():
+        raise InputError(path, "matrix", "expected fx 0 cx, 0 fy cy, 0 0 1 (no skew)")
+
+
+def _pose(path: Path) -> tuple[FloatArray, float]:
+    """(4, 4) T_world_cam made rigid, and how far its matrix was from a rotation."""
+    T = _matrix(path, 4)
+    error = float(orthonormality_error(T[:3, :3]))
+    if error > POSE_TOLERANCE or (T[3] != [0.0, 0.0, 0.0, 1.0]).any():
+        expected = f"expected a rigid camera-to-world transform (orthonormal to {POSE_TOLERANCE:g})"
+        raise InputError(path, "matrix", expected)
+    return make_transform(nearest_rotation(T[:3, :3]), T[:3, 3]), error

@@ -1,0 +1,1 @@
+"""What an estimator answers, and the result folder that keeps it."""

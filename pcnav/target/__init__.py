@@ -1,0 +1,1 @@
+"""The target satellite: mesh, facets, rectangles, symmetry, mass, rendered views."""

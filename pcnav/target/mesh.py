@@ -1,0 +1,121 @@
+"""Triangle meshes: reading one from a file, its visible edges and its uniform mass properties."""
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.errors import InputError
+
+SHARP_EDGE_RAD = np.radians(20.0)
+"""Faces that meet at less than this belong to one gently bending surface."""
+
+_RAYS_PER_POINT = 32
+_POINTS_PER_BATCH = 20_000
+"""Bounds the memory of one batch of rays to about 50 MB."""
+
+
+def read_mesh(path: Path) -> trimesh.Trimesh:
+    """The surface of any STL, PLY, OBJ or GLB file: one mesh of triangles, its vertices merged.
+
+    The axes and the units (metres) are the file's; the parts of a scene are joined, polygons are
+    cut into triangles, colours and textures dropped. Raises `InputError` when the file is missing,
+    cannot be read as a mesh, has no faces or has vertices that are not finite numbers.
+    """
+    if not path.is_file():
+        raise InputError(path, "file", "expected a mesh file, found none")
+    # Without this an OBJ that names an absent material file logs a warning for each material.
+    options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+    try:
+        loaded = trimesh.load_mesh(path, process=False, **options)
+    except Exception as error:  # The loaders raise whatever a damaged file leads them to.
+        expected = f"expected an STL, PLY, OBJ or GLB mesh ({error})"
+        raise InputError(path, "file", expected) from error
+    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+        raise InputError(path, "faces", "expected at least one face, found none")
+    if not np.all(np.isfinite(loaded.vertices)):
+        raise InputError(path, "vertices", "expected finite coordinates, found nan or inf")
+    mesh = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) == 0:
+        raise InputError(path, "faces", "expected faces with an area, found only degenerate ones")
+    return mesh
+
+
+def mesh_diameter(mesh: trimesh.Trimesh) -> float:
+    """Diagonal of the mesh's bounding box, m."""
+    return float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))
+
+
+def wireframe_edges(mesh: trimesh.Trimesh) -> FloatArray:
+    """The edges that a line drawing shows: (n, 2, 3) end points, model frame, m.
+
+    An edge is drawn where its faces meet at more than 20 degrees, where the surface ends, and
+    where more than two faces meet.
+    """
+    sharp = mesh.face_adjacency_edges[mesh.face_adjacency_angles > SHARP_EDGE_RAD]
+    edges, count = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+    return np.asarray(mesh.vertices[np.vstack([sharp, edges[count != 2]])], dtype=np.float64)
+
+
+def seen_from_outside(
+    mesh: trimesh.Trimesh, points: FloatArray, normals: FloatArray, clearance_m: float
+) -> BoolArray:
+    """Whether points (n, 3) just off the surface see empty space; (n,) of bool.
+
+    Each point is lifted by the clearance along its normal (n, 3) and looks along 32 directions
+    of the half space in front of it; one that leaves the mesh is enough.
+    """
+    seen = np.zeros(len(points), dtype=np.bool_)
+    local = _half_space_directions(_RAYS_PER_POINT)
+    for start in range(0, len(points), _POINTS_PER_BATCH):
+        batch = slice(start, start + _POINTS_PER_BATCH)
+        frames = plane_axes(normals[batch])
+        directions = np.einsum("nij,kj->nki", frames, local)
+        lifted = points[batch] + clearance_m * normals[batch]
+        origins = np.repeat(lifted, len(local), axis=0)
+        hit = mesh.ray.intersects_any(origins, directions.reshape(-1, 3))
+        seen[batch] = ~np.all(np.reshape(hit, (-1, len(local))), axis=1)
+    return seen
+
+
+def plane_axes(normals: FloatArray) -> FloatArray:
+    """Right-handed axes (columns) whose z is the given unit normal; (..., 3) -> (..., 3, 3)."""
+    # Crossing with the model axis farthest from the normal keeps the result well defined.
+    farthest = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
+    x = np.cross(farthest, normals)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(normals, x), normals], axis=-1)
+
+
+def _half_space_directions(count: int) -> FloatArray:
+    """(count, 3) unit vectors spread evenly over z > 0 (Fibonacci spiral)."""
+    index = np.arange(count)
+    # Rays closer to the surface than cos = 0.05 would graze it.
+    z = 0.05 + 0.95 * (index + 0.5) / count
+    azimuth = np.pi * (3.0 - np.sqrt(5.0)) * index
+    radius = np.sqrt(1.0 - z * z)
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=1)
+
+
+def uniform_mass_properties(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
+    """Mass centre (3,), m, and inertia matrix about it (3, 3), any scale, of a uniform target.
+
+    A watertight mesh is filled with uniform density; any other is a thin shell of uniform areal
+    density.
+    """
+    if mesh.is_watertight and mesh.is_winding_consistent and abs(mesh.volume) > 0.0:
+        # A mesh turned inside out has a negative volume, and with it a negative inertia.
+        inertia = np.asarray(mesh.moment_inertia) * np.sign(mesh.volume)
+        return np.array(mesh.center_mass, dtype=np.float64), inertia
+    area = np.asarray(mesh.area_faces)
+    com = area @ mesh.triangles_center / area.sum()
+    corners = np.asarray(mesh.triangles) - com
+    total = corners.sum(axis=1)
+    # The integral of x x^T over a triangle is A/12 (sum of v v^T + s s^T), s the sum of corners.
+    second = np.einsum("n,nki,nkj->ij", area, corners, corners)
+    second = (second + np.einsum("n,ni,nj->ij", area, total, total)) / 12.0
+    return com, np.trace(second) * np.eye(3) - second

@@ -1,0 +1,182 @@
+"""Clean depth images of a mesh by ray casting, exact to the facet."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from scipy.spatial import ConvexHull, QhullError
+
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, pixel_rays, project
+from pcnav.core.spatial import invert_transform, transform_points
+
+Window = tuple[slice, slice]
+
+_START_FRACTION = 0.999
+"""Rays start at this share of the nearest vertex's depth, so that no facet is skipped."""
+_JUMP_TOLERANCE = 1e-6
+"""A gap in inverse depth smaller than this share of it is rounding, not a depth edge."""
+
+
+@dataclass(frozen=True)
+class RenderedDepth:
+    """A depth image without any sensor fault, and what each pixel shows."""
+
+    camera: PinholeCamera
+    depth_m: DepthImage
+    """(height, width) z-depth, m; 0 where the ray hits nothing."""
+    triangle: IntArray
+    """(height, width) face of the mesh seen at the pixel; -1 where the ray hits nothing."""
+    window: Window
+    """Rows and columns outside which there is no return."""
+    inverse_depth_planes: FloatArray
+    """(n_faces, 3) m with ``1 / z = m . ray`` for a ray (z = 1) that meets the face's plane."""
+
+
+class DepthRenderer:
+    """Renders one mesh from any pose; the ray-casting scene is built once.
+
+    Rays are carried into the model frame, so the mesh never moves.
+    """
+
+    def __init__(self, mesh: trimesh.Trimesh, camera: PinholeCamera) -> None:
+        self._camera = camera
+        self._vertices = np.array(mesh.vertices, dtype=np.float64)
+        self._first_vertices = np.array(mesh.triangles[:, 0], dtype=np.float64)
+        self._normals = np.array(mesh.face_normals, dtype=np.float64)
+        self._face_vertices = np.array(mesh.faces, dtype=np.intp)
+        # Embree where it is installed, else trimesh's own slow search.
+        self._scene = mesh.ray
+
+    def render(self, T_cam_model: FloatArray) -> RenderedDepth:
+        """Depth image of the mesh at a pose. (4, 4), metres."""
+        camera = self._camera
+        vertices_cam = transform_points(T_cam_model, self._vertices)
+        vertices_z = vertices_cam[:, 2]
+        window = self._window(vertices_cam)
+        planes = self._inverse_depth_planes(T_cam_model)
+        depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
+        triangle = np.full((camera.height, camera.width), -1, dtype=np.intp)
+        cast = self._outlined(vertices_cam, window)
+        rays = pixel_rays(camera)[window][cast]
+        if len(rays) > 0:
+            faces = self._first_faces(rays, T_cam_model, float(vertices_z.min()))
+            hit = faces >= 0
+            depth = np.zeros(len(rays))
+            depth[hit] = self._depths(rays[hit], faces[hit], planes, vertices_z)
+            depth_m[window][cast] = depth
+            triangle[window][cast] = faces
+        return RenderedDepth(camera, depth_m, triangle, window, planes)
+
+    def _window(self, vertices_cam: FloatArray) -> Window:
+        """Rows and columns that hold the projected vertices, and with them the mesh."""
+        height, width = self._camera.height, self._camera.width
+        if vertices_cam[:, 2].max() <= 0.0:
+            return slice(0, 0), slice(0, 0)
+        if vertices_cam[:, 2].min() <= 0.0:
+            # Part of the mesh is behind the camera: its projection is unbounded.
+            return slice(0, height), slice(0, width)
+        pixels = project(self._camera, vertices_cam)
+        # Clipping before the cast keeps far-off pixels within the range of integers.
+        low = np.clip(np.floor(pixels.min(axis=0)), 0, [width, height]).astype(int)
+        high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, [width, height]).astype(int)
+        return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+    def _outlined(self, vertices_cam: FloatArray, window: Window) -> BoolArray:
+        """(height, width) of a window: the pixels inside the convex outline of the mesh."""
+        rows, columns = window
+        shape = (rows.stop - rows.start, columns.stop - columns.start)
+        if vertices_cam[:, 2].min() <= 0.0 or min(shape) == 0:
+            return np.ones(shape, dtype=np.bool_)
+        pixels = project(self._camera, vertices_cam)
+        try:
+            corners = pixels[ConvexHull(pixels).vertices]
+        except QhullError:
+            # Seen edge-on, a flat mesh has an outline without area.
+            return np.ones(shape, dtype=np.bool_)
+        start, end = corners, np.roll(corners, -1, axis=0)
+        v = np.arange(rows.start, rows.stop)[:, None]
+        # A row just above or below the outline still takes the columns of its tip.
+        low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
+        crossed = (v >= low - 1.0) & (v <= high + 1.0)
+        span = end[:, 1] - start[:, 1]
+        share = (np.clip(v, low, high) - start[:, 1]) / np.where(span == 0.0, 1.0, span)
+        u = start[:, 0] + share * (end[:, 0] - start[:, 0])
+        ends = np.maximum(start[:, 0], end[:, 0])
+        right = np.where(crossed, np.where(span == 0.0, ends, u), -np.inf).max(axis=1)
+        ends = np.minimum(start[:, 0], end[:, 0])
+        left = np.where(crossed, np.where(span == 0.0, ends, u), np.inf).min(axis=1)
+        column = np.arange(columns.start, columns.stop)
+        return np.asarray((column >= left[:, None] - 1.0) & (column <= right[:, None] + 1.0))
+
+    def _first_faces(
+        self, rays_cam: FloatArray, T_cam_model: FloatArray, nearest_z_m: float
+    ) -> IntArray:
+        """(n,) index of the first face each ray meets, -1 for none."""
+        directions = rays_cam @ T_cam_model[:3, :3]
+        # Embree works in float32: rays that start just before the target keep the digits that a
+        # camera far away would lose.
+        start = _START_FRACTION * max(nearest_z_m, 0.0)
+        origins = invert_transform(T_cam_model)[:3, 3] + start * directions
+        return np.asarray(self._scene.intersects_first(origins, directions), dtype=np.intp)
+
+    def _inverse_depth_planes(self, T_cam_model: FloatArray) -> FloatArray:
+        R = T_cam_model[:3, :3]
+        p_model_cam = invert_transform(T_cam_model)[:3, 3]
+        distance = np.einsum("ij,ij->i", self._normals, self._first_vertices - p_model_cam)
+        # A plane through the camera centre is seen edge-on: no ray hits it.
+        safe = np.where(distance == 0.0, np.nan, distance)
+        return np.asarray((self._normals @ R.T) / safe[:, None])
+
+    def _depths(
+        self, rays: FloatArray, faces: IntArray, planes: FloatArray, vertices_z: FloatArray
+    ) -> FloatArray:
+        """(n,) z-depth where each ray meets the plane of its face, in double precision."""
+        inverse_depth = np.einsum("ij,ij->i", planes[faces], rays)
+        face_z = vertices_z[self._face_vertices]
+        low, high = face_z.min(axis=1)[faces], face_z.max(axis=1)[faces]
+        # A grazing ray that float32 let in at the rim of a face may miss it by a hair and meet its
+        # plane far away; the face's own depth span bounds it.
+        with np.errstate(divide="ignore"):
+            depth = 1.0 / inverse_depth
+        return np.asarray(np.clip(np.where(np.isfinite(depth), depth, low), low, high))
+
+
+def depth_beyond_edge(rendered: RenderedDepth) -> FloatArray:
+    """(height, width) depth of the other surface at an occlusion edge, m; 0 away from edges.
+
+    Of two neighbouring pixels (up, down, left, right) on different faces, an edge lies between
+    them when the plane of one is nearer than the plane of the other at both pixels: one face
+    then ends in front of the other. Where two faces meet in a crease the order swaps, so a crease
+    and a steep face are no edges; nor is a gap smaller than the depth that the steeper face spans
+    within a pixel. With several edges the farthest-off neighbour counts. Space behind the target
+    is no surface.
+    """
+    depth = rendered.depth_m[rendered.window].astype(np.float64)
+    triangle = rendered.triangle[rendered.window]
+    rays = pixel_rays(rendered.camera)[rendered.window]
+    other = depth.copy()
+    height, width = depth.shape
+    for first, second in (
+        ((slice(None), slice(0, width - 1)), (slice(None), slice(1, width))),
+        ((slice(0, height - 1), slice(None)), (slice(1, height), slice(None))),
+    ):
+        both = (triangle[first] >= 0) & (triangle[second] >= 0)
+        i, j = np.nonzero(both & (triangle[first] != triangle[second]))
+        m_gap = (
+            rendered.inverse_depth_planes[triangle[first][i, j]]
+            - rendered.inverse_depth_planes[triangle[second][i, j]]
+        )
+        gap_first = np.einsum("ij,ij->i", m_gap, rays[first][i, j])
+        gap_second = np.einsum("ij,ij->i", m_gap, rays[second][i, j])
+        smallest = np.minimum(np.abs(gap_first), np.abs(gap_second))
+        edge = (gap_first * gap_second > 0.0) & (smallest * depth[first][i, j] > _JUMP_TOLERANCE)
+        i, j = i[edge], j[edge]
+        for here, there in ((first, second), (second, first)):
+            farther_off = np.abs(depth[there][i, j] - depth[here][i, j]) > np.abs(
+                other[here][i, j] - depth[here][i, j]
+            )
+            other[here][i[farther_off], j[farther_off]] = depth[there][i, j][farther_off]
+    beyond = np.zeros(rendered.depth_m.shape)
+    beyond[rendered.window] = np.where(other == depth, 0.0, other)
+    return beyond

@@ -1,0 +1,222 @@
+"""The target satellite: its mesh, rectangle catalogue, symmetry group and mass properties."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from rich.table import Table
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import rotation_angle
+from pcnav.dynamics.rigid_body import ratios_from_inertia
+from pcnav.target.catalogue import (
+    EQUIVALENT_TOLERANCE,
+    MINIMUM_SIDE_FRACTION,
+    RECTANGLE_TOLERANCE,
+    Rectangle,
+    rectangles_among,
+)
+from pcnav.target.facets import planar_faces
+from pcnav.target.mesh import mesh_diameter, read_mesh, uniform_mass_properties
+from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
+from pcnav.target.symmetry import group_name, symmetry_motions
+
+__all__ = ["Rectangle", "Target", "describe", "load_target", "write_target_toml"]
+
+COM_SD_FRACTION = 0.05
+"""Without a stated value the mass centre is uncertain by this fraction of the diameter: a
+satellite's equipment and propellant are not where a uniform filling puts them."""
+INERTIA_RATIO_SD = 0.2
+"""Without a stated value: the ratios of a uniform filling are right to one figure only."""
+_NAME_POSITION_FRACTION = 0.01
+_NAME_COSINE = np.cos(np.radians(5.0))
+
+
+@dataclass(frozen=True)
+class Target:
+    """All that is known of a satellite before it is seen. Metres, model frame."""
+
+    name: str
+    mesh_path: Path
+    mesh: trimesh.Trimesh
+    rectangles: tuple[Rectangle, ...]
+    """Largest area first."""
+    symmetry_rotations: FloatArray
+    """(n, 4, 4) proper rigid motions of the model frame that map the mesh onto itself; [0] is I."""
+    com_model: FloatArray
+    """(3,) nominal mass centre, m."""
+    com_sd_m: float
+    """How far the true mass centre may be from it, one standard deviation."""
+    inertia_ratios: FloatArray
+    """(5,) nominal Iyy, Izz, Ixy, Ixz, Iyz over Ixx about the nominal mass centre."""
+    inertia_ratio_sd: float
+    """Standard deviation of the true ratios about them."""
+
+    @property
+    def diameter_m(self) -> float:
+        """Diameter of the sphere about the mesh's bounding box."""
+        return mesh_diameter(self.mesh)
+
+    def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
+        """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""
+        return np.asarray(T_frame_model @ self.symmetry_rotations)
+
+    def shows_alike(
+        self, a: FloatArray, b: FloatArray, angle_rad: float, shift_fraction: float
+    ) -> bool:
+        """Whether two poses (4, 4) show the target alike: its symmetry taken into account, they
+        are closer than an angle and a share of the diameter."""
+        equivalent = self.equivalent_poses(a)
+        shifts = np.linalg.norm(equivalent[:, :3, 3] - b[:3, 3], axis=1)
+        turns = rotation_angle(b[:3, :3].T @ equivalent[:, :3, :3])
+        return bool(np.any((shifts < shift_fraction * self.diameter_m) & (turns < angle_rad)))
+
+
+def load_target(mesh_path: Path) -> Target:
+    """Everything pcnav needs to know of the satellite in a mesh file (metres, any CAD export).
+
+    Names and mass properties come from the TOML file of the same name beside the mesh, where
+    there is one; otherwise the mesh is taken as uniform (`uniform_mass_properties`), with a mass
+    centre uncertain by 5 % of the diameter and inertia ratios uncertain by 0.2.
+
+    A mesh without a true rectangle is catalogued by the equivalent rectangles (named
+    equivalent_1, ...) of the faces that are rectangles to 15 %: equal in centroid, axes and second
+    moments. Raises `InputError` when either file is unusable or no rectangle is found.
+    """
+    mesh_path = Path(mesh_path)
+    mesh = read_mesh(mesh_path)
+    sidecar_path = mesh_path.with_suffix(".toml")
+    sidecar = read_sidecar(sidecar_path) if sidecar_path.exists() else Sidecar()
+    diameter = mesh_diameter(mesh)
+    minimum_side = MINIMUM_SIDE_FRACTION * diameter
+    faces = planar_faces(mesh, 0.8 * minimum_side**2)
+    rectangles = rectangles_among(faces, minimum_side, RECTANGLE_TOLERANCE, "rectangle")
+    rectangles = rectangles or rectangles_among(
+        faces, minimum_side, EQUIVALENT_TOLERANCE, "equivalent"
+    )
+    if not rectangles:
+        expected = f"expected a rectangular face with sides over {minimum_side:.3g} m, found none"
+        raise InputError(mesh_path, "faces", expected)
+    com, ratios = _mass_properties(mesh, sidecar.mass, sidecar_path)
+    return Target(
+        name=sidecar.name or mesh_path.stem,
+        mesh_path=mesh_path,
+        mesh=mesh,
+        rectangles=_named(rectangles, sidecar.rectangles.names, diameter, sidecar_path),
+        symmetry_rotations=symmetry_motions(mesh, faces),
+        com_model=com,
+        com_sd_m=sidecar.mass.com_sd_m or COM_SD_FRACTION * diameter,
+        inertia_ratios=ratios,
+        inertia_ratio_sd=sidecar.mass.inertia_ratio_sd or INERTIA_RATIO_SD,
+    )
+
+
+def _mass_properties(
+    mesh: trimesh.Trimesh, stated: MassTable, sidecar_path: Path
+) -> tuple[FloatArray, FloatArray]:
+    """Nominal mass centre (3,) and inertia ratios (5,): as stated, else of the uniform mesh."""
+    com, inertia = uniform_mass_properties(mesh)
+    ratios = ratios_from_inertia(inertia)
+    if stated.com_model_m is not None:
+        com = np.array(stated.com_model_m)
+        low, high = mesh.bounds
+        if np.any(com < low) or np.any(com > high):
+            expected = "expected a point within the bounds of the mesh"
+            raise InputError(sidecar_path, "mass.com_model_m", expected)
+    if stated.inertia_ratios is not None:
+        ratios = np.array(stated.inertia_ratios)
+    return com, ratios
+
+
+def _named(
+    rectangles: tuple[Rectangle, ...],
+    names: tuple[RectangleName, ...],
+    diameter: float,
+    sidecar_path: Path,
+) -> tuple[Rectangle, ...]:
+    """The rectangles with the names of the sidecar given to those it points at."""
+    named = list(rectangles)
+    taken: set[int] = set()
+    centroids = np.array([rectangle.T_model_rect[:3, 3] for rectangle in rectangles])
+    normals = np.array([rectangle.T_model_rect[:3, 2] for rectangle in rectangles])
+    two_sided = np.array([rectangle.two_sided for rectangle in rectangles])
+    for k, entry in enumerate(names):
+        direction = np.array(entry.normal_model) / np.linalg.norm(entry.normal_model)
+        cosine = normals @ direction
+        faces_it = np.where(two_sided, np.abs(cosine), cosine) >= _NAME_COSINE
+        distance = np.linalg.norm(centroids - entry.centroid_model_m, axis=1)
+        distance[~faces_it] = np.inf
+        nearest = int(np.argmin(distance))
+        field = f"rectangles.names.{k} ({entry.name})"
+        if distance[nearest] > _NAME_POSITION_FRACTION * diameter:
+            expected = "no rectangle of the mesh has this centroid and normal"
+            raise InputError(sidecar_path, field, expected)
+        if nearest in taken:
+            raise InputError(sidecar_path, field, "another name already points at this rectangle")
+        taken.add(nearest)
+        named[nearest] = replace(named[nearest], name=entry.name)
+    return tuple(named)
+
+
+def write_target_toml(target: Target, path: Path) -> None:
+    """Write what is known of a target as a sidecar TOML that `load_target` reads, atomically.
+
+    Raises `InputError` when the file cannot be written.
+    """
+    names = tuple(
+        RectangleName(
+            name=rectangle.name,
+            centroid_model_m=_vector3(rectangle.T_model_rect[:3, 3]),
+            normal_model=_vector3(rectangle.T_model_rect[:3, 2]),
+        )
+        for rectangle in target.rectangles
+    )
+    a, b, c, d, e = (float(ratio) for ratio in target.inertia_ratios)
+    mass = MassTable(
+        com_model_m=_vector3(target.com_model),
+        com_sd_m=target.com_sd_m,
+        inertia_ratios=(a, b, c, d, e),
+        inertia_ratio_sd=target.inertia_ratio_sd,
+    )
+    write_sidecar(Sidecar.of(target.name, mass, names), path)
+
+
+def _vector3(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(value) + 0.0 for value in values)
+    return x, y, z
+
+
+def describe(target: Target) -> tuple[Table, Table]:
+    """Two rich tables: what is known of the target, and its rectangle catalogue."""
+    facts = Table(title=target.name)
+    facts.add_column("property")
+    facts.add_column("value")
+    mesh = target.mesh
+    closed = "watertight" if mesh.is_watertight else "open"
+    facts.add_row("mesh", f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {closed}")
+    facts.add_row("diameter", f"{target.diameter_m:.3f} m")
+    facts.add_row("symmetry group", group_name(target.symmetry_rotations))
+    facts.add_row("mass centre (model)", f"{_numbers(target.com_model)} m")
+    facts.add_row("  standard deviation", f"{target.com_sd_m:.4f} m")
+    facts.add_row("inertia Iyy Izz Ixy Ixz Iyz / Ixx", _numbers(target.inertia_ratios))
+    facts.add_row("  standard deviation", f"{target.inertia_ratio_sd:.3f}")
+    rows = Table(title="rectangles")
+    for heading in ("name", "length m", "width m", "centroid (model) m", "normal (model)", "sides"):
+        rows.add_column(heading, justify="right" if heading.endswith("h m") else "left")
+    for rectangle in target.rectangles:
+        pose = rectangle.T_model_rect
+        rows.add_row(
+            rectangle.name,
+            f"{rectangle.length_m:.4f}",
+            f"{rectangle.width_m:.4f}",
+            _numbers(pose[:3, 3]),
+            _numbers(pose[:3, 2]),
+            "both" if rectangle.two_sided else "one",
+        )
+    return facts, rows
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(f"{value:8.4f}" for value in np.round(values, 4) + 0.0)

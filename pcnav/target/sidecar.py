@@ -1,0 +1,104 @@
+"""The TOML file beside a mesh: the target's name, mass properties and names of its rectangles."""
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from pcnav.config.pipeline_file import read_toml_model
+from pcnav.config.table import Positive, Vector3, Vector5
+from pcnav.core.errors import InputError
+from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+
+_Name = Annotated[str, Field(min_length=1)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class MassTable(_Table):
+    """[mass]: nominal mass properties; None takes those of the uniform mesh."""
+
+    com_model_m: Vector3 | None = None
+    com_sd_m: Positive | None = None
+    inertia_ratios: Vector5 | None = None
+    """Iyy, Izz, Ixy, Ixz, Iyz over Ixx, entries of the inertia matrix about the mass centre."""
+    inertia_ratio_sd: Positive | None = None
+
+    @field_validator("inertia_ratios")
+    @classmethod
+    def _physical(cls, ratios: Vector5 | None) -> Vector5 | None:
+        if ratios is not None and not is_physical_inertia(inertia_from_ratios(np.array(ratios))):
+            raise ValueError("expected the inertia of a real body (positive, triangle inequality)")
+        return ratios
+
+
+class RectangleName(_Table):
+    """[[rectangles.names]]: the name of the rectangle at this centroid, facing this way."""
+
+    name: _Name
+    centroid_model_m: Vector3
+    normal_model: Vector3
+
+    @field_validator("normal_model")
+    @classmethod
+    def _has_direction(cls, normal: Vector3) -> Vector3:
+        if not np.linalg.norm(normal) > 0.0:
+            raise ValueError("expected a direction")
+        return normal
+
+
+class RectanglesTable(_Table):
+    """[rectangles]."""
+
+    names: tuple[RectangleName, ...] = ()
+
+    @field_validator("names")
+    @classmethod
+    def _unique(cls, names: tuple[RectangleName, ...]) -> tuple[RectangleName, ...]:
+        if len({entry.name for entry in names}) < len(names):
+            raise ValueError("expected every name once")
+        return names
+
+
+class Sidecar(_Table):
+    """The whole file; every table may be left out."""
+
+    name: _Name | None = None
+    mass: MassTable = MassTable()
+    rectangles: RectanglesTable = RectanglesTable()
+
+    @staticmethod
+    def of(name: str, mass: MassTable, names: tuple[RectangleName, ...]) -> "Sidecar":
+        """A sidecar of its parts."""
+        return Sidecar(name=name, mass=mass, rectangles=RectanglesTable(names=names))
+
+
+def read_sidecar(path: Path) -> Sidecar:
+    """Read and check a sidecar. Raises `InputError`, also on an unknown key."""
+    return read_toml_model(path, Sidecar)
+
+
+def write_sidecar(sidecar: Sidecar, path: Path, comment: str = "") -> None:
+    """Write a sidecar as TOML, under a temporary name first. Raises `InputError`."""
+    text = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+    # Numbers keep every digit, so reading gives back what was written.
+    text += tomli_w.dumps(sidecar.model_dump(exclude_none=True, exclude_defaults=True))
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise InputError(path, "file", f"expected a writable folder ({error.strerror})") from error
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        # A temporary file is private by default; a result is as readable as its neighbours.
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except OSError as error:
+        Path(temporary).unlink(missing_ok=True)
+        raise InputError(path, "file", f"expected a writable file ({error.strerror})") from error

@@ -1,0 +1,72 @@
+"""The nutating satellite: its true rotation, points on its hull and their tracks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import make_transform
+from pcnav.recordings.monocular import MonocularTracks
+from pcnav.simulation.images import ImageMotion, TrackFaults, monocular_tracks
+from pcnav.simulation.scenario import rotate_torque_free
+
+from . import paper
+
+_SUN = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The motion behind the tracks; camera and world axes are the same."""
+
+    times_s: FloatArray
+    """(n,)"""
+    R_world_body: FloatArray
+    """(n, 3, 3), I at the start."""
+    omega_body: FloatArray
+    """(n, 3) rad/s."""
+    points: FloatArray
+    """(N, 3) body axes from the mass centre, m."""
+    normals: FloatArray
+    """(N, 3) outward."""
+
+    @property
+    def motion(self) -> ImageMotion:
+        """For a camera at rest that looks along z."""
+        return moved(self, np.broadcast_to(np.array(paper.PLACE_M), (len(self.times_s), 3)))
+
+
+def moved(truth: Truth, places_m: FloatArray) -> ImageMotion:
+    """The motion with the mass centre at places (n, 3), camera axes."""
+    at_rest = np.broadcast_to(np.eye(3), (len(truth.times_s), 3, 3))
+    T = make_transform(truth.R_world_body, places_m)
+    return ImageMotion(truth.times_s, T, at_rest, np.array(_SUN))
+
+
+def nutation(duration_s: float, interval_s: float, seed: int, points: int = paper.POINTS) -> Truth:
+    """The printed motion, with points drawn evenly over the hull."""
+    times_s: FloatArray = np.arange(round(duration_s / interval_s) + 1, dtype=np.float64)
+    times_s = times_s * interval_s
+    rate: FloatArray = np.asarray(np.deg2rad(np.array(paper.RATE_DEG_S)), dtype=np.float64)
+    R, omega = rotate_torque_free(np.eye(3), rate, paper.INERTIA_KG_M2, times_s)
+    places, normals = hull_points(points, np.random.default_rng(seed))
+    return Truth(times_s, R, omega, places, normals)
+
+
+def hull_points(count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Places and outward normals (count, 3), body axes, on the box of the printed inertia."""
+    half, R_body_hull = paper.hull_half_sides_m()
+    area = np.prod(half) / half
+    face = rng.choice(3, count, p=area / area.sum())
+    side = rng.choice([-1.0, 1.0], count)
+    places, normals = rng.uniform(-1.0, 1.0, (count, 3)) * half, np.zeros((count, 3))
+    rows = np.arange(count)
+    places[rows, face], normals[rows, face] = side * half[face], side
+    return places @ R_body_hull.T, normals @ R_body_hull.T
+
+
+def tracks_of(truth: Truth, faults: TrackFaults, seed: int) -> MonocularTracks:
+    """What the paper's camera sees."""
+    rng = np.random.default_rng([seed, 1])
+    points = (truth.points, truth.normals)
+    return monocular_tracks(paper.CAMERA, truth.motion, points, faults, rng)

@@ -1,0 +1,262 @@
+"""Fig. 5: the attitude of the principal axes as it is identified, many runs at once."""
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import permutations
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.camera import R_cam_hill
+from pcnav.core.spatial import log_rotation
+from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
+from pcnav.estimators.attitude_inertia.rotation_arc import SIZE, fit_rotation_arc, positive
+from pcnav.estimators.features.photogrammetric_frame import align, best_triple, photogrammetric_axes
+from pcnav.estimators.principal_axes.inertia_identification import (
+    angular_rate,
+    momentum_rows,
+    solve_normal,
+)
+from pcnav.estimators.principal_axes.principal_frame import principal_axes
+from pcnav.simulation.feature_motion import FeatureTruth
+from pcnav.simulation.features import draw_points, simulate_motion, stereo_rig
+
+from . import paper
+
+REPORT_S = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0)
+"""Lengths of the arcs; the last ends where the first blackout begins."""
+_MOST_ATTITUDES = 60
+_MOST_STEPS = 8
+"""Of a fit, which starts from that of the arc before."""
+_BAD_FIT = 1.5
+_RUNS_AT_ONCE = 125
+
+
+class Method(StrEnum):
+    """How the axes are identified."""
+
+    PRINTED = "three points, plain least squares"
+    """(6)-(17) as printed."""
+    ARC = "all points, rotation fitted to the arc"
+    """Ours."""
+
+
+@dataclass(frozen=True)
+class IdentificationBatch:
+    """Runs of one noise level."""
+
+    resolution_rad: float
+    seeds: tuple[int, ...]
+    """One per run: its points and its noise."""
+
+    def __str__(self) -> str:
+        return f"identification at {self.resolution_rad:g} rad, seeds {self.seeds[0]} and after"
+
+
+@dataclass(frozen=True)
+class IdentificationErrors:
+    """Squared attitude errors."""
+
+    resolution_rad: float
+    squared: dict[Method, FloatArray]
+    """(runs, report times) rad^2."""
+
+
+def run_identification(batch: IdentificationBatch) -> IdentificationErrors:
+    """Identify the axes of every run at every report time."""
+    truth = _truth()
+    found: dict[Method, list[FloatArray]] = {method: [] for method in Method}
+    for start in range(0, len(batch.seeds), _RUNS_AT_ONCE):
+        seeds = batch.seeds[start : start + _RUNS_AT_ONCE]
+        points, p_world, noise = _observed(truth, batch.resolution_rad, seeds)
+        arcs = _fitted(truth, p_world, noise)
+        corners = _corners(p_world, arcs[-1])
+        found[Method.PRINTED].append(_printed(truth, points, p_world, corners))
+        found[Method.ARC].append(
+            np.stack([_arc_squared(truth, points, arc, corners) for arc in arcs], axis=1)
+        )
+    squared = {method: np.concatenate(parts) for method, parts in found.items()}
+    return IdentificationErrors(batch.resolution_rad, squared)
+
+
+def _truth() -> FeatureTruth:
+    """The motion up to the last report; its points are not used."""
+    scenario = paper.scenario()
+    times = scenario.times_s[scenario.times_s <= REPORT_S[-1] + 1e-9]
+    arc = replace(scenario, times_s=times)
+    return simulate_motion(arc, np.zeros((0, 3)), np.random.default_rng(0))
+
+
+def _observed(
+    truth: FeatureTruth, resolution_rad: float, seeds: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """True points (B, N, 3), triangulated ones (B, n, N, 3) in world axes and their covariances.
+
+    The image is taken to be large enough for all points, which a passing of 5 m needs.
+    """
+    scenario = paper.scenario()
+    stereo = scenario.stereo.model_copy(
+        update={"pixel_sigma_px": resolution_rad * scenario.stereo.focal_px}
+    )
+    rig = stereo_rig(stereo)
+    R_hill_world = np.stack([scenario.orbit.R_hill_world(t) for t in truth.times_s])
+    R_rig_world = R_cam_hill(truth.r_hill) @ R_hill_world
+    all_points, all_world, all_noise = [], [], []
+    for seed in seeds:
+        generator = np.random.default_rng(seed)
+        points = draw_points(scenario.features, generator)
+        r_world = np.einsum("nji,nj->ni", R_hill_world, truth.r_hill)
+        p_world = r_world[:, None] + points @ np.swapaxes(truth.R_world_body, 1, 2)
+        pixels = rig.project(p_world @ np.swapaxes(R_rig_world, 1, 2))
+        pixels = pixels + rig.pixel_sigma_px * generator.standard_normal(pixels.shape)
+        p_rig, noise = rig.triangulate(pixels)
+        R = R_rig_world[:, None]
+        all_points.append(points)
+        all_world.append(p_rig @ R_rig_world)
+        all_noise.append(np.swapaxes(R, -1, -2) @ noise @ R)
+    return np.stack(all_points), np.stack(all_world), np.stack(all_noise)
+
+
+@dataclass(frozen=True)
+class _Arc:
+    """What is identified from an arc."""
+
+    frame: int
+    """Its last."""
+    R_world_map: FloatArray
+    """(B, 3, 3) there."""
+    inertia: FloatArray
+    """(B, 3, 3) map axes."""
+    shape: FloatArray
+    """(B, N, 3) points in the map."""
+
+
+def _corners(p_world: FloatArray, arc: _Arc) -> IntArray:
+    """(B, 3) the points of every run whose frame is G of (6).
+
+    The widest triangle of the first frame, in the order that leaves the signs of (17) the clearest:
+    a right angle between an axis of G and a principal axis would leave a sign to the noise.
+    """
+    chosen = []
+    for first, inertia, shape in zip(p_world[:, 0], arc.inertia, arc.shape, strict=True):
+        orders = list(permutations(best_triple(first)))
+        R_map_g = photogrammetric_axes(shape[np.array(orders)])
+        _, axes = principal_axes(np.swapaxes(R_map_g, -1, -2) @ inertia @ R_map_g)
+        margins = np.minimum(axes[:, 0, 0], axes[:, 1, 1])
+        chosen.append(orders[int(margins.argmax())])
+    return np.array(chosen)
+
+
+def _triangle(points: FloatArray, corners: IntArray) -> FloatArray:
+    """(B, ..., 3, 3) the chosen points of (B, ..., N, 3)."""
+    rows = corners.reshape(len(corners), *([1] * (points.ndim - 3)), 3, 1)
+    return np.take_along_axis(points, np.broadcast_to(rows, (*points.shape[:-2], 3, 1)), axis=-2)
+
+
+def _printed(
+    truth: FeatureTruth, points: FloatArray, p_world: FloatArray, corners: IntArray
+) -> FloatArray:
+    """(B, report times) squared errors of (6)-(17)."""
+    R_world_g = photogrammetric_axes(_triangle(p_world, corners))
+    rates = angular_rate(R_world_g, truth.times_s)
+    rows = momentum_rows(R_world_g[:, 1:-1], rates)
+    # Every epoch adds to the normal equations: the sums up to a time are the recursive solution.
+    sums = np.cumsum(np.einsum("bnie,bnif->bnef", rows, rows, optimize=True), axis=1)
+    squared = []
+    for last in _last_frames(truth):
+        fit = solve_normal(sums[:, last - 2])
+        _, axes = principal_axes(fit.inertia)
+        squared.append(_squared(truth, points, corners, R_world_g[:, last] @ axes, last))
+    return np.stack(squared, axis=1)
+
+
+def _arc_squared(
+    truth: FeatureTruth, points: FloatArray, arc: _Arc, corners: IntArray
+) -> FloatArray:
+    """(B,) squared errors of an arc's axes."""
+    R_map_g = photogrammetric_axes(_triangle(arc.shape, corners))
+    _, axes = principal_axes(np.swapaxes(R_map_g, -1, -2) @ arc.inertia @ R_map_g)
+    return _squared(truth, points, corners, arc.R_world_map @ R_map_g @ axes, arc.frame)
+
+
+def _fitted(truth: FeatureTruth, p_world: FloatArray, noise: FloatArray) -> list[_Arc]:
+    """All points aligned and the rotation fitted, for every arc; each starts from the last."""
+    arcs: list[_Arc] = []
+    for last in _last_frames(truth):
+        every = max(1, -(-(last + 1) // _MOST_ATTITUDES))
+        chosen = np.arange(last, -1, -every)[::-1]
+        R, spread, shape = _attitudes(p_world[:, chosen], noise[:, chosen])
+        times = truth.times_s[chosen]
+        rates = angular_rate(R, times)
+        if arcs:
+            # Each arc has a map of its own; the turn between them is that of their last frames.
+            before = arcs[-1]
+            back = np.searchsorted(truth.times_s[chosen], truth.times_s[before.frame] - 1e-9)
+            turn = np.swapaxes(R[:, min(int(back), len(chosen) - 1)], -1, -2) @ before.R_world_map
+            start = parameters_of(turn @ before.inertia @ np.swapaxes(turn, -1, -2))
+        else:
+            rows = momentum_rows(R[:, 1:-1], rates)
+            linear = solve_normal(np.einsum("bnie,bnif->bef", rows, rows, optimize=True))
+            start = positive(parameters_of(linear.inertia))
+        first_rate = rates[:, : max(1, len(times) // 10)].mean(axis=1)
+        parameters = _best_fit(times, R, spread, first_rate, start)
+        arcs.append(_Arc(last, R[:, -1], inertia_of(parameters), shape))
+    return arcs
+
+
+def _best_fit(
+    times: FloatArray,
+    R: FloatArray,
+    spread: FloatArray,
+    rate: FloatArray,
+    start: FloatArray,
+) -> FloatArray:
+    """(B, 5) inertia parameters; fits that explain their arc badly are begun again from a ball."""
+    fit = fit_rotation_arc(times, R, spread, rate, start, _MOST_STEPS)
+    found, degrees = fit.parameters.copy(), max(3 * len(times) - SIZE, 1)
+    bad = np.flatnonzero(fit.cost > _BAD_FIT * degrees)
+    if len(bad):
+        ball = np.tile(parameters_of(np.eye(3)), (len(bad), 1))
+        again = fit_rotation_arc(times, R[bad], spread[bad], rate[bad], ball)
+        better = again.cost < fit.cost[bad]
+        found[bad[better]] = again.parameters[better]
+    return found
+
+
+def _attitudes(p_world: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Attitudes (B, n, 3, 3) of the points, their covariances in map axes, and the map (B, N, 3).
+
+    The map is that of the first frame, then the average over the arc, each view weighted.
+    """
+    shape = p_world[:, 0] - p_world[:, 0].mean(axis=1, keepdims=True)
+    shape_noise: FloatArray | None = noise[:, 0]
+    for _ in range(3):
+        known = None if shape_noise is None else np.broadcast_to(shape_noise[:, None], noise.shape)
+        fit = align(p_world, np.broadcast_to(shape[:, None], p_world.shape), noise, known)
+        R = fit.R_a_b[:, :, None]
+        weights = np.linalg.inv(np.swapaxes(R, -1, -2) @ noise @ R)
+        back = (p_world - fit.t_a[:, :, None])[..., None, :] @ R
+        total = weights.sum(axis=1)
+        mean = (weights @ np.swapaxes(back, -1, -2)).sum(axis=1)
+        shape, shape_noise = np.linalg.solve(total, mean)[..., 0], None
+    R = fit.R_a_b
+    return R, np.swapaxes(R, -1, -2) @ fit.covariance[..., :3, :3] @ R, shape
+
+
+def _last_frames(truth: FeatureTruth) -> list[int]:
+    return [int(np.searchsorted(truth.times_s, t - 1e-9)) for t in REPORT_S]
+
+
+def _squared(
+    truth: FeatureTruth,
+    points: FloatArray,
+    corners: IntArray,
+    R_world_t: FloatArray,
+    frame: int,
+) -> FloatArray:
+    """(B,) squared attitude errors against the true axes, made unique by the true points."""
+    R_body_g = photogrammetric_axes(_triangle(points, corners))
+    _, axes = principal_axes(np.swapaxes(R_body_g, -1, -2) @ truth.inertia @ R_body_g)
+    true = truth.R_world_body[frame] @ R_body_g @ axes
+    error = log_rotation(np.swapaxes(R_world_t, -1, -2) @ true)
+    return np.asarray(np.sum(error * error, axis=-1))

@@ -1,0 +1,69 @@
+"""The settings that Hu 2024 prints (section 5), and those that it leaves open."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from pcnav.config.features import PrincipalAxesTable
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_pipeline
+from pcnav.core.errors import InputError
+from pcnav.simulation.features import FeatureScenario, feature_scenario
+
+NAME = "hu2024"
+LEVELS_RAD = (0.1e-5, 0.5e-5, 2e-5, 5e-5)
+"""Angular resolutions of Fig. 5."""
+IDENTIFICATION_RUNS = 500
+"""Of every level."""
+LAST_S = 50.0
+"""The end of a run, over which errors are told in the tables."""
+ACCELERATION_PSD = 2e-6
+"""m^2/s^3; printed as the covariance of the orbital disturbance, m^2/s^4."""
+ANGULAR_ACCELERATION_PSD = 2.5e-5
+"""rad^2/s^3, about the axis of the largest moment."""
+CALM = 1e-4
+"""Share of the printed disturbances at which momentum is conserved well enough for (10)."""
+
+
+@lru_cache(maxsize=1)
+def pipeline() -> Pipeline:
+    """The shipped pipeline of the paper's scenario."""
+    path = shipped_pipeline(NAME)
+    if path is None:
+        raise InputError(NAME, "pipeline", "expected a pipeline shipped by this name")
+    return read_pipeline(path)
+
+
+def scenario() -> FeatureScenario:
+    """The paper's scenario as the pipeline has it."""
+    return feature_scenario(pipeline(), NAME)
+
+
+def focal_px() -> float:
+    """Turns an angular resolution into pixels."""
+    return pipeline().stereo.focal_px
+
+
+def blackouts_s() -> tuple[tuple[float, float], ...]:
+    """When nothing is seen."""
+    return pipeline().features.blackouts_s
+
+
+def resolution_rad() -> float:
+    """Of the filter's runs."""
+    return pipeline().stereo.pixel_sigma_px / focal_px()
+
+
+def settings(share: float) -> PrincipalAxesTable:
+    """The pipeline's settings with a share of the printed process noise."""
+    return pipeline().principal_axes.model_copy(
+        update={
+            "acceleration_psd_m2_s3": share * ACCELERATION_PSD,
+            "angular_acceleration_psd_rad2_s3": share * ANGULAR_ACCELERATION_PSD,
+        }
+    )
+
+
+def degrees(radians: float) -> float:
+    """For tables."""
+    return float(np.rad2deg(radians))

@@ -1,0 +1,230 @@
+"""The 20-state filter on idealised clouds, and its errors against the truth."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
+from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+from pcnav.dynamics.state import (
+    COM_MODEL,
+    INERTIA_RATIOS,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+    V_HILL,
+    NavigationState,
+    ratio_covariance,
+)
+from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
+from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.filtering.error_state import ErrorStateFilter
+from pcnav.perception.rectangles import RectangleObservation
+from pcnav.simulation.scenario import TrueMotion, true_motion
+
+from . import paper
+from .clouds import Spread
+from .sensor import CloudSensor, resolved
+
+_KNOWN = np.ones(6, dtype=np.bool_)
+_FIRST_GUESS_RAD = (0.2, -0.1, 0.15)
+_STORED = 400
+"""Covariances are kept at so many times over a run."""
+BLOCKS = {
+    "position": R_HILL,
+    "velocity": V_HILL,
+    "mass centre": COM_MODEL,
+    "attitude": THETA_BODY,
+    "rate": OMEGA_BODY,
+    "inertia ratios": INERTIA_RATIOS,
+    "all": slice(0, STATE_SIZE),
+}
+
+
+@dataclass(frozen=True)
+class FilterRun:
+    """What the filter made of a motion."""
+
+    time_s: FloatArray
+    """(n,)"""
+    errors: FloatArray
+    """(n, 20) error that takes the estimate to the truth."""
+    sd: FloatArray
+    """(n, 20) as the filter states it."""
+    prior_sd: FloatArray
+    """(20,)"""
+    nees_time_s: FloatArray
+    """(m,)"""
+    nees: dict[str, FloatArray]
+    """(m,) squared normalised error per degree of freedom, by block."""
+    flips: int
+    """Frames whose measurement went in with a wrong case of the ambiguity."""
+    rejected: int
+    """Frames whose measurement failed the gate."""
+
+    @property
+    def last_third(self) -> FloatArray:
+        """(20,) largest error over the last third of the run."""
+        n = len(self.time_s)
+        return np.asarray(np.abs(self.errors[2 * n // 3 :]).max(axis=0))
+
+
+def run_filter(
+    motion: TrueMotion, pipeline: Pipeline, model: MassCentreModel, seed: int
+) -> FilterRun:
+    """Filter even clouds of every frame, starting as the paper does.
+
+    Position and attitude start at the first observation, the velocity and the mass centre's offset
+    at zero, the rate and the ratios at the truth plus a draw from their prior. Ratios that no body
+    can have are drawn again: the prior of the ratios is what of the paper's is physical.
+    """
+    sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spread.EVEN, seed)
+    kalman, first_guess = _started(motion, sensor, pipeline, seed)
+    n = len(motion.times_s)
+    stored = set(np.linspace(0, n - 1, min(_STORED, n)).astype(int).tolist())
+    errors, sd, covariances = np.empty((n, STATE_SIZE)), np.empty((n, STATE_SIZE)), []
+    flips = rejected = 0
+    for k in range(n):
+        if k > 0:
+            step_s = float(motion.times_s[k] - motion.times_s[k - 1])
+            kalman.predict(model, float(motion.times_s[k - 1]), step_s)
+            guess = _predicted(kalman.state, motion, sensor, k)
+        else:
+            guess = first_guess
+        measurement = _measurement(motion, sensor, sensor.observe(k), guess, k, pipeline)
+        true_R = sensor.true_T_cam_rect(k)[:3, :3]
+        # The trace of a rotation by more than a right angle is below 1.
+        flips += int(np.sum(true_R * measurement.T_cam_rect[:3, :3]) < 1.0)
+        if k > 0:  # the first observation is the starting point: it must not count twice
+            rejected += int(not all(kalman.update([measurement]).accepted))
+        errors[k] = kalman.state.ratio_error(motion.states[k])
+        covariance = ratio_covariance(kalman.state, kalman.covariance)
+        sd[k] = np.sqrt(np.diag(covariance))
+        if k in stored:
+            covariances.append(covariance)
+    at = np.array(sorted(stored))
+    nees = _nees(errors[at], np.stack(covariances))
+    times = motion.times_s
+    return FilterRun(times, errors, sd, sd[0].copy(), times[at], nees, flips, rejected)
+
+
+def model_of(pipeline: Pipeline) -> MassCentreModel:
+    """The motion model with the process noise of a pipeline."""
+    return MassCentreModel(
+        pipeline.orbit.mean_motion_rad_s,
+        pipeline.filter.acceleration_psd_m2_s3,
+        pipeline.filter.angular_acceleration_psd_rad2_s3,
+    )
+
+
+def shortened(pipeline: Pipeline, frames: int) -> Pipeline:
+    """The pipeline with at most so many frames."""
+    frames = min(frames, pipeline.scenario.frames)
+    scenario = pipeline.scenario.model_copy(update={"frames": frames})
+    return pipeline.model_copy(update={"scenario": scenario})
+
+
+def disturbed_motion(pipeline: Pipeline, model: MassCentreModel, seed: int) -> TrueMotion:
+    """The pipeline's motion with the white disturbances that the filter assumes.
+
+    The mass centre is drawn from the filter's prior, so that the prior is true on average.
+    """
+    generator = np.random.default_rng(seed)
+    calm = true_motion(pipeline)
+    draw = paper.PRIOR_SD * generator.standard_normal(STATE_SIZE)
+    state = replace(calm.states[0], com_model=draw[COM_MODEL])
+    states = [state]
+    moving = np.r_[R_HILL, V_HILL, THETA_BODY, OMEGA_BODY]
+    root = np.zeros((STATE_SIZE, STATE_SIZE))
+    for before, after in zip(calm.times_s, calm.times_s[1:], strict=False):
+        step_s = float(after - before)
+        state, _, noise = model.propagate(state, float(before), step_s)
+        if not root.any():
+            root[np.ix_(moving, moving)] = np.linalg.cholesky(noise[np.ix_(moving, moving)])
+        state = state.retract(root @ generator.standard_normal(STATE_SIZE))
+        states.append(state)
+    return replace(calm, states=tuple(states))
+
+
+def _started(
+    motion: TrueMotion, sensor: CloudSensor, pipeline: Pipeline, seed: int
+) -> tuple[ErrorStateFilter[NavigationState], FloatArray]:
+    generator = np.random.default_rng([seed, 1])
+    guess = sensor.true_T_cam_rect(0)[:3, :3] @ exp_rotation(np.array(_FIRST_GUESS_RAD))
+    T_cam_rect, _ = resolved(sensor.observe(0), guess, sensor.rectangle)
+    T_world_cam = invert_transform(motion.T_cam_world[0])
+    T_cam_model = T_cam_rect @ invert_transform(sensor.rectangle.T_model_rect)
+    T_world_model = T_world_cam @ T_cam_model
+    truth = motion.states[0]
+    draw = paper.PRIOR_SD * generator.standard_normal(STATE_SIZE)
+    state = NavigationState(
+        r_hill=motion.R_hill_world[0] @ T_world_model[:3, 3],
+        v_hill=np.zeros(3),
+        com_model=np.zeros(3),
+        R_world_body=T_world_model[:3, :3],
+        omega_body=truth.omega_body + draw[OMEGA_BODY],
+        inertia_ratios=_first_ratios(truth.inertia_ratios, draw[INERTIA_RATIOS], generator),
+    )
+    covariance = np.diag(paper.PRIOR_SD**2)
+    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance(
+        state.inertia_ratios, paper.PRIOR_SD[INERTIA_RATIOS]
+    )
+    kalman = ErrorStateFilter(
+        state,
+        covariance,
+        gate_probability=pipeline.filter.gate_probability,
+        most_iterations=pipeline.filter.iterations,
+    )
+    return kalman, guess
+
+
+def _first_ratios(
+    true_ratios: FloatArray, draw: FloatArray, generator: np.random.Generator
+) -> FloatArray:
+    """(5,) the truth plus the draw (5,), drawn again until a body can have the ratios."""
+    sd = paper.PRIOR_SD[INERTIA_RATIOS]
+    while not is_physical_inertia(inertia_from_ratios(true_ratios + draw)):
+        draw = sd * generator.standard_normal(len(sd))
+    return np.asarray(true_ratios + draw)
+
+
+def _predicted(
+    state: NavigationState, motion: TrueMotion, sensor: CloudSensor, k: int
+) -> FloatArray:
+    """(3, 3) attitude of the rectangle in the camera as the filter expects it: (22)."""
+    T_cam_model = state.T_cam_model(motion.T_cam_world[k], motion.R_hill_world[k])
+    return np.asarray((T_cam_model @ sensor.rectangle.T_model_rect)[:3, :3])
+
+
+def _measurement(
+    motion: TrueMotion,
+    sensor: CloudSensor,
+    observation: RectangleObservation,
+    guess: FloatArray,
+    k: int,
+    pipeline: Pipeline,
+) -> RectangleMeasurement:
+    T_cam_rect, _ = resolved(observation, guess, sensor.rectangle)
+    R = R_hill_world(float(motion.times_s[k]), pipeline.orbit.mean_motion_rad_s)
+    return RectangleMeasurement(
+        rectangle=sensor.rectangle.name,
+        T_model_rect=sensor.rectangle.T_model_rect,
+        T_cam_rect=T_cam_rect,
+        known=_KNOWN,
+        full_covariance=observation.covariance[:6, :6],
+        T_cam_hill=motion.T_cam_world[k] @ make_transform(R.T, np.zeros(3)),
+        R_hill_world=R,
+    )
+
+
+def _nees(errors: FloatArray, covariances: FloatArray) -> dict[str, FloatArray]:
+    return {
+        name: squared_normalised_errors(errors[:, block], covariances[:, block, block])
+        / (block.stop - block.start)
+        for name, block in BLOCKS.items()
+    }

@@ -1,0 +1,110 @@
+"""Observability of pipelines and of runs: what the command prints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcnav.config.attitude_inertia import AttitudeInertiaTable
+from pcnav.config.features import EstimatorKind, EstimatorTable
+from pcnav.config.pipeline_file import Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.errors import InputError
+from pcnav.evaluation.observability.sources import (
+    observability_of_pipeline,
+    observability_of_run,
+    tables_for_report,
+)
+from pcnav.feature_pipeline import run_features
+from pcnav.runs.results import PIPELINE_FILE
+from pcnav.simulation.feature_recording import simulate_tracks
+
+
+def _short(name: str, frames: int) -> tuple[Path, Pipeline]:
+    path = shipped_pipeline(name)
+    assert path is not None
+    pipeline = read_pipeline(path)
+    rate = pipeline.scenario.frame_rate_hz
+    return path, pipeline.model_copy(
+        update={"scenario": ScenarioTable(frames=frames, frame_rate_hz=rate)}
+    )
+
+
+def test_depth_pipeline_in_a_spin_and_in_a_tumble():
+    mesh = shipped_mesh("boxsat")
+    path, spin = _short("yu2019", 400)
+    report = observability_of_pipeline(spin, path, mesh)
+    assert report.rank.rank == 8
+    ratios = {name for name in report.not_observable if name.startswith("I")}
+    assert ratios == {"Iyy/Ixx", "Izz/Ixx", "Ixy/Ixx"}
+    path, tumble = _short("demo", 100)
+    report = observability_of_pipeline(tumble, path, mesh)
+    assert report.not_observable == ()
+    assert len(report.states) == 20
+    sooner, later = (report.predicted_sd[k] for k in (0, -1))
+    assert np.all(later <= sooner)
+
+
+def test_attitudes_of_a_pipeline_with_a_wanted_value():
+    path, pipeline = _short("demo", 200)
+    estimator = EstimatorTable(kind=EstimatorKind.ATTITUDE_INERTIA)
+    table = AttitudeInertiaTable(attitude_sd_deg=0.2)
+    judged = pipeline.model_copy(update={"estimator": estimator, "attitude_inertia": table})
+    easy, hard = (
+        observability_of_pipeline(judged, path, wanted={"inertia ratios": sd})
+        for sd in (0.05, 0.002)
+    )
+    assert easy.estimator == "attitude_inertia"
+    after = [
+        {reach.name: reach.after_s for reach in each.reach}["Jxx/Jzz"] for each in (easy, hard)
+    ]
+    assert after[0] < after[1]
+
+
+@pytest.fixture(scope="module")
+def bank_run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("observability")
+    _, pipeline = _short("segal2011", 40)
+    simulate_tracks(pipeline, folder / "recording")
+    run_features(folder / "recording", folder / "run", pipeline)
+    return folder / "run"
+
+
+def test_run_of_the_bank_tells_what_its_pipeline_does(bank_run):
+    of_run = observability_of_run(bank_run)
+    path, pipeline = _short("segal2011", 40)
+    of_pipeline = observability_of_pipeline(pipeline, path)
+    assert of_run.estimator == of_pipeline.estimator == "inertia_bank"
+    assert of_run.frames == 39 or of_run.frames == 40
+    seen, true = (
+        np.array([state.posterior_sd for state in report.states])
+        for report in (of_run, of_pipeline)
+    )
+    np.testing.assert_allclose(seen, true, rtol=0.5)
+    titles = [table.title for table in of_run.tables()]
+    assert titles[1:] == [
+        "States after the arc",
+        "Weakest directions",
+        "Standard deviation against arc length",
+    ]
+
+
+def test_what_is_missing_is_told(bank_run, tmp_path):
+    with pytest.raises(InputError, match=PIPELINE_FILE):
+        observability_of_run(tmp_path)
+    (tmp_path / PIPELINE_FILE).write_text("seed = 1\n", encoding="utf-8")
+    with pytest.raises(InputError, match="sequence"):
+        observability_of_run(tmp_path)
+    with pytest.raises(InputError, match="mesh"):
+        observability_of_pipeline(Pipeline())
+    (bank_run / "features.csv").unlink()
+    with pytest.raises(InputError, match=r"features\.csv"):
+        observability_of_run(bank_run)
+
+
+def test_a_motion_that_cannot_be_judged_costs_the_report_its_part_alone(caplog):
+    def fails():
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    assert tables_for_report(fails) == ()
+    assert "does without its part on observability: Singular matrix" in caplog.text

@@ -1,0 +1,185 @@
+"""The pipeline file: what it may say and how it refuses the rest, in one line."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from pcnav.config.pipeline_file import (
+    Measurements,
+    OrbitModel,
+    PerceptionMode,
+    PerceptionTable,
+    Pipeline,
+    read_pipeline,
+)
+from pcnav.core.errors import InputError
+
+
+def refusal(folder: Path, text: str) -> InputError:
+    """What `read_pipeline` says of a file with this text."""
+    path = folder / "p.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_pipeline(path)
+    assert caught.value.file == path
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+def test_an_empty_file_gives_the_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text("", encoding="utf-8")
+    assert read_pipeline(path) == Pipeline()
+
+
+def test_what_a_file_says_replaces_the_default_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(
+        'seed = 4\n[orbit]\nmodel = "two_body"\nr_hill_m = [1, 2.5, -3]\n'
+        '[perception]\nmode = "paper"\n',
+        encoding="utf-8",
+    )
+    pipeline = read_pipeline(path)
+    assert pipeline.seed == 4
+    assert pipeline.orbit.model is OrbitModel.TWO_BODY
+    assert pipeline.orbit.r_hill_m == (1.0, 2.5, -3.0)
+    assert pipeline.perception.mode is PerceptionMode.PAPER
+    default = Pipeline()
+    assert pipeline.orbit.v_hill_m_s == default.orbit.v_hill_m_s
+    assert pipeline.filter == default.filter
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "word"),
+    [
+        ("[noise]\nrange_sigma = 0.1\n", "noise.range_sigma", "unknown key"),
+        ("[nose]\n", "nose", "unknown key"),
+        ("seed = -1\n", "seed", "-1"),
+        ("[noise]\nrange_sigma_m = -0.1\n", "noise.range_sigma_m", "-0.1"),
+        ("[noise]\ndropout_fraction = 1.5\n", "noise.dropout_fraction", "1.5"),
+        ("[noise]\nquantisation_m = 0.0\n", "noise.quantisation_m", "greater than 0"),
+        ("[noise]\nrange_sigma_m = nan\n", "noise.range_sigma_m", "finite"),
+        ("[orbit]\nr_hill_m = [1.0, 2.0]\n", "orbit.r_hill_m", "missing"),
+        ("[orbit]\nr_hill_m = [1.0, 2.0, inf]\n", "orbit.r_hill_m.2", "finite"),
+        ('[orbit]\nmodel = "keplerian"\n', "orbit.model", "hill"),
+        ("[camera]\nhorizontal_fov_deg = 170.0\n", "camera.horizontal_fov_deg", "170"),
+        ('[camera]\nwidth_px = "wide"\n', "camera.width_px", "wide"),
+        ("[filter]\niterations = 0\n", "filter.iterations", "1"),
+        ("[filter]\ngate_probability = 1.0\n", "filter.gate_probability", "less than 1"),
+        ("[perception]\nminimum_plane_points = 9\n", "perception.minimum_plane_points", "10"),
+        ('[perception]\nmeasurements = "planes"\n', "perception.measurements", "refined"),
+        ("scenario = 3\n", "scenario", "3"),
+        ("seed = \n", "file", "valid TOML"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, field: str, word: str) -> None:
+    error = refusal(tmp_path, text)
+    # Pydantic appends how it read a tuple's entry; what matters is where it points.
+    assert error.field.startswith(field)
+    assert word in str(error)
+
+
+@pytest.mark.parametrize(
+    ("text", "measured_by"),
+    [
+        ("", Measurements.REFINED),
+        ('measurements = "refined"', Measurements.REFINED),
+        ('measurements = "both"', Measurements.BOTH),
+        ('measurements = "rectangles"', Measurements.RECTANGLES),
+        ('mode = "paper"', Measurements.RECTANGLES),
+        ('mode = "paper"\nmeasurements = "rectangles"', Measurements.RECTANGLES),
+    ],
+)
+def test_frames_are_measured_by_what_the_file_says_or_its_mode_has(
+    tmp_path: Path, text: str, measured_by: Measurements
+) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(f"[perception]\n{text}\n", encoding="utf-8")
+    assert read_pipeline(path).perception.measured_by is measured_by
+
+
+@pytest.mark.parametrize("measurements", ["refined", "both"])
+def test_paper_mode_has_nothing_but_rectangles(tmp_path: Path, measurements: str) -> None:
+    error = refusal(tmp_path, f'[perception]\nmode = "paper"\nmeasurements = "{measurements}"\n')
+    assert error.field == "perception"
+    assert 'expected measurements absent or "rectangles"' in str(error)
+    with pytest.raises(ValidationError, match="rectangles only"):
+        PerceptionTable(mode=PerceptionMode.PAPER, measurements=Measurements(measurements))
+
+
+def test_an_absent_file_and_one_that_is_no_text(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="readable TOML"):
+        read_pipeline(tmp_path / "absent.toml")
+    path = tmp_path / "p.toml"
+    path.write_bytes(b"seed = 1\n\xff\xfe")
+    with pytest.raises(InputError, match="valid TOML"):
+        read_pipeline(path)
+
+
+def test_tables_cannot_be_changed() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        Pipeline().noise.range_sigma_m = 1.0  # type: ignore[misc]
+
+
+def test_every_number_carries_its_unit() -> None:
+    units = ("_m", "_s", "_hz", "_deg", "_px", "_rad_s", "_deg_s", "_m_s", "_s3")
+    bare = {  # counts, shares, directions and ratios have none
+        "frames",
+        "boresight_hill",
+        "inertia_ratios",
+        "ransac_success_probability",
+        "minimum_plane_points",
+        "inertia_ratio_sd",
+        "gate_probability",
+        "iterations",
+        "eccentricity",
+        "count",
+        "normals_body",
+        "hypotheses",
+        "prior",
+        "attitude_xyzw",
+        "most_iterations",
+        "most_features",
+        "most_rejections",
+        "fewest_matches",
+        "fewest_agreeing",
+        "ambiguous_chi_square",
+        "fewest_sd",
+        "key_share",
+        "rate_change",
+        "window_frames",
+        "degree",
+        "quality",
+        "pyramid_levels",
+        "least_correlation",
+        "sun_hill",
+        "ambient",
+        "texture_contrast",
+        "noise_levels",
+        "supersampling",
+        "inertia_ratios_zz",
+    }
+    checked = 0
+    for table in Pipeline.model_fields.values():
+        if not (isinstance(table.annotation, type) and issubclass(table.annotation, BaseModel)):
+            continue
+        for name, field in table.annotation.model_fields.items():
+            text = str(field.annotation)
+            if "float" not in text and "int" not in text:
+                continue
+            checked += 1
+            assert name.endswith((*units, "_fraction", "_sigma")) or name in bare, name
+    assert checked > 20
+
+
+def test_shipped_pipelines_are_valid(repository: Path) -> None:
+    paths = sorted((repository / "pipelines").glob("*.toml"))
+    read = 0
+    for path in paths:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        if set(table) <= set(Pipeline.model_fields):
+            read_pipeline(path)
+            read += 1
+    assert read >= 4

@@ -1,0 +1,261 @@
+"""Linking pose hypotheses into motions, deciding between them, and the state they give."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle
+from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.dynamics.orbit import R_hill_world
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, NavigationState
+from pcnav.estimators.depth.single_frame import SingleFramePose
+from pcnav.estimators.depth.start import (
+    Decision,
+    Motion,
+    MotionStart,
+    Sighting,
+    first_state,
+    start_covariance,
+)
+from pcnav.perception.agreement import Agreement
+from pcnav.target.satellite import Target
+
+HALF_TURN = make_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+OMEGA = np.array([0.2, -0.1, 0.3])
+START = exp_rotation(np.array([0.4, 1.0, -0.6]))
+
+
+def target_with(*motions: FloatArray) -> Target:
+    """A target 3 m across with these symmetries besides the identity."""
+    return Target(
+        name="box",
+        mesh_path=Path("box.ply"),
+        mesh=trimesh.creation.box((1.0, 2.0, 2.0)),
+        rectangles=(),
+        symmetry_rotations=np.stack([np.eye(4), *motions]),
+        com_model=np.zeros(3),
+        com_sd_m=0.1,
+        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
+        inertia_ratio_sd=0.1,
+    )
+
+
+def true_pose(k: int, step_s: float = 0.5) -> FloatArray:
+    """T_world_model of a body that turns at OMEGA about itself and drifts."""
+    R = START @ exp_rotation(OMEGA * step_s * k)
+    return make_transform(R, np.array([20.0 + 0.02 * k, 0.5, -0.3]))
+
+
+def camera_pose(k: int) -> FloatArray:
+    """T_cam_world of a camera that turns: links must be made in the world."""
+    return make_transform(exp_rotation(np.array([0.1, 0.3 * k, 0.2])), np.array([0.0, 0.1, 0.2]))
+
+
+def pose(T_cam_model: FloatArray, share: float) -> SingleFramePose:
+    """A pose found in a frame of a thousand pixels, of which it explains a share."""
+    agreement = Agreement(round(1000 * share), 1000 - round(1000 * share))
+    return SingleFramePose(T_cam_model, np.eye(6), agreement, (), (), converged=True)
+
+
+def feed(
+    start: MotionStart, k: int, *alternatives: tuple[FloatArray, float], still: bool = False
+) -> Decision | None:
+    """Give the frame k with hypotheses: the true pose turned by each motion, and its share."""
+    T_cam_world = np.eye(4) if still else camera_pose(k)
+    hypotheses = [
+        pose(T_cam_world @ true_pose(k) @ motion, share) for motion, share in alternatives
+    ]
+    hypotheses.sort(key=lambda h: -h.explained)
+    return start.add(0.5 * k, T_cam_world, tuple(hypotheses))
+
+
+def follows(motion: Motion, turned: FloatArray) -> bool:
+    """Whether every sighting is the true attitude turned by a motion of the model."""
+    angles = [
+        rotation_angle((true_pose(round(s.time_s / 0.5)) @ turned)[:3, :3].T @ s.R_world_body)
+        for s in motion.sightings
+    ]
+    return bool(np.max(angles) < 1e-6)
+
+
+def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of_each_frame() -> (
+    None
+):
+    start = MotionStart(target_with())
+    # A half turn away, and better in the second frame alone.
+    shares = [(0.9, 0.6), (0.86, 0.88), (0.95, 0.6)]
+    decisions = [feed(start, k, (np.eye(4), a), (HALF_TURN, b)) for k, (a, b) in enumerate(shares)]
+    assert decisions[:2] == [None, None]
+    decision = decisions[2]
+    assert decision is not None and not decision.undecided
+    assert follows(decision.motion, np.eye(4))
+    assert decision.motion.explained == pytest.approx((0.9 + 0.86 + 0.95) / 3)
+    assert [s.time_s for s in decision.motion.sightings] == [0.0, 0.5, 1.0]
+
+
+def test_a_sighting_that_explains_its_frame_badly_is_dropped_from_its_motion() -> None:
+    start = MotionStart(target_with())
+    for k, share in enumerate((0.7, 0.95, 0.96)):
+        assert feed(start, k, (np.eye(4), share)) is None
+    decision = feed(start, 3, (np.eye(4), 0.97))
+    assert decision is not None
+    assert [s.time_s for s in decision.motion.sightings] == [0.5, 1.0, 1.5]
+
+
+def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
+    start = MotionStart(target_with())
+    for k in range(9):
+        assert feed(start, k, (np.eye(4), 0.900), (HALF_TURN, 0.899)) is None
+    decision = feed(start, 9, (np.eye(4), 0.900), (HALF_TURN, 0.899))
+    assert decision is not None and decision.undecided
+    assert follows(decision.motion, np.eye(4))
+    assert len(decision.motion.sightings) == 10
+
+
+@pytest.mark.parametrize(("fewer_conflicts", "decides"), [(11, False), (13, True)])
+def test_a_lead_of_nine_nats_decides(fewer_conflicts: int, decides: bool) -> None:
+    """A quarter of a nat for each pixel against a motion: in 3 frames 12 pixels each make 9."""
+    start = MotionStart(target_with())
+    worse = 0.9 - fewer_conflicts / 1000
+    for k in range(2):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, worse)) is None
+    decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, worse))
+    assert (decision is not None) == decides
+    assert decision is None or not decision.undecided
+
+
+def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
+    shares = (0.9, 0.8, 0.95)
+    sightings = tuple(
+        Sighting(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), share))
+        for k, share in enumerate(shares)
+    )
+    motion = Motion(sightings)
+    assert motion.explained == pytest.approx(np.mean(shares))
+    weights = [motion.log_weight(frames) for frames in (1, 2, 3)]
+    assert weights == pytest.approx([-0.25 * n for n in (50, 250, 350)])
+
+
+def test_a_doubt_that_resolves_is_decided_then() -> None:
+    start = MotionStart(target_with())
+    for k in range(4):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
+    decision = feed(start, 4, (np.eye(4), 0.95), (HALF_TURN, 0.5))
+    assert decision is not None and not decision.undecided
+    assert follows(decision.motion, np.eye(4))
+
+
+def test_alternatives_that_the_symmetry_makes_equal_need_no_waiting() -> None:
+    start = MotionStart(target_with(HALF_TURN))
+    for k in range(2):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
+    decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, 0.9))
+    assert decision is not None and not decision.undecided
+    assert follows(decision.motion, np.eye(4)) or follows(decision.motion, HALF_TURN)
+
+
+def test_another_alternative_of_a_symmetric_target_is_a_doubt_all_the_same() -> None:
+    start = MotionStart(target_with(HALF_TURN))
+    other = make_transform(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
+    for k in range(5):
+        assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9), (other, 0.9)) is None
+
+
+def test_poor_explanations_are_not_believed() -> None:
+    start = MotionStart(target_with())
+    for k in range(12):
+        assert feed(start, k, (np.eye(4), 0.45)) is None
+
+
+def test_frames_without_hypotheses_are_passed_over() -> None:
+    start = MotionStart(target_with())
+    assert feed(start, 0, (np.eye(4), 0.9)) is None
+    assert feed(start, 1) is None
+    assert feed(start, 2, (np.eye(4), 0.9)) is None
+    decision = feed(start, 3, (np.eye(4), 0.9))
+    assert decision is not None
+    assert [s.time_s for s in decision.motion.sightings] == [0.0, 1.0, 1.5]
+
+
+def test_a_broken_link_starts_over() -> None:
+    for jump in (
+        make_transform(exp_rotation(np.array([0.0, 0.9, 0.0])), np.zeros(3)),
+        make_transform(np.eye(3), np.array([0.0, 1.2, 0.0])),  # over 0.3 diameters
+    ):
+        start = MotionStart(target_with())
+        assert feed(start, 0, (np.eye(4), 0.9), still=True) is None
+        assert feed(start, 1, (np.eye(4), 0.9), still=True) is None
+        assert feed(start, 2, (jump, 0.9), still=True) is None
+        assert feed(start, 3, (jump, 0.9), still=True) is None
+        decision = feed(start, 4, (jump, 0.9), still=True)
+        assert decision is not None
+        assert [s.time_s for s in decision.motion.sightings] == [1.0, 1.5, 2.0]
+
+
+def test_attitude_is_predicted_at_the_last_rate() -> None:
+    sightings = tuple(
+        Sighting(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), 0.9))
+        for k in range(3)
+    )
+    ahead = Motion(sightings).predicted_attitude(3.5)
+    np.testing.assert_allclose(ahead, true_pose(7)[:3, :3], atol=1e-12)
+    alone = Motion(sightings[:1]).predicted_attitude(3.5)
+    np.testing.assert_allclose(alone, true_pose(0)[:3, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize("mean_motion_rad_s", [0.0, 1e-3])
+def test_first_state_of_exact_sightings_is_the_true_one(mean_motion_rad_s: float) -> None:
+    com, ratios = np.array([0.1, -0.2, 0.05]), np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+    # The mass centre moves along a straight line in turning Hill axes, the body turns steadily.
+    r0, v = np.array([20.0, 0.5, -0.3]), np.array([0.02, -0.01, 0.03])
+    sightings = []
+    for k in range(4):
+        t = 5.0 + 0.5 * k
+        R_hill = R_hill_world(t, mean_motion_rad_s)
+        R = START @ exp_rotation(OMEGA * 0.5 * k)
+        state = NavigationState(r0 + 0.5 * k * v, v, com, R, OMEGA, ratios)
+        T = state.T_cam_model(camera_pose(k), R_hill)
+        sightings.append(Sighting(t, camera_pose(k), pose(T, 0.9)))
+    found = first_state(Motion(tuple(sightings)), com, ratios, mean_motion_rad_s)
+    expected = NavigationState(r0, v, com, START, OMEGA, ratios)
+    np.testing.assert_allclose(expected.local(found), 0.0, atol=1e-10)
+
+
+def test_prior_keeps_what_is_known_of_the_mass_and_leaves_the_rest_to_the_data() -> None:
+    com_sd, ratios_sd = np.array([0.1, 0.2, 0.3]), np.linspace(0.01, 0.05, 5)
+    inertia = parameter_covariance(np.array([0.8, 1.1, 0.02, -0.03, 0.01]), ratios_sd)
+    P = start_covariance(np.diag(com_sd**2), inertia)
+    np.testing.assert_allclose(np.diag(P)[COM_MODEL], com_sd**2)
+    np.testing.assert_array_equal(P[INERTIA_RATIOS, INERTIA_RATIOS], inertia)
+    P[INERTIA_RATIOS, INERTIA_RATIOS] = np.eye(5)
+    np.testing.assert_array_equal(P, np.diag(np.diag(P)))
+    assert np.all(np.sqrt(np.diag(P)[OMEGA_BODY]) >= 0.5)
+
+
+def test_of_alternatives_with_one_attitude_the_near_one_is_linked() -> None:
+    # Two equal wings: the same attitude, the target a wing's distance away.
+    aside = make_transform(np.eye(3), np.array([0.0, 4.0, 0.0]))
+    start = MotionStart(target_with())
+    decisions = []
+    for k in range(3):
+        pair = [(np.eye(4), 0.9), (aside, 0.7)]
+        decisions.append(feed(start, k, *(pair if k % 2 else pair[::-1])))
+    assert decisions[2] is not None
+    assert follows(decisions[2].motion, np.eye(4))
+    steps = np.diff([s.p_world_model for s in decisions[2].motion.sightings], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() < 0.1
+
+
+def test_the_right_motion_may_begin_after_a_wrong_one_that_goes_on() -> None:
+    start = MotionStart(target_with())
+    for k in range(3):
+        assert feed(start, k, (HALF_TURN, 0.3)) is None
+    decision = None
+    for k in range(3, 6):
+        assert decision is None
+        decision = feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.3))
+    assert decision is not None
+    assert follows(decision.motion, np.eye(4))

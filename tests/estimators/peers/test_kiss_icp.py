@@ -1,0 +1,136 @@
+"""Odometry without a model against ray-cast truth and a real recording."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.core.spatial import invert_transform, rotation_angle
+from pcnav.estimators.peers.kiss_icp import Odometry, OdometryStep, follow
+from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Frame
+from pcnav.simulation.noise import add_sensor_faults
+from pcnav.simulation.scenario import pinhole_camera, true_motion
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import load_target
+
+_FRAMES = 12
+_SIZE_M = 10.0
+
+
+@pytest.fixture(scope="module")
+def tumble() -> tuple[list[Frame], np.ndarray]:
+    """Frames of the tumbling benchmark satellite and their (n, 4, 4) true T_cam_model."""
+    mesh_path, pipeline_path = shipped_mesh("boxsat"), shipped_pipeline("boxsat")
+    assert mesh_path is not None
+    assert pipeline_path is not None
+    pipeline = read_pipeline(pipeline_path)
+    motion, camera = true_motion(pipeline), pinhole_camera(pipeline.camera)
+    renderer = DepthRenderer(load_target(mesh_path).mesh, camera)
+    poses = np.stack([motion.T_cam_model(k) for k in range(_FRAMES)])
+    frames = [
+        Frame(
+            index=k,
+            time_s=float(motion.times_s[k]),
+            depth_m=add_sensor_faults(renderer.render(pose), pipeline.noise, pipeline.seed, k),
+            camera=camera,
+            T_cam_world=motion.T_cam_world[k],
+        )
+        for k, pose in enumerate(poses)
+    ]
+    return frames, poses
+
+
+def _motion(steps: list[OdometryStep]) -> np.ndarray:
+    """(n, 4, 4); fails where a step has none."""
+    found = [step.T_now_first for step in steps if step.T_now_first is not None]
+    assert len(found) == len(steps)
+    return np.stack(found)
+
+
+def _errors(T: np.ndarray, T_true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of the origin (n,), m, and angle (n,), deg, between motions."""
+    turn = rotation_angle(np.swapaxes(T[:, :3, :3], 1, 2) @ T_true[:, :3, :3])
+    return np.linalg.norm(T[:, :3, 3] - T_true[:, :3, 3], axis=1), np.rad2deg(turn)
+
+
+@pytest.mark.parametrize("size_m", [_SIZE_M, None])
+def test_motion_of_a_tumbling_satellite(
+    tumble: tuple[list[Frame], np.ndarray], size_m: float | None
+) -> None:
+    frames, poses = tumble
+    steps = list(follow(frames, size_m))
+    assert [step.index for step in steps] == list(range(_FRAMES))
+    assert min(step.duration_s for step in steps) > 0.0
+    T = _motion(steps)
+    np.testing.assert_array_equal(T[0], np.eye(4))
+    shift_m, turn_deg = _errors(T @ poses[0], poses)
+    # The last of these poses is 15 degrees from the first, so standing still would fail.
+    assert np.rad2deg(rotation_angle(poses[0, :3, :3].T @ poses[-1, :3, :3])) > 14.0
+    assert shift_m.max() < 0.10
+    assert turn_deg.max() < 1.5
+
+
+def test_target_at_rest_stays_at_rest(tumble: tuple[list[Frame], np.ndarray]) -> None:
+    frames, _ = tumble
+    still = [replace(frames[0], index=k) for k in range(4)]
+    shift_m, turn_deg = _errors(_motion(list(follow(still, _SIZE_M))), np.eye(4)[None])
+    # Not exact: the map keeps one of several points that are closer together than its spacing.
+    assert shift_m.max() < 0.03
+    assert turn_deg.max() < 0.15
+
+
+def test_environment_changes_nothing(
+    tumble: tuple[list[Frame], np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, _ = tumble
+    plain = _motion(list(follow(frames[:6], _SIZE_M)))
+    monkeypatch.setenv("kiss_icp_data", '{"max_range": 0.5, "deskew": true}')
+    monkeypatch.setenv("KISS_ICP_MAPPING", '{"voxel_size": 3.0}')
+    np.testing.assert_array_equal(_motion(list(follow(frames[:6], _SIZE_M))), plain)
+
+
+def test_frames_without_returns_are_passed_over(tumble: tuple[list[Frame], np.ndarray]) -> None:
+    frames, poses = tumble
+    dark = replace(frames[0], depth_m=np.zeros_like(frames[0].depth_m))
+    odometry = Odometry(_SIZE_M)
+    steps = [odometry.register(frame) for frame in (dark, frames[0], dark, frames[1])]
+    assert [step.T_now_first is None for step in steps] == [True, False, True, False]
+    assert [step.n_points == 0 for step in steps] == [True, False, True, False]
+    _, turn_deg = _errors(_motion([steps[1], steps[3]]) @ poses[0], poses[:2])
+    assert turn_deg.max() < 1.0
+
+
+def test_a_target_out_of_reach_has_no_motion(tumble: tuple[list[Frame], np.ndarray]) -> None:
+    frames, _ = tumble
+    gone = replace(frames[1], depth_m=frames[1].depth_m * np.float32(3.0))
+    steps = list(follow([frames[0], gone], _SIZE_M))
+    assert steps[1].T_now_first is None
+    assert steps[1].n_points == 0
+
+
+@pytest.mark.parametrize("size_m", [0.0, -1.0, float("nan"), float("inf")])
+def test_size_must_be_positive(size_m: float) -> None:
+    with pytest.raises(ValueError, match="size above 0"):
+        Odometry(size_m)
+
+
+def test_camera_motion_in_a_real_room(shared_data: Path) -> None:
+    """Every third frame of a hand-held Kinect, against poses tracked by another system.
+
+    Measured: at most 17 mm and 0.51 degrees off, over 40 mm and 2.4 degrees of motion.
+    """
+    folder = shared_data / "kinect"
+    if not folder.is_dir():
+        pytest.skip("no Kinect recording")
+    sequence = open_sequence(folder)
+    frames = [sequence.frame(k) for k in range(0, len(sequence), 3)]
+    T_cam_world = np.stack([frame.T_cam_world for frame in frames])
+    T_true = T_cam_world @ invert_transform(T_cam_world[0])
+    shift_m, turn_deg = _errors(_motion(list(follow(frames))), T_true)
+    assert shift_m.max() < 0.025
+    assert turn_deg.max() < 0.75
+    assert np.rad2deg(rotation_angle(T_true[-1, :3, :3])) > 2.0

@@ -1,0 +1,248 @@
+"""Writing sequences and reading them and their truth back."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import make_transform
+from pcnav.dynamics.state import NavigationState
+from pcnav.recordings.bop import BopSequence
+from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
+from pcnav.recordings.truth import read_truth
+from pcnav.recordings.writer import SequenceWriter
+
+CAMERA = PinholeCamera.from_field_of_view(12, 9, 0.4)
+STEP_M = 0.001
+
+
+def rotation(seed: int) -> np.ndarray:
+    return Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+
+
+def example_frame(k: int) -> Frame:
+    rng = np.random.default_rng(k)
+    depth_m = (np.rint(rng.uniform(5.0, 30.0, (9, 12)) / STEP_M) * STEP_M).astype(np.float32)
+    depth_m[0] = 0.0
+    T_cam_world = make_transform(rotation(k), rng.standard_normal(3))
+    return Frame(k, k / 3.0, depth_m, CAMERA, T_cam_world)
+
+
+def example_state(k: int) -> NavigationState:
+    rng = np.random.default_rng(100 + k)
+    r, v, com, omega = rng.standard_normal((4, 3))
+    return NavigationState(r, v, com, rotation(50 + k), omega, rng.standard_normal(5))
+
+
+def example_pose(k: int) -> np.ndarray:
+    return make_transform(rotation(200 + k), np.array([0.1 * k, -0.2, 20.0]))
+
+
+def info() -> SequenceInfo:
+    return SequenceInfo('näme "quoted"', 0.0011, 0.02, None)
+
+
+def write(path: Path, frames: int = 4, overwrite: bool = False, truth: bool = True) -> None:
+    with SequenceWriter(path, info(), STEP_M, overwrite) as writer:
+        for k in range(frames):
+            if truth:
+                writer.write(example_frame(k), example_state(k), example_pose(k))
+            else:
+                writer.write(example_frame(k))
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    mesh = tmp_path / "meshes" / "sat.ply"
+    mesh.parent.mkdir()
+    mesh.touch()
+    prior = InitialPrior(com_model_m=np.array([0.1, 0.2, -0.3]), com_sd_m=np.full(3, 0.05))
+    stated = SequenceInfo('näme "quoted" \\', 0.0011, 0.02, mesh, prior)
+    path = tmp_path / "out" / "deep" / "seq"
+    with SequenceWriter(path, stated, STEP_M) as writer:
+        assert not path.exists()
+        for k in range(4):
+            writer.write(example_frame(k))
+    sequence = BopSequence(path)
+    assert sequence.info.name == stated.name
+    assert sequence.info.target_mesh == sequence.path / mesh.name
+    assert sequence.info.target_mesh.read_bytes() == mesh.read_bytes()
+    assert sequence.info.mean_motion_rad_s == 0.0011
+    assert sequence.info.initial is not None
+    np.testing.assert_array_equal(sequence.info.initial.com_model_m, [0.1, 0.2, -0.3])
+    assert sequence.info.initial.inertia_ratios is None
+    assert len(sequence) == 4
+    for k, frame in enumerate(sequence):
+        original = example_frame(k)
+        assert (frame.index, frame.time_s, frame.camera) == (k, original.time_s, CAMERA)
+        np.testing.assert_allclose(frame.depth_m, original.depth_m, rtol=2e-7)
+        np.testing.assert_allclose(frame.T_cam_world, original.T_cam_world, atol=1e-14)
+    assert read_truth(path) is None
+    assert sorted(p.name for p in path.parent.iterdir()) == ["seq"]
+
+
+def test_files_are_a_plain_bop_scene(tmp_path: Path) -> None:
+    write(tmp_path / "seq", frames=3)
+    cameras = json.loads((tmp_path / "seq" / "scene_camera.json").read_text())
+    poses = json.loads((tmp_path / "seq" / "scene_gt.json").read_text())
+    assert list(cameras) == list(poses) == ["0", "1", "2"]
+    frame = example_frame(2)
+    assert cameras["2"]["cam_K"] == CAMERA.matrix.ravel().tolist()
+    assert cameras["2"]["depth_scale"] == 1.0
+    np.testing.assert_allclose(cameras["2"]["cam_t_w2c"], 1000.0 * frame.T_cam_world[:3, 3])
+    np.testing.assert_allclose(np.reshape(cameras["2"]["cam_R_w2c"], (3, 3)), rotation(2))
+    assert poses["2"][0]["obj_id"] == 1
+    np.testing.assert_allclose(poses["2"][0]["cam_t_m2c"], [200.0, -200.0, 20000.0])
+    tables = tomllib.loads((tmp_path / "seq" / "sequence.toml").read_text(encoding="utf-8"))
+    assert tables["sequence"]["name"] == info().name
+    header = (tmp_path / "seq" / "truth.csv").read_text().splitlines()[0]
+    assert header == (
+        "time_s,r_x_m,r_y_m,r_z_m,v_x_m_s,v_y_m_s,v_z_m_s,q_x,q_y,q_z,q_w,"
+        "w_x_rad_s,w_y_rad_s,w_z_rad_s,com_x_m,com_y_m,com_z_m,i_yy,i_zz,i_xy,i_xz,i_yz"
+    )
+
+
+def test_truth_round_trip(tmp_path: Path) -> None:
+    write(tmp_path / "seq")
+    truth = read_truth(tmp_path / "seq")
+    assert truth is not None
+    states = [example_state(k) for k in range(4)]
+    assert truth.R_world_body is not None
+    assert truth.T_cam_model is not None
+    np.testing.assert_array_equal(truth.time_s, np.arange(4) / 3.0)
+    for name in ("r_hill", "v_hill", "com_model", "omega_body", "inertia_ratios"):
+        np.testing.assert_array_equal(getattr(truth, name), [getattr(s, name) for s in states])
+    np.testing.assert_allclose(
+        truth.R_world_body, np.stack([s.R_world_body for s in states]), atol=1e-14
+    )
+    np.testing.assert_allclose(
+        truth.T_cam_model, np.stack([example_pose(k) for k in range(4)]), atol=1e-13
+    )
+
+
+def test_partial_truth(tmp_path: Path) -> None:
+    write(tmp_path / "seq")
+    (tmp_path / "seq" / "truth.csv").rename(tmp_path / "truth.csv")
+    poses_only = read_truth(tmp_path / "seq")
+    assert poses_only is not None
+    assert poses_only.r_hill is None
+    assert poses_only.T_cam_model is not None
+    assert poses_only.T_cam_model.shape == (4, 4, 4)
+    # A scene whose second frame shows nothing has truth at the other times.
+    file = tmp_path / "seq" / "scene_gt.json"
+    content = json.loads(file.read_text())
+    content["1"] = []
+    content["2"][0]["obj_id"] = 7
+    content["3"].append({**content["3"][0], "obj_id": 5})
+    file.write_text(json.dumps(content))
+    some = read_truth(tmp_path / "seq")
+    assert some is not None
+    np.testing.assert_array_equal(some.time_s, np.array([0, 2, 3]) / 3.0)
+    content["3"][0]["obj_id"] = 5
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"scene_gt\.json: 3\.obj_id: expected one object"):
+        read_truth(tmp_path / "seq")
+    file.unlink()
+    (tmp_path / "truth.csv").rename(tmp_path / "seq" / "truth.csv")
+    states_only = read_truth(tmp_path / "seq")
+    assert states_only is not None
+    assert states_only.T_cam_model is None
+    assert states_only.r_hill is not None
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "value", "words"),
+    [
+        (2, 3, "nan", "finite"),
+        (3, 5, "fast", "22 numbers"),
+        (1, 7, "3.0", "unit quaternion"),
+        (2, 0, "0.0", "times that increase"),
+        (4, 0, "9.0", "times of the frames"),
+        (0, 1, "r_m", "columns"),
+    ],
+)
+def test_truth_faults(tmp_path: Path, line: int, column: int, value: str, words: str) -> None:
+    write(tmp_path / "seq")
+    file = tmp_path / "seq" / "truth.csv"
+    rows = [row.split(",") for row in file.read_text().splitlines()]
+    rows[line][column] = value
+    file.write_text("\n".join(",".join(row) for row in rows))
+    with pytest.raises(InputError, match=words) as caught:
+        read_truth(tmp_path / "seq")
+    assert caught.value.file == file
+
+
+def test_existing_folder_is_kept_unless_told(tmp_path: Path) -> None:
+    path = tmp_path / "seq"
+    write(path, frames=3)
+    with pytest.raises(InputError, match="or ask to overwrite"):
+        write(path)
+    assert len(BopSequence(path)) == 3
+    write(path, frames=2, overwrite=True)
+    assert len(BopSequence(path)) == 2
+    # The old frames are gone, and so are the temporary folders.
+    assert len(list((path / "depth").iterdir())) == 2
+    assert [p.name for p in tmp_path.iterdir()] == ["seq"]
+
+
+def test_only_sequences_are_ever_replaced(tmp_path: Path) -> None:
+    precious = tmp_path / "home"
+    precious.mkdir()
+    (precious / "thesis.txt").write_text("kept")
+    with pytest.raises(InputError, match=r"has no scene_camera\.json"):
+        write(precious, overwrite=True)
+    assert (precious / "thesis.txt").read_text() == "kept"
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(InputError, match="this is a file"):
+        write(file, overwrite=True)
+    with pytest.raises(InputError, match="place that can be written"):
+        write(file / "seq")
+    (tmp_path / "empty").mkdir()
+    write(tmp_path / "empty")
+    assert len(BopSequence(tmp_path / "empty")) == 4
+
+
+def test_nothing_is_left_after_an_exception(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "seq"
+    for error in (RuntimeError, KeyboardInterrupt):
+        with pytest.raises(error), SequenceWriter(path, info(), STEP_M) as writer:
+            writer.write(example_frame(0))
+            raise error
+        assert list(tmp_path.iterdir()) == []
+    with pytest.raises(ValueError, match="no frame"):
+        write(path, frames=0)
+    assert list(tmp_path.iterdir()) == []
+    # A failed replacement leaves the old sequence whole.
+    write(path, frames=3)
+    with pytest.raises(RuntimeError), SequenceWriter(path, info(), STEP_M, True) as writer:
+        raise RuntimeError
+    assert len(BopSequence(path)) == 3
+    assert [p.name for p in path.parent.iterdir()] == ["seq"]
+
+
+def test_misuse_and_depth_out_of_range(tmp_path: Path) -> None:
+    far = example_frame(0)
+    far.depth_m[4, 4] = 66.0
+    with (
+        pytest.raises(InputError, match=r"between 0 and 65\.535 m .* got 66 m in frame 0"),
+        SequenceWriter(tmp_path / "a", info(), STEP_M) as writer,
+    ):
+        writer.write(far)
+    with (
+        pytest.raises(ValueError, match="frame 0 after frame 1"),
+        SequenceWriter(tmp_path / "a", info(), STEP_M) as writer,
+    ):
+        writer.write(example_frame(1))
+        writer.write(example_frame(0))
+    with (
+        pytest.raises(ValueError, match="for all frames or for none"),
+        SequenceWriter(tmp_path / "a", info(), STEP_M) as writer,
+    ):
+        writer.write(example_frame(0))
+        writer.write(example_frame(1), example_state(1))
+    assert list(tmp_path.iterdir()) == []
