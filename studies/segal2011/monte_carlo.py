@@ -8,13 +8,13 @@ from pcnav.config.features import InertiaBankTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
+from pcnav.estimators.inertia_bank.hypotheses import moment_matched
 from pcnav.estimators.inertia_bank.relative_state import (
     MOTION,
     PixelMeasurements,
     RelativeStates,
     reduced_pixels,
 )
-from pcnav.estimators.inertia_bank.hypotheses import moment_matched
 
 from . import paper
 from .paper import Motion

@@ -10,6 +10,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import skew
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.estimators.inertia_bank.hypotheses import log_likelihood, normalised
 from pcnav.estimators.inertia_bank.relative_state import (
     MOTION_SIZE,
     OMEGA,
@@ -23,7 +24,6 @@ from pcnav.estimators.inertia_bank.relative_state import (
     point_slice,
 )
 from pcnav.filtering.batched_filter import BatchedFilter, BatchedUpdate
-from pcnav.estimators.inertia_bank.hypotheses import log_likelihood, normalised
 
 _FASTEST_RAD_S = 10.0
 """No satellite spins faster than this (95 turns a minute): such a filter has run away."""

@@ -16,6 +16,7 @@ from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
+from pcnav.estimators.inertia_bank.hypotheses import Mixture, moment_matched
 from pcnav.estimators.inertia_bank.relative_state import (
     MOTION_SIZE,
     PixelMeasurements,
@@ -24,7 +25,6 @@ from pcnav.estimators.inertia_bank.relative_state import (
     reduced_pixels,
 )
 from pcnav.filtering.batched_filter import BatchedUpdate
-from pcnav.estimators.inertia_bank.hypotheses import Mixture, moment_matched
 from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.feature_estimate import FeatureEstimate, FeaturePoint, MotionEstimate
 from pcnav.runs.status import Status

@@ -1,6 +1,5 @@
 """The tracker on rendered sequences, and the direction of the imports under it."""
 
-import ast
 import logging
 import re
 from dataclasses import dataclass, replace

@@ -8,9 +8,9 @@ from scipy.stats import multivariate_normal
 
 from pcnav.config.features import InertiaBankTable, Likelihood
 from pcnav.estimators.inertia_bank.bank import InertiaBank, add_points, keep_points, start_motion
+from pcnav.estimators.inertia_bank.hypotheses import log_likelihood, moment_matched, normalised
 from pcnav.estimators.inertia_bank.relative_state import PixelMeasurements, RelativeStates
 from pcnav.filtering.batched_filter import BatchedFilter
-from pcnav.estimators.inertia_bank.hypotheses import log_likelihood, moment_matched, normalised
 from tests.filtering.test_batched_filter import BATCH, ORBIT, R_RIG_HILL, RIG, N, random_states
 
 
