@@ -130,7 +130,7 @@ def _errors(
     """
     if not len(truth):
         return np.empty(0), np.empty(0)
-    options = [truth @ symmetry for symmetry in case.scene.target.symmetry_rotations]
+    options = [truth @ symmetry for symmetry in case.scene.target.symmetry_transforms]
     turns = np.stack([rotation_angle(_between(estimated, option)) for option in options])
     shifts = np.stack(
         [np.linalg.norm(estimated[:, :3, 3] - option[:, :3, 3], axis=1) for option in options]

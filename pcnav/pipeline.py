@@ -120,7 +120,7 @@ def run(
         followed = _track(sequence, target, as_run, writer, on_estimate)
         staging = writer.finish_tables()
         track = read_track(staging, with_covariance=True)
-        metrics = evaluate(track, truth, target.symmetry_rotations)
+        metrics = evaluate(track, truth, target.symmetry_transforms)
         if metrics.errors is not None:
             writer.write_json(METRICS_FILE, metrics.to_json())
         knowledge = _knowledge(followed.prior, track, sequence.info.mean_motion_rad_s)
@@ -136,7 +136,7 @@ def run(
             metrics=metrics,
             configuration=as_run.model_dump(mode="json", include=_USED_BY_A_RUN),
             versions=library_versions(),
-            symmetry=group_name(target.symmetry_rotations),
+            symmetry=group_name(target.symmetry_transforms),
             knowledge=knowledge,
             observability=_observability(as_run, sequence, target, track),
             picture=picture,

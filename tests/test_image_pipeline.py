@@ -46,7 +46,7 @@ EXACT = ImageMotionTable(
     solver=MatchSolver.EIGHT_POINT,
     ambiguous_chi_square=0.0,
     smoothing=Smoothing.POLYNOMIAL,
-    fewest_sd=0.0,
+    min_significance=0.0,
 )
 
 
@@ -65,7 +65,7 @@ def pipeline(frames: int = 14, sigma_px: float = 0.0, images: bool = False) -> P
         estimator=EstimatorTable(kind=EstimatorKind.IMAGE_MOTION),
         image_camera=ImageCameraTable(pixel_sigma_px=sigma_px, images=images),
         image_motion=EXACT,
-        features=FeaturesTable(count=80, half_extent_m=2.0, largest_view_angle_deg=84.0),
+        features=FeaturesTable(count=80, half_extent_m=2.0, max_view_angle_deg=84.0),
     )
 
 

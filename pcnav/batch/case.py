@@ -18,7 +18,7 @@ AxisValue = str | float | int
 ESTIMATOR_AXIS = "estimator"
 """The one axis that changes no frame."""
 
-_LONGEST_SLUG = 60
+_MAX_SLUG = 60
 _HASH_DIGITS = 10
 _DIGITS = 12
 """Of a number in a case's name: values closer than this are the same case."""
@@ -67,7 +67,7 @@ class BatchRun:
         """Unique and stable, fit for a file's name: some words to read, a hash, the index."""
         name = self.case.name
         words = "-".join(shown_value(value) for _, value in self.case.axes)
-        slug = re.sub(r"[^a-z0-9.]+", "-", words.lower()).strip("-.")[:_LONGEST_SLUG].rstrip("-.")
+        slug = re.sub(r"[^a-z0-9.]+", "-", words.lower()).strip("-.")[:_MAX_SLUG].rstrip("-.")
         digest = hashlib.sha256(name.encode()).hexdigest()[:_HASH_DIGITS]
         return f"{slug}-{digest}-{self.index:03d}"
 

@@ -20,9 +20,9 @@ from pcnav.batch.samples import CellSamples
 from pcnav.batch.statistics import replicates_of
 from pcnav.core.arrays import FloatArray
 
-_SMALLEST_ERROR = 1e-12
+_MIN_ERROR = 1e-12
 """Errors below this, in their unit, are as good as none: their ratio means nothing."""
-_SMALLEST_RATIO = 0.01
+_MIN_RATIO = 0.01
 """A change of an error by less is no regression and no progress, however sure it is."""
 _ROUNDING = 1e-12
 
@@ -79,7 +79,7 @@ class JudgedChange:
         change = self.change
         if not change.can_err:
             return "same"
-        smallest = np.log1p(_SMALLEST_RATIO) if change.is_ratio else 0.0
+        smallest = np.log1p(_MIN_RATIO) if change.is_ratio else 0.0
         if self.low > 0.0 and change.worsening >= smallest:
             return "worse"
         if self.high < 0.0 and -change.worsening >= smallest:
@@ -173,7 +173,7 @@ def _badness(metric: Metric, values: FloatArray) -> FloatArray:
     """How bad values (n,) are, on the scale on which they are compared."""
     if not metric.differs_by_factors:
         return -values if metric.quantity.better is Better.HIGHER else values
-    logarithms = np.log(np.maximum(values, _SMALLEST_ERROR))
+    logarithms = np.log(np.maximum(values, _MIN_ERROR))
     near_one = metric.quantity.better is Better.NEAR_ONE
     return np.asarray(np.abs(logarithms) if near_one else logarithms)
 
@@ -182,7 +182,7 @@ def _typical(metric: Metric, values: FloatArray) -> float:
     """Mean of values (n,): of what is compared by its ratio the geometric one."""
     if not metric.differs_by_factors:
         return float(np.mean(values))
-    return float(np.exp(np.mean(np.log(np.maximum(values, _SMALLEST_ERROR)))))
+    return float(np.exp(np.mean(np.log(np.maximum(values, _MIN_ERROR)))))
 
 
 def _satterthwaite(variances: FloatArray, degrees: FloatArray) -> float:

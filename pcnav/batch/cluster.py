@@ -22,7 +22,7 @@ from pcnav.core.errors import InputError
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
 
-_MOST_JOBS = 8
+_MAX_JOBS = 8
 """A process holds the libraries and a satellite, some 400 MB: more are not started unasked."""
 _ADDRESS = re.compile(r"[a-z]+://.+:\d+/?")
 _ANSWER_WITHIN_S = 5.0
@@ -108,7 +108,7 @@ def connected(workers: Workers, runs: int, requirements: Requirements) -> "Itera
         with _remote(workers.scheduler, requirements) as client:
             yield client
         return
-    jobs = min(usable_cores(), _MOST_JOBS) if workers.jobs is None else workers.jobs
+    jobs = min(usable_cores(), _MAX_JOBS) if workers.jobs is None else workers.jobs
     jobs = min(jobs, runs)
     if jobs <= 1:
         with one_thread_each():

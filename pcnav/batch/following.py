@@ -107,7 +107,7 @@ def _empty_track(times_s: FloatArray) -> Track:
         nis=unknown(),
         nis_dof=np.zeros(n, dtype=np.intp),
         window_nis=unknown(),
-        explained=unknown(),
+        inlier_ratio=unknown(),
         n_rectangles=np.zeros(n, dtype=np.intp),
         covariance=unknown(STATE_SIZE, STATE_SIZE),
     )
@@ -121,7 +121,7 @@ def _note(track: Track, k: int, answer: Answer) -> None:
     if estimate is None:
         return
     track.nis[k], track.nis_dof[k] = estimate.nis, estimate.nis_dof
-    track.window_nis[k], track.explained[k] = estimate.window_nis, estimate.explained
+    track.window_nis[k], track.inlier_ratio[k] = estimate.window_nis, estimate.inlier_ratio
     track.n_rectangles[k] = estimate.n_rectangles
     state, covariance = estimate.state, estimate.covariance
     if state is None or covariance is None or track.covariance is None:

@@ -49,15 +49,15 @@ def judge(followed: Followed, truth: Truth, target: Target, *, remembers: bool =
     """
     track = followed.track
     if not remembers:
-        nearest = _nearest_equivalent(track, truth, target.symmetry_rotations)
+        nearest = _nearest_equivalent(track, truth, target.symmetry_transforms)
         told = Truth(truth.time_s, T_cam_model=nearest)
     else:
-        symmetry = best_symmetry(track, truth, target.symmetry_rotations)
-        told = relabelled(truth, target.symmetry_rotations[symmetry])
+        symmetry = best_symmetry(track, truth, target.symmetry_transforms)
+        told = relabelled(truth, target.symmetry_transforms[symmetry])
     assert truth.T_cam_model is not None and told.T_cam_model is not None, "of a simulated motion"
     errors = track_errors(track, told)
     distances = model_distances(
-        surface_points(target.mesh, target.symmetry_rotations),
+        surface_points(target.mesh, target.symmetry_transforms),
         truth.T_cam_model,
         track.T_cam_model,
     )

@@ -8,7 +8,7 @@ from pcnav.batch.samples import Window
 from pcnav.report import page
 from pcnav.report.text_table import TextTable
 
-_MOST_FAILURES = 50
+_MAX_FAILURES = 50
 """Told on the page; the file of failures has all."""
 
 
@@ -133,10 +133,10 @@ def _failures(facts: BatchFacts) -> list[str]:
     if not facts.failures:
         return [page.paragraph("None: every run that was finished has a result.")]
     pieces = []
-    for failure in facts.failures[:_MOST_FAILURES]:
+    for failure in facts.failures[:_MAX_FAILURES]:
         pieces += [page.paragraph(f"{failure.run}: {failure.message}")]
         pieces += [page.preformatted(failure.command)]
-    if len(facts.failures) > _MOST_FAILURES:
-        more = len(facts.failures) - _MOST_FAILURES
+    if len(facts.failures) > _MAX_FAILURES:
+        more = len(facts.failures) - _MAX_FAILURES
         pieces.append(page.paragraph(f"{more} more are in failures.csv."))
     return [page.stack(pieces)]

@@ -22,7 +22,7 @@ _ENTRIES_AT_ONCE = 4_000_000
 
 _ROUNDING = 1e-9
 """Ends of an interval that differ by less than this share of them do not differ."""
-_LARGEST_LOGARITHM = 100.0
+_MAX_LOGARITHM = 100.0
 """Two runs tell so little of their spread that the factor may be beyond any number."""
 
 
@@ -165,7 +165,7 @@ def interval(
         return np.nan, np.nan
     width = float(student_t.ppf(0.5 * (1.0 + confidence), spread.degrees)) * spread.inflation
     if by_factors and seen > 0.0 and kept.min() > 0.0:
-        ratio = float(np.exp(min(width * float(np.std(np.log(kept))), _LARGEST_LOGARITHM)))
+        ratio = float(np.exp(min(width * float(np.std(np.log(kept))), _MAX_LOGARITHM)))
         low, high = seen / ratio, seen * ratio
     else:
         shift = width * float(np.std(kept))

@@ -8,7 +8,7 @@ from pcnav.batch.axes import AXES
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, shown_value
 from pcnav.batch.pivot import PivotTable, Values
 
-_MOST_AXES = 4
+_MAX_AXES = 4
 """More columns of axes, most of them the same from row to row, would hide what a row is about."""
 
 
@@ -27,7 +27,7 @@ def row_heads(table: PivotTable) -> RowHeads:
     """A column for every axis; where there are many, one that names what is not as usual."""
     axes = table.layout.rows
     settings = [k for k, axis in enumerate(axes) if axis != ESTIMATOR_AXIS]
-    if len(settings) <= _MOST_AXES:
+    if len(settings) <= _MAX_AXES:
         texts = {row: tuple(map(shown_value, row)) for row in table.rows}
         return RowHeads(tuple(map(axis_label, axes)), texts, "")
     usual = {k: Counter(row[k] for row in table.rows).most_common(1)[0][0] for k in settings}

@@ -111,9 +111,9 @@ def tabulate(
 class KeptRecords:
     """Reads records, and keeps as many of them as fit: every table reads them all again."""
 
-    def __init__(self, store: RunStore, most_bytes: int = _KEPT_BYTES) -> None:
+    def __init__(self, store: RunStore, max_bytes: int = _KEPT_BYTES) -> None:
         self._store = store
-        self._left = most_bytes
+        self._left = max_bytes
         self._kept: dict[str, RunRecord] = {}
 
     def __call__(self, run: BatchRun) -> RunRecord:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pcnav.batch.tabulate import TableSummary
 
 _REGRESSION = 1
-_MOST_FAILURES = 10
+_MAX_FAILURES = 10
 """Printed; the page has all."""
 
 
@@ -181,9 +181,9 @@ def _print_summary(summary: "TableSummary") -> None:
     console = _wide_console()
     for table in summary.tables:
         console.print(stacked(table).to_rich())
-    for failure in summary.failures[:_MOST_FAILURES]:
+    for failure in summary.failures[:_MAX_FAILURES]:
         typer.echo(f"failed: {failure.run}: {failure.message}")
-    if len(summary.failures) > _MOST_FAILURES:
+    if len(summary.failures) > _MAX_FAILURES:
         typer.echo(f"{len(summary.failures)} runs failed; the page lists them")
     if summary.unfinished:
         typer.echo(f"{summary.unfinished} runs of the grid are not finished")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pcnav.viewer.story import Story
 
 _LOOPBACK = "127.0.0.1"
-_MOST_RUNS = 2
+_MAX_RUNS = 2
 _SUFFIXES = {"html": (".html", ".htm"), "png": (".png",), "recording": (".viser",)}
 
 
@@ -48,8 +48,8 @@ def view(
     `pcnav view runs/demo/result --frame 100 --png frame.png`, `pcnav view run.viser`
     """
     _refuse_foreign(host)
-    if len(runs) > _MOST_RUNS:
-        raise InputError("pcnav view", "runs", f"expected at most {_MOST_RUNS}, got {len(runs)}")
+    if len(runs) > _MAX_RUNS:
+        raise InputError("pcnav view", "runs", f"expected at most {_MAX_RUNS}, got {len(runs)}")
     exports = {"html": html, "png": png, "recording": recording}
     asked = {kind: path for kind, path in exports.items() if path is not None}
     if len(runs) == 1 and runs[0].suffix == ".viser" and runs[0].is_file():

@@ -39,7 +39,7 @@ class AttitudeInertiaTable(Table):
     """About each axis, of attitudes that come without a covariance."""
     gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
     """A true attitude passes the gate with this probability."""
-    most_iterations: Annotated[int, Field(ge=1)] = 5
+    max_iterations: Annotated[int, Field(ge=1)] = 5
     """Of the iterated update; 1 is the plain EKF of the paper."""
 
     @model_validator(mode="after")

@@ -74,7 +74,7 @@ class FeaturesTable(Table):
     """Outward surface normals of the points listed; without any, a point's own direction."""
     hidden_by_normals: bool = False
     """Whether a point is seen only while its normal faces the rig."""
-    largest_view_angle_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+    max_view_angle_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
     """Between the normal and the direction to the rig, beyond which a point is hidden."""
     blackouts_s: tuple[tuple[float, float], ...] = ()
     """Spans of time, end excluded, in which nothing is seen."""
@@ -134,24 +134,24 @@ class PrincipalAxesTable(Table):
     identification: Identification = Identification.ARC
     arc_s: Positive = 10.0
     """Time that features are watched for before the first try to start."""
-    longest_arc_s: Positive = 40.0
+    max_arc_s: Positive = 40.0
     """By then the filter starts even where the principal axes are not determined."""
     acceleration_psd_m2_s3: NonNegative = 1e-10
     angular_acceleration_psd_rad2_s3: NonNegative = 1e-10
     """About the axis of the largest moment; the others by their moments (22)."""
     gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
     """A true observation of a point passes the gate with this probability."""
-    most_iterations: Annotated[int, Field(ge=1)] = 5
+    max_iterations: Annotated[int, Field(ge=1)] = 5
     """Of the iterated update."""
-    most_features: Annotated[int, Field(ge=3)] = 30
+    max_features: Annotated[int, Field(ge=3)] = 30
     """Points in the state; the one not seen for longest makes room."""
-    most_rejections: Annotated[int, Field(ge=1)] = 5
+    max_rejections: Annotated[int, Field(ge=1)] = 5
     """So often rejected in a row, a point is begun anew; with all of them, the target is lost."""
 
     @model_validator(mode="after")
     def _arcs_are_in_order(self) -> Self:
-        if self.longest_arc_s < self.arc_s:
-            raise ValueError(f"longest_arc_s: expected arc_s = {self.arc_s:g} or more")
+        if self.max_arc_s < self.arc_s:
+            raise ValueError(f"max_arc_s: expected arc_s = {self.arc_s:g} or more")
         return self
 
 
@@ -219,11 +219,11 @@ class InertiaBankTable(Table):
     angular_acceleration_psd_rad2_s3: NonNegative = 1e-14
     gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
     """A true observation of a point passes the gate with this probability."""
-    most_iterations: Annotated[int, Field(ge=1)] = 5
+    max_iterations: Annotated[int, Field(ge=1)] = 5
     """Of the iterated update."""
-    most_features: Annotated[int, Field(ge=3)] = 40
+    max_features: Annotated[int, Field(ge=3)] = 40
     """Points in the state; the one not seen for longest makes room."""
-    most_rejections: Annotated[int, Field(ge=1)] = 5
+    max_rejections: Annotated[int, Field(ge=1)] = 5
     """So often rejected in a row, a point is begun anew; with all of them, the target is lost."""
 
     @model_validator(mode="after")

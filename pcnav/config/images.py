@@ -42,21 +42,21 @@ class ImageMotionTable(Table):
     reference: Reference = Reference.KEY_FRAME
     pixel_sigma_px: Positive | None = None
     """Noise of each tracked coordinate; None takes the value the recording states."""
-    fewest_matches: Annotated[int, Field(ge=8)] = 12
+    min_matches: Annotated[int, Field(ge=8)] = 12
     """With fewer a frame is not measured: five numbers explain eight matches too easily."""
     inlier_gate_sigma: Positive = 3.5
     """A match agrees with a motion when its Sampson error is below so many deviations."""
-    fewest_agreeing: Fraction = 0.5
+    min_agreeing: Fraction = 0.5
     """Share of the matches that must agree with a motion."""
     ambiguous_chi_square: NonNegative = 13.8
     """Two motions whose squared errors differ by less are not told apart: 13.8 is a likelihood
     ratio of 1000."""
-    largest_sd_deg: Positive = 6.0
+    max_sd_deg: Positive = 6.0
     """A rotation less certain than this about its worst axis is not used."""
-    fewest_sd: NonNegative = 4.0
+    min_significance: NonNegative = 4.0
     """A turn out of the image plane of fewer deviations than this is not used: near zero the
     relief of the target and with it the axis of the turn are open."""
-    largest_turn_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 120.0
+    max_turn_deg: Annotated[float, Field(gt=0.0, le=180.0)] = 120.0
     """Largest turn out of the image plane that is believed: no feature is seen from both sides."""
     key_share: Fraction = 0.7
     """A key frame is kept while this share of its features is in view."""
@@ -104,7 +104,7 @@ class FeatureTrackerTable(Table):
     which may have been sheared, stretched and lit anew.
     """
 
-    most_features: Annotated[int, Field(ge=8)] = 300
+    max_features: Annotated[int, Field(ge=8)] = 300
     quality: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
     """Of a corner, as a share of the best."""
     spacing_px: Positive = 8.0
@@ -121,7 +121,7 @@ class FeatureTrackerTable(Table):
     """No corner is taken closer than this to the outline against dark space."""
     dark_fraction: Fraction = 0.05
     """Darker than this share of the target's brightest parts is space or deep shadow."""
-    least_correlation: Fraction = 0.97
+    min_correlation: Fraction = 0.97
     """Of the grey levels of a patch with those it had when it was first seen; less drops it."""
     smoothing_px: Positive = 0.8
     """Standard deviation of the Gaussian that takes the grain off before patches are compared."""

@@ -23,7 +23,7 @@ from scipy.optimize import nnls
 
 from pcnav.core.arrays import FloatArray
 
-LEAST_SHARE = 1e-3
+MIN_SHARE = 1e-3
 """Second moment along the thinnest axis, over the sum of the three, that an estimate is left: that
 of a square plate 22 times as wide as thick."""
 
@@ -31,10 +31,10 @@ of a square plate 22 times as wide as thick."""
 _ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 _THIN_SHARE, _THIN_SD = 0.01, 0.005
-_ENOUGH = 0.9 * LEAST_SHARE
+_ENOUGH = 0.9 * MIN_SHARE
 """The last tenth is not worth another plane."""
 _ROUNDING = 1e-9
-_MOST_PLANES = 20
+_MAX_PLANES = 20
 
 
 def _units() -> FloatArray:
@@ -125,10 +125,10 @@ def inside(parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, 
     """The push f (5,), and the parameters (5,) that it leads to, of a body that is not too thin.
 
     ``parameters + P f`` is the nearest body to the parameters in the metric of their covariance
-    P (5, 5) with no share below `LEAST_SHARE`: what is known well stays, the rest gives way
+    P (5, 5) with no share below `MIN_SHARE`: what is known well stays, the rest gives way
     (Simon 2010, projection of the estimate). The push is zero where nothing is to be done.
 
-    The bodies are a convex set, cut out by the planes ``v^T S v = LEAST_SHARE tr(S)`` for all
+    The bodies are a convex set, cut out by the planes ``v^T S v = MIN_SHARE tr(S)`` for all
     directions v. The plane that is violated most is added until none is; the nearest point to a
     few planes' inside is a problem of nonnegative least squares (Lawson and Hanson 1974, LDP).
     """
@@ -139,14 +139,14 @@ def inside(parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, 
     root = axes * np.sqrt(np.maximum(variances, 0.0))
     planes: list[FloatArray] = []
     shortfalls: list[float] = []
-    for _ in range(_MOST_PLANES):
+    for _ in range(_MAX_PLANES):
         values, slopes = shares(moved)
         scale = float(np.linalg.norm(root.T @ slopes[0]))
         # An inertia that is known exactly cannot give way.
         if values[0] >= _ENOUGH or scale == 0.0:
             break
         planes.append(slopes[0] / scale)
-        shortfalls.append((LEAST_SHARE - values[0] + slopes[0] @ (moved - parameters)) / scale)
+        shortfalls.append((MIN_SHARE - values[0] + slopes[0] @ (moved - parameters)) / scale)
         G, h = np.array(planes), np.array(shortfalls)
         multipliers, _ = nnls(np.vstack([(G @ root).T, h]), np.array([0.0] * 5 + [1.0]))
         push = G.T @ multipliers / (1.0 - h @ multipliers)
@@ -159,7 +159,7 @@ def _towards_ball(parameters: FloatArray) -> FloatArray:
 
     What is left to do here is rounding, or an inertia that was given as exactly known.
     """
-    least, share = 0.5 * LEAST_SHARE, float(shares(parameters)[0][0])
+    least, share = 0.5 * MIN_SHARE, float(shares(parameters)[0][0])
     if share >= least:
         return parameters
     # The smallest eigenvalue is concave: along the way it is above the straight line.

@@ -17,7 +17,7 @@ from pcnav.dynamics.orbit import EARTH_MU_M3_S2
 
 _NEWTON_STEPS = 50
 _NEWTON_TOLERANCE_RAD = 1e-15
-_LARGEST_ANOMALY_STEP_RAD = 0.02
+_MAX_ANOMALY_STEP_RAD = 0.02
 """Of one Runge-Kutta step: the error, of order step^5 / 120, stays below 1e-9 of the motion."""
 
 
@@ -177,7 +177,7 @@ def step_relative(
     the turn of the Hill axes small. Meant for filters; truth comes from `propagate_relative`.
     """
     turn = orbit.at(time_s + 0.5 * step_s).rate_rad_s * abs(step_s)
-    steps = max(1, int(np.ceil(turn / _LARGEST_ANOMALY_STEP_RAD)))
+    steps = max(1, int(np.ceil(turn / _MAX_ANOMALY_STEP_RAD)))
     h = step_s / steps
     shape = np.broadcast_shapes(r_hill.shape, v_hill.shape)
     # Column 0 is the motion, the others its derivatives by the start.

@@ -16,9 +16,9 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 
-LARGEST_RATIO = 0.9999
+MAX_RATIO = 0.9999
 """Of p_x and p_z, either sign; 1 is a sheet or a needle."""
-_LEAST_GAP = 1e-9
+_MIN_GAP = 1e-9
 _TURNS = ((1, 2), (2, 0), (0, 1))
 """Entries of N that a turn about x, y and z changes."""
 
@@ -85,7 +85,7 @@ def move_axes(
         weakest = int(np.abs(np.diagonal(axes)).argmin())
         axes[:, weakest] *= -1.0
     found = ratios_from_moments(np.maximum(values[order], 1e-6))
-    return axes, np.clip(found, -LARGEST_RATIO, LARGEST_RATIO)
+    return axes, np.clip(found, -MAX_RATIO, MAX_RATIO)
 
 
 def _next_to_old(axes: FloatArray) -> list[int]:
@@ -140,4 +140,4 @@ def _normalised(ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _gap(moments: FloatArray, i: int, j: int) -> float:
     gap = float(moments[i] - moments[j])
-    return gap if abs(gap) > _LEAST_GAP else float(np.copysign(_LEAST_GAP, gap))
+    return gap if abs(gap) > _MIN_GAP else float(np.copysign(_MIN_GAP, gap))

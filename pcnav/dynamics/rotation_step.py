@@ -16,7 +16,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, skew
 from pcnav.dynamics.inertia_parameters import INERTIA_UNITS
 
-_LARGEST_TURN_RAD = 0.1
+_MAX_TURN_RAD = 0.1
 """Rotation in one step: its error, of order turn^5 / 120, stays below 1e-7 rad."""
 
 Slope = Callable[[FloatArray], FloatArray]
@@ -80,12 +80,12 @@ def rotate(
     omega_body: FloatArray,
     duration_s: float,
     quantities: int = 3,
-    largest_turn_rad: float = _LARGEST_TURN_RAD,
+    max_turn_rad: float = _MAX_TURN_RAD,
 ) -> Rotation:
     """Rotation of bodies with rates (..., 3), rad/s, in as many steps as keep the turns small."""
     one = omega_body.ndim == 1
     squared = omega_body @ omega_body if one else np.max(np.sum(omega_body**2, axis=-1))
-    steps = max(1, math.ceil(math.sqrt(squared) * abs(duration_s) / largest_turn_rad))
+    steps = max(1, math.ceil(math.sqrt(squared) * abs(duration_s) / max_turn_rad))
     done = _step(slope, _rates_at_start(omega_body, quantities), duration_s / steps)
     for _ in range(steps - 1):
         done = done.then(slope, duration_s / steps)

@@ -33,7 +33,7 @@ from pcnav.runs.results import SD_COLUMNS, SD_ORDER
 FROM_DATA = "known from data"
 PRIOR_ONLY = "prior only"
 
-LARGEST_PRIOR_SHARE = 0.25
+MAX_PRIOR_SHARE = 0.25
 """A state is known from data when the prior has no larger share of its final variance.
 
 The data have then at least halved the standard deviation of a mass property, since its share is
@@ -48,7 +48,7 @@ them, with an even part in it, has still gained log2(sqrt(5)) = 1.16 bits.
 """
 
 KNOWN_RULE = (
-    f"Known from data: the prior's share is at most {LARGEST_PRIOR_SHARE:.0%}, or the standard "
+    f"Known from data: the prior's share is at most {MAX_PRIOR_SHARE:.0%}, or the standard "
     f"deviation has fallen to 1/{2**ENOUGH_BITS:g} or less; else prior only, whatever was gained."
 )
 
@@ -58,7 +58,7 @@ _UNITS = (
 )
 _COM_TERMS = ("com_x", "com_y", "com_z")
 _RATIO_TERMS = ("Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-_SMALLEST_TERM = 0.05
+_MIN_TERM = 0.05
 """Coefficients of a unit combination below this are left out of its name."""
 _SAME_BITS = 0.1
 """Combinations that gained the same to within this many bits could be any mixture of each other."""
@@ -88,8 +88,8 @@ class StateKnowledge:
 
     @property
     def known(self) -> bool:
-        """Whether it is known from data: see `LARGEST_PRIOR_SHARE` and `ENOUGH_BITS`."""
-        return self.prior_share <= LARGEST_PRIOR_SHARE or self.bits >= ENOUGH_BITS
+        """Whether it is known from data: see `MAX_PRIOR_SHARE` and `ENOUGH_BITS`."""
+        return self.prior_share <= MAX_PRIOR_SHARE or self.bits >= ENOUGH_BITS
 
     @property
     def verdict(self) -> str:
@@ -231,7 +231,7 @@ def _sparse_basis(basis: FloatArray) -> FloatArray:
 def in_words(weights: FloatArray, terms: tuple[str, ...]) -> str:
     """A combination as people write it, as "0.71 Iyy + 0.70 Izz"; the largest term is positive."""
     weights = weights * np.sign(weights[np.argmax(np.abs(weights))])
-    kept = [(w, term) for w, term in zip(weights, terms, strict=True) if abs(w) >= _SMALLEST_TERM]
+    kept = [(w, term) for w, term in zip(weights, terms, strict=True) if abs(w) >= _MIN_TERM]
     if len(kept) == 1:
         return kept[0][1]
     first, *others = kept

@@ -131,20 +131,20 @@ class Metrics:
 def evaluate(
     track: Track,
     truth: Truth | None,
-    symmetry_rotations: FloatArray | None = None,
+    symmetry_transforms: FloatArray | None = None,
     tolerance_s: float = 1e-6,
 ) -> Metrics:
     """Numbers of a run; without a truth only what the run says of itself.
 
-    ``symmetry_rotations`` (n, 4, 4) are motions of the model frame that leave the target
+    ``symmetry_transforms`` (n, 4, 4) are motions of the model frame that leave the target
     unchanged: errors are then taken to the equivalent truth nearest to the run. The NEES needs a
     track read with its covariances. Raises `InputError` when the truth shares no time with it.
     """
     symmetry, errors = 0, None
     if truth is not None:
-        if symmetry_rotations is not None:
-            symmetry = best_symmetry(track, truth, symmetry_rotations, tolerance_s)
-            truth = relabelled(truth, symmetry_rotations[symmetry])
+        if symmetry_transforms is not None:
+            symmetry = best_symmetry(track, truth, symmetry_transforms, tolerance_s)
+            truth = relabelled(truth, symmetry_transforms[symmetry])
         errors = track_errors(track, truth, tolerance_s)
     of_run = run_metrics(track, track.has_estimate, nis_consistency(track))
     if errors is None:

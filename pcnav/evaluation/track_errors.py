@@ -89,7 +89,7 @@ def track_errors(track: Track, truth: Truth, tolerance_s: float = 1e-6) -> Track
 
 
 def best_symmetry(
-    track: Track, truth: Truth, symmetry_rotations: FloatArray, tolerance_s: float = 1e-6
+    track: Track, truth: Truth, symmetry_transforms: FloatArray, tolerance_s: float = 1e-6
 ) -> int:
     """Which of the (n, 4, 4) symmetries S makes ``T_cam_model @ S`` of the truth fit the run best.
 
@@ -107,7 +107,7 @@ def best_symmetry(
     relative = relative[np.isfinite(relative).all(axis=(1, 2))]
     if not len(relative):
         return 0
-    angles = [np.median(rotation_angle(relative @ S[:3, :3])) for S in symmetry_rotations]
+    angles = [np.median(rotation_angle(relative @ S[:3, :3])) for S in symmetry_transforms]
     # Equal angles differ by rounding; the identity comes first and is to win then.
     return int(np.argmax(np.asarray(angles) <= np.min(angles) + 1e-9))
 

@@ -141,12 +141,12 @@ class BatchedFilter(Generic[S]):
         covariance: FloatArray,
         *,
         gate_probability: float = 0.9999,
-        most_iterations: int = 5,
+        max_iterations: int = 5,
     ) -> None:
         self.states = states
         self.covariance = covariance
         self._gate_probability = gate_probability
-        self._most_iterations = most_iterations
+        self._max_iterations = max_iterations
 
     def predict(self, model: BatchedMotion[S], time_s: float, step_s: float) -> None:
         """Move states and covariances forward by ``step_s`` from ``time_s``."""
@@ -213,7 +213,7 @@ class BatchedFilter(Generic[S]):
         error, H = (K @ innovation[..., None])[..., 0], first.H
         settled = _settled(error, K, first.HP, P)
         iterations = np.ones(len(P), dtype=np.intp)
-        for _ in range(self._most_iterations - 1):
+        for _ in range(self._max_iterations - 1):
             active = np.flatnonzero(~settled)
             if len(active) == 0:
                 break

@@ -102,11 +102,11 @@ class ErrorStateFilter(Generic[S]):
         covariance: FloatArray,
         *,
         gate_probability: float = 0.9999,
-        most_iterations: int = 5,
+        max_iterations: int = 5,
     ) -> None:
         self.state = state
         self._gate_probability = gate_probability
-        self._most_iterations = most_iterations
+        self._max_iterations = max_iterations
         self._kalman = ExtendedKalmanFilter(dim_x=len(covariance), dim_z=1)
         self._kalman.P = covariance.copy()
 
@@ -160,7 +160,7 @@ class ErrorStateFilter(Generic[S]):
         prior, prior_covariance = self.state, self.covariance.copy()
         error = np.zeros(len(prior_covariance))
         converged, iteration = False, 0
-        while iteration < self._most_iterations and not converged:
+        while iteration < self._max_iterations and not converged:
             iteration += 1
             iterate = prior.retract(error)
             H = joint.jacobian(iterate) @ prior.retraction_jacobian(error)

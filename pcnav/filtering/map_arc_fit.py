@@ -21,7 +21,7 @@ State = NavigationState
 _FEW_STEPS = 5
 _SMALL_STEP = 0.1
 """A step of so many standard deviations, in the mean over the state, is the last."""
-_MOST_STEPS = 40
+_MAX_STEPS = 40
 """Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
 
 
@@ -89,7 +89,7 @@ def fit_arc(
             # hundred times that, as other methods allow, may try rates that take ages to propagate.
             method="trf",
             x_scale=np.sqrt(np.diag(prior_covariance)),
-            max_nfev=_MOST_STEPS,
+            max_nfev=_MAX_STEPS,
         )
         return trajectory.fit(solution.x, converged=bool(solution.success))
     except (np.linalg.LinAlgError, ValueError, OverflowError) as error:

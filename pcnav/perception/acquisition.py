@@ -12,13 +12,13 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import invert_transform
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.ambiguity import apply_case, possible_cases
-from pcnav.perception.association import LARGEST_YAW_SD_RAD
+from pcnav.perception.association import MAX_YAW_SD_RAD
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.rectangles import YAW
 from pcnav.perception.refinement import Comparer
 from pcnav.target.satellite import Target
 
-_MOST_RECTANGLES = 4
+_MAX_RECTANGLES = 4
 """Only the largest recognised rectangles propose poses; the others take part in the score. One
 that seems cut may propose, too: the score judges what it makes of the frame."""
 _SAME_ANGLE_RAD = 0.15
@@ -63,9 +63,9 @@ def _proposals(perceived: PerceivedFrame) -> list[tuple[FloatArray, str]]:
     recognised = [
         seen
         for seen in perceived.seen
-        if seen.recognitions and seen.observation.covariance[YAW, YAW] < LARGEST_YAW_SD_RAD**2
+        if seen.recognitions and seen.observation.covariance[YAW, YAW] < MAX_YAW_SD_RAD**2
     ]
-    for seen in recognised[:_MOST_RECTANGLES]:
+    for seen in recognised[:_MAX_RECTANGLES]:
         for recognition in seen.recognitions:
             rectangle = recognition.rectangle
             for case in possible_cases(rectangle):

@@ -19,9 +19,9 @@ from pcnav.perception.recognition import size_gate
 from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, YAW, RectangleObservation, SegmentShape
 from pcnav.target.satellite import Rectangle
 
-LARGEST_YAW_SD_RAD = 0.1
+MAX_YAW_SD_RAD = 0.1
 """A face nearer to a square than this has no yaw of its own: five degrees of freedom are left."""
-_LEAST_OVERLAP = 0.5
+_MIN_OVERLAP = 0.5
 """Share of an expected face that a segment must cover to be it."""
 _SIZE_TOLERANCE = 0.02
 """Unmodelled share of the sides and the area by which seen and expected part may differ."""
@@ -150,7 +150,7 @@ def _overlapping_face(
     counts = np.bincount(votes)
     best = int(counts.argmax())
     # Half of the face itself: what a wrong prediction picks out of other surfaces is a patch.
-    return best if counts[best] >= _LEAST_OVERLAP * expectation.faces[best].n_pixels else None
+    return best if counts[best] >= _MIN_OVERLAP * expectation.faces[best].n_pixels else None
 
 
 def _compare(seen: Seen, face: ExpectedFace, gate_sigma: float) -> MeasuredFace:
@@ -187,7 +187,7 @@ def _measured(
 
 
 def _has_no_yaw(observation: RectangleObservation) -> bool:
-    return bool(observation.covariance[YAW, YAW] > LARGEST_YAW_SD_RAD**2)
+    return bool(observation.covariance[YAW, YAW] > MAX_YAW_SD_RAD**2)
 
 
 def _same_size(observed: RectangleObservation, expected: SegmentShape, gate_sigma: float) -> bool:

@@ -27,10 +27,10 @@ _APART = 1.25
 """Two surfaces are told apart where they differ by this many times the sum of their tolerances."""
 _SHARP_PX = 0.3
 """Predictions better than this need one pixel on each side of an edge."""
-_MOST_REACH_PX = 4
+_MAX_REACH_PX = 4
 _SATURATED = 0.6
 """Beyond this share of the pixels looked at on each side, a count is only a bound."""
-_MOST_UNKNOWN = 0.5
+_MAX_UNKNOWN = 0.5
 """With more than this share of unusable pixels beside an edge it says nothing."""
 _ABOUT_CROSSINGS = 5
 _MOST_STRANGE = 0.5
@@ -131,7 +131,7 @@ def contour_runs(
     jacobian = _displacement_jacobian(samples, rendered.camera, T_cam_model)
     variance_px = np.einsum("ij,jk,ik->i", jacobian, pose_covariance, jacobian)
     doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
-    reach = 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MOST_REACH_PX)
+    reach = 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MAX_REACH_PX)
     doubt = _DepthDoubt(T_cam_model, pose_covariance, sigma_m)
     counted = _count(samples, shift_px, depth_m, rendered, reach, doubt, dropout, diameter_m)
     kept = _between_others(samples, counted)
@@ -359,9 +359,9 @@ def _count(
     known = (is_part | is_behind).mean(axis=1)
     surfaces = usable & ~space
     unknown = 1.0 - float(known[surfaces].mean()) if surfaces.any() else 1.0
-    if unknown > _MOST_UNKNOWN:
+    if unknown > _MAX_UNKNOWN:
         usable &= space
-    unknown = min(unknown, _MOST_UNKNOWN)
+    unknown = min(unknown, _MAX_UNKNOWN)
     displacement = shift_px + np.where(
         space, (grown - lost) / (1.0 - dropout), (grown - covered) / (1.0 - unknown)
     )

@@ -15,7 +15,7 @@ from pcnav.core.camera import PinholeCamera, project
 
 _UNKNOWN = 1e4
 """Variance of moments that cannot be told: part of the face is behind the camera."""
-_MOST_SAMPLES = 2000
+_MAX_SAMPLES = 2000
 """A side that runs far out of the image, seen from very near, is sampled no finer than this."""
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
@@ -51,7 +51,7 @@ def _side_covariance(
 ) -> FloatArray:
     span = end - start
     major = int(np.argmax(np.abs(span)))
-    n = min(max(1, round(abs(float(span[major])))), _MOST_SAMPLES)
+    n = min(max(1, round(abs(float(span[major])))), _MAX_SAMPLES)
     slope = float(span[1 - major]) / max(abs(float(span[major])), 1e-9)
     samples = start + (np.arange(n)[:, None] + 0.5) / n * span
     position, area = _on_plane(camera, T_cam_rect, samples)

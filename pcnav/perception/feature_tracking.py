@@ -16,10 +16,10 @@ from pcnav.recordings.monocular import MonocularFrame, MonocularTracks
 
 _EDGE_PX = 4.0
 """Corners closer to the edge of the image than this are let go: their patch is cut."""
-_FEWEST_CHECKED = 8
+_MIN_CHECKED = 8
 _BRIGHT_PERCENT = 99.0
 _GRAIN_PX = 5
-_MOST_RESIDUAL = 2.0
+_MAX_RESIDUAL = 2.0
 """Of a patch over the median of the image."""
 
 
@@ -65,7 +65,7 @@ class FeatureTracker:
             kept = _nobody(image, smooth, self._grid)
         else:
             kept = self._follow(self._last, image, smooth)
-        new = self._corners(image, kept.pixels, self.settings.most_features - len(kept.features))
+        new = self._corners(image, kept.pixels, self.settings.max_features - len(kept.features))
         patches = patches_of(smooth, new, self._grid)
         fit = patches.usable & (
             self._errors_px(patches, self._grain) <= self.settings.pixel_sigma_px
@@ -104,7 +104,7 @@ class FeatureTracker:
         patches = last.patches.at(at)
         aligned = align(smooth, patches, there[at], last.linear[at], self._grid)
         near = np.linalg.norm(aligned.pixels - there[at], axis=1) <= self.settings.anchor_px
-        alike = aligned.correlation >= self.settings.least_correlation
+        alike = aligned.correlation >= self.settings.min_correlation
         good = aligned.settled & near & alike & self._inside(aligned.pixels)
         good &= self._as_good_as_stated(patches, aligned.residual, good)
         good[good] = self._sharing_a_motion(last.pixels[at[good]], aligned.pixels[good])
@@ -126,7 +126,7 @@ class FeatureTracker:
         if not matched.any():
             return matched
         self._grain = float(np.median(residual[matched]))
-        like_noise = residual <= _MOST_RESIDUAL * self._grain
+        like_noise = residual <= _MAX_RESIDUAL * self._grain
         return np.asarray(
             like_noise & (self._errors_px(patches, residual) <= self.settings.pixel_sigma_px)
         )
@@ -163,7 +163,7 @@ class FeatureTracker:
         everything = np.ones(len(before), dtype=np.bool_)
         limit = self.settings.geometric_check_px
         moved = np.linalg.norm(now - before, axis=1)
-        if len(before) < _FEWEST_CHECKED or np.median(moved) < limit:
+        if len(before) < _MIN_CHECKED or np.median(moved) < limit:
             # Of a target that hardly moves the epipolar lines are open; any match would pass.
             return everything
         cv2 = opencv("checking features")
@@ -176,7 +176,7 @@ class FeatureTracker:
             threshold=limit,
         )
         agreeing = everything if mask is None else np.asarray(mask).ravel() != 0
-        return agreeing if agreeing.sum() >= _FEWEST_CHECKED else everything
+        return agreeing if agreeing.sum() >= _MIN_CHECKED else everything
 
     def _corners(self, image: GreyImage, taken: FloatArray, wanted: int) -> FloatArray:
         """(n, 2) at most so many corners, away from the pixels (m, 2) taken."""

@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from pcnav.core.arrays import BoolArray, FloatArray
 
-_MOST_STEPS = 12
+_MAX_STEPS = 12
 _SETTLED_PX = 0.003
-_LEAST_GAIN = 0.1
-_SMALLEST_AREA, _LARGEST_AREA = 0.3, 3.0
+_MIN_GAIN = 0.1
+_MIN_AREA, _MAX_AREA = 0.3, 3.0
 """Of a patch, over that of its first sight: beyond, the two images resolve it too differently."""
 _TINY = 1e-9
 
@@ -122,21 +122,21 @@ def align(
     pixels, linear = pixels.copy(), linear.copy()
     settled = np.zeros(len(pixels), dtype=np.bool_)
     active = patches.usable.copy()
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         k = np.flatnonzero(active)
         if not len(k):
             break
         seen = _sampled(image, pixels[k, None, :] + grid.offsets @ np.swapaxes(linear[k], 1, 2))
         whole = np.all(np.isfinite(seen), axis=1)
         change = np.einsum("nim,nm->ni", patches.rows[k], np.nan_to_num(seen))
-        whole &= change[:, 6] > _LEAST_GAIN
+        whole &= change[:, 6] > _MIN_GAIN
         gain = np.where(whole, change[:, 6], 1.0)[:, None]
         shift, turn = change[:, :2] / gain, (change[:, 2:6] / gain).reshape(-1, 2, 2)
         # The patch of the first image would have to move by the change; so this one moves back.
         back, possible = _inverse(np.eye(2) + turn)
         moved = linear[k] @ back
         area = np.linalg.det(moved)
-        whole &= possible & (area > _SMALLEST_AREA) & (area < _LARGEST_AREA)
+        whole &= possible & (area > _MIN_AREA) & (area < _MAX_AREA)
         by = -np.einsum("nij,nj->ni", moved, shift)
         at = k[whole]
         pixels[at], linear[at] = pixels[at] + by[whole], moved[whole]
@@ -160,7 +160,7 @@ def _compared(
     b = seen - (seen @ weights)[:, None]
     first, both, second = a**2 @ weights + _TINY, (a * b) @ weights, b**2 @ weights + _TINY
     correlation = np.where(whole, both / np.sqrt(first * second), 0.0)
-    gain = np.maximum(both / first, _LEAST_GAIN)
+    gain = np.maximum(both / first, _MIN_GAIN)
     residual = np.sqrt(np.maximum(second - both**2 / first, 0.0)) / gain
     return correlation, np.where(whole, residual, np.inf)
 

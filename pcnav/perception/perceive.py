@@ -14,7 +14,7 @@ from pcnav.perception.segmentation import ExpectedSurface, Segment, segment_plan
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Rectangle
 
-_LARGEST_PLANE_FRACTION = 0.2
+_MAX_PLANE_FRACTION = 0.2
 """Share of the returns left that the next plane is counted on to hold: 1 - tau of Yu 2019 (2)."""
 
 
@@ -94,7 +94,7 @@ def _found_planes(
 ) -> tuple[FloatArray, ...]:
     # Planes nearer to each other than the noise are only told apart after averaging it.
     size = smoothing_size(window, range_sigma_m)
-    trials = trial_count(1.0 - _LARGEST_PLANE_FRACTION, settings.ransac_success_probability)
+    trials = trial_count(1.0 - _MAX_PLANE_FRACTION, settings.ransac_success_probability)
     found = extract_planes(
         smoothed_points(window, size),
         settings.plane_threshold_sigma * range_sigma_m / size,

@@ -12,18 +12,18 @@ import numpy as np
 from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray, IntArray
 
-_LEAST_POINTS = 3
-_LARGEST_CONDITION = 1e10
+_MIN_POINTS = 3
+_MAX_CONDITION = 1e10
 """Of the normal equations: a face of a few pixels in the corner of the image is at about 1e7."""
-_LEAST_COSINE = 0.03
+_MIN_COSINE = 0.03
 """A plane seen flatter than this (88 degrees of incidence) is edge-on."""
-_MOST_SEARCH_POINTS = 1000
+_MAX_SEARCH_POINTS = 1000
 """RANSAC looks for a plane in at most so many points; its inliers are then taken from all."""
 
 
 def trial_count(outlier_fraction: float, success_probability: float) -> int:
     """RANSAC trials K for the probability Phi that one sample is all inliers (Yu 2019 (2))."""
-    all_inliers = (1.0 - outlier_fraction) ** _LEAST_POINTS
+    all_inliers = (1.0 - outlier_fraction) ** _MIN_POINTS
     if all_inliers >= 1.0:
         return 1
     return max(1, ceil(log(1.0 - success_probability) / log(1.0 - all_inliers)))
@@ -37,13 +37,13 @@ def ransac_plane(
     None where no plane can be told: fewer than three points, collinear ones, or a plane through
     the camera centre. Deterministic: Open3D's generator is seeded for this call alone.
     """
-    if len(points) < _LEAST_POINTS:
+    if len(points) < _MIN_POINTS:
         return None
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     open3d.utility.random.seed(seed % 2**31)  # it takes a C int
     # With a probability below 1 Open3D stops early after a number of trials that depends on
     # the order its threads finish in, which makes two runs differ.
-    coefficients, _ = cloud.segment_plane(distance_threshold_m, _LEAST_POINTS, trials, 1.0)
+    coefficients, _ = cloud.segment_plane(distance_threshold_m, _MIN_POINTS, trials, 1.0)
     normal, offset = np.asarray(coefficients[:3]), float(coefficients[3])
     if not np.any(normal) or abs(offset) < 1e-9:
         return None
@@ -69,7 +69,7 @@ class PlaneFit:
 
 def is_edge_on(m: FloatArray, range_m: float) -> bool:
     """Whether the plane is seen too flat, at that range, for its ranges to mean anything."""
-    return bool(_LEAST_COSINE * range_m * np.linalg.norm(m) > 1.0)
+    return bool(_MIN_COSINE * range_m * np.linalg.norm(m) > 1.0)
 
 
 def plane_range(m: FloatArray, rays: FloatArray) -> FloatArray:
@@ -106,7 +106,7 @@ def fit_plane(
         if not np.all(np.isfinite(information)):
             return None
         least, _, most = np.linalg.eigvalsh(information)
-        if least * _LARGEST_CONDITION < most:
+        if least * _MAX_CONDITION < most:
             return None
         m = np.asarray(
             np.linalg.solve(information, rays.T @ (weight * (2.0 * predicted - range_m)))
@@ -132,7 +132,7 @@ def extract_planes(
     planes: list[tuple[FloatArray, IntArray]] = []
     left = np.arange(len(points))
     while len(left) >= minimum_points:
-        stride = -(-len(left) // _MOST_SEARCH_POINTS)
+        stride = -(-len(left) // _MAX_SEARCH_POINTS)
         sample = points[left[::stride]]
         m = ransac_plane(sample, distance_threshold_m, trials, seed + len(planes))
         if m is None:

@@ -29,10 +29,10 @@ _EXPLAINED_SIGMA = 3.0
 """A return further than this from the depth a pose predicts is not explained by it."""
 _ENOUGH_RETURNS = 3_000
 """So many returns suffice to find a target: about those of one that spans 60 pixels."""
-_LARGEST_STRIDE = 4
-_MOST_COMPARERS = 8
+_MAX_STRIDE = 4
+_MAX_COMPARERS = 8
 """One for each camera of a sequence and each grid; some sequences state a camera for each frame."""
-_MOST_DOUBT_PX = 3.0
+_MAX_DOUBT_PX = 3.0
 """Poses that may be off by more are compared on the coarse grid."""
 _UNITS_RATIO = (0.02, 5.0)
 """What is seen of a target spans between these shares of its diameter, or the units differ."""
@@ -58,7 +58,7 @@ class View:
     perceived: PerceivedFrame
     faces: list[MeasuredFace]
     unused: list[Unused]
-    explained: float = float("nan")
+    inlier_ratio: float = float("nan")
     """Share of the frame that the pose in mind explains, roughly; nan if nothing was rendered."""
 
     @property
@@ -100,7 +100,7 @@ class FrameReader:
         every second to fourth pixel, in a fraction of the time.
         """
         stride = int(np.sqrt(np.count_nonzero(frame.depth_m) / _ENOUGH_RETURNS))
-        return frame.strided(min(max(stride, 1), _LARGEST_STRIDE))
+        return frame.strided(min(max(stride, 1), _MAX_STRIDE))
 
     def look(self, frame: Frame) -> PerceivedFrame:
         """What a frame shows without any prediction."""
@@ -149,7 +149,7 @@ class FrameReader:
     def comparer(self, frame: Frame) -> Comparer:
         """Compares frames of the camera that took this one."""
         if frame.camera not in self._comparers:
-            if len(self._comparers) >= _MOST_COMPARERS:
+            if len(self._comparers) >= _MAX_COMPARERS:
                 self._comparers.clear()
             self._comparers[frame.camera] = Comparer(self._target, frame.camera, self._sigma_m)
         return self._comparers[frame.camera]
@@ -162,13 +162,13 @@ class FrameReader:
         On the coarse grid where the pose is off by pixels.
         """
         comparer = self.comparer(frame)
-        if comparer.doubt_px(T_cam_model, pose_covariance) > _MOST_DOUBT_PX:
+        if comparer.doubt_px(T_cam_model, pose_covariance) > _MAX_DOUBT_PX:
             comparer = comparer.coarse(frame.depth_m)
         return comparer.compare(frame.depth_m, T_cam_model, pose_covariance)
 
     # By rectangles.
 
-    def explained(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
+    def score(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
         """How the target at a pose (4, 4) explains a frame, to the noise alone."""
         rendered = self._expecter_of(frame).render(T_cam_model)
         return agreement(frame.depth_m, rendered, _EXPLAINED_SIGMA * self._sigma_m)

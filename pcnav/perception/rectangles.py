@@ -19,10 +19,10 @@ from pcnav.perception.planes import PlaneFit, plane_range
 from pcnav.perception.returns import Window
 from pcnav.perception.segmentation import Segment
 
-_MOST_CUT = 0.02
+_MAX_CUT = 0.02
 """Share of the outline that may be hidden before the face counts as cut: a mast or a wire."""
-_LEAST_CUT_PX = 3
-_LEAST_GAP = 1e-3
+_MIN_CUT_PX = 3
+_MIN_GAP = 1e-3
 """Relative gap of the eigenvalues below which a face is a square: yaw is lost, not infinite."""
 X, Y, Z, TILT_X, TILT_Y, YAW, LENGTH, WIDTH, AREA = range(9)
 """Order of the errors in `RectangleObservation.covariance`."""
@@ -299,7 +299,7 @@ def _by_plane(
     x, y = q[:, 0], q[:, 1]
     lx, ly = moments.eigenvalues[:2]
     cross = (moved[:, 0] * y + moved[:, 1] * x + x * y * reweighted) @ mean
-    jacobian[YAW] = cross / min(lx - ly, -_LEAST_GAP * ly)
+    jacobian[YAW] = cross / min(lx - ly, -_MIN_GAP * ly)
     by_ly = (2.0 * y * moved[:, 1] + (y * y - ly) * reweighted) @ mean
     by_lx = (2.0 * x * moved[:, 0] + (x * x - lx) * reweighted) @ mean
     jacobian[LENGTH], jacobian[WIDTH] = by_ly * np.sqrt(3.0 / ly), by_lx * np.sqrt(3.0 / lx)
@@ -314,7 +314,7 @@ def _by_moments(moments: Moments, length: float, width: float) -> FloatArray:
     jacobian = np.zeros((9, 6))
     jacobian[X, 1] = jacobian[Y, 2] = 1.0
     # First-order perturbation of the eigenvectors: a square has none that can be told.
-    jacobian[YAW, 5] = 1.0 / min(lx - ly, -_LEAST_GAP * ly)
+    jacobian[YAW, 5] = 1.0 / min(lx - ly, -_MIN_GAP * ly)
     jacobian[LENGTH, 4], jacobian[LENGTH, 0] = 6.0 / length, -6.0 / length * ly
     jacobian[WIDTH, 3], jacobian[WIDTH, 0] = 6.0 / width, -6.0 / width * lx
     jacobian[AREA, 0] = length * width
@@ -331,7 +331,7 @@ def _cut_sides(
 ) -> tuple[bool, bool, bool, bool]:
     """Which sides (-x, +x, -y, +y) the hidden part of the outline lies at."""
     hidden = len(segment.cut_pixels)
-    if hidden < max(_LEAST_CUT_PX, _MOST_CUT * segment.n_outline) or shape.width_m <= 0.0:
+    if hidden < max(_MIN_CUT_PX, _MAX_CUT * segment.n_outline) or shape.width_m <= 0.0:
         return (False, False, False, False)
     rays = window.rays[segment.cut_pixels]
     points = rays * plane_range(segment.fit.m, rays)[:, None]

@@ -26,14 +26,14 @@ _GATE_SIGMA = 4.0
 _CREASE_SIGMA = 0.5
 """A pixel is inside a surface when the faces of its neighbours, extended to it, differ from its own
 by less than this many standard deviations of the noise."""
-_LEAST_PIXELS = 12
+_MIN_PIXELS = 12
 """Fewer pixels of a face are not used."""
-_LEAST_COSINE = 0.1
+_MIN_COSINE = 0.1
 """Surfaces seen at more than 84 degrees are not used: within a pixel their range varies widely."""
 _MISFIT_SD = 3.0
 """Residuals this much above the noise's own spread are no chance: the face is not as modelled."""
 _COARSEST_STRIDE = 4
-_LEAST_COARSE_PIXELS = 300
+_MIN_COARSE_PIXELS = 300
 """A coarse grid keeps about so many pixels on the target."""
 _NO_FACE = -1
 
@@ -96,7 +96,7 @@ class Comparer:
         There they are off by a quarter as many pixels, and it takes a sixteenth of the time. A
         target that covers few pixels in the frame (height, width) keeps more of them.
         """
-        stride = int(np.sqrt(np.count_nonzero(depth_m) / _LEAST_COARSE_PIXELS))
+        stride = int(np.sqrt(np.count_nonzero(depth_m) / _MIN_COARSE_PIXELS))
         return self._at_stride(min(max(stride, 1), _COARSEST_STRIDE))
 
     @lru_cache(maxsize=_COARSEST_STRIDE)  # noqa: B019 - a handful of comparers, kept like this one
@@ -186,7 +186,7 @@ class Comparer:
         for face in np.unique(index[agrees]).tolist():
             chosen = index == face
             n = int(np.count_nonzero(chosen))
-            if n < _LEAST_PIXELS:
+            if n < _MIN_PIXELS:
                 continue
             rectangle = None if face == _NO_FACE else self._target.rectangles[face]
             H, r = jacobian[chosen], residual[chosen]
@@ -246,7 +246,7 @@ def _surface_pixels(rendered: RenderedDepth, sigma_m: float) -> _Pixels:
     norm = np.linalg.norm(m, axis=1)
     unit = rays[inside] / per_depth[:, None]
     inverse = np.einsum("ij,ij->i", m, unit)
-    steep = inverse < _LEAST_COSINE * norm
+    steep = inverse < _MIN_COSINE * norm
     if steep.any():
         inside[inside] = ~steep
         kept, per_depth, m, unit, inverse = (

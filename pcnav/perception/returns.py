@@ -9,7 +9,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import pixel_rays, range_per_depth, solid_angle
 from pcnav.recordings.sequence import Frame
 
-_MOST_SMOOTHING_PX = 4
+_MAX_SMOOTHING_PX = 4
 """Half the width of the largest square averaged over."""
 _LEAST_SQUARE = 0.6
 _MARGIN_PX = 2
@@ -65,7 +65,7 @@ def smoothing_size(window: Window, sigma_m: float) -> int:
     seen = window.has_return
     footprint_m = float(np.mean(window.range_m[seen] * np.sqrt(window.solid_angle[seen])))
     half = max(0.0, sigma_m / (0.5 * footprint_m) - 1.0) / 2.0
-    return 1 + 2 * min(int(np.ceil(half)), _MOST_SMOOTHING_PX)
+    return 1 + 2 * min(int(np.ceil(half)), _MAX_SMOOTHING_PX)
 
 
 def smoothed_points(window: Window, size: int) -> FloatArray:

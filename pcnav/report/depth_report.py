@@ -22,7 +22,7 @@ from pcnav.dynamics.state import (
 from pcnav.evaluation.knowledge import (
     ENOUGH_BITS,
     FROM_DATA,
-    LARGEST_PRIOR_SHARE,
+    MAX_PRIOR_SHARE,
     RunKnowledge,
     StateKnowledge,
 )
@@ -292,7 +292,7 @@ def _known(knowledge: RunKnowledge) -> list[str]:
     ]
     return [
         page.paragraph(
-            f"A state is {FROM_DATA} when at most {LARGEST_PRIOR_SHARE:.0%} of its final variance "
+            f"A state is {FROM_DATA} when at most {MAX_PRIOR_SHARE:.0%} of its final variance "
             "is due to the prior of the mass properties, which takes data that at least halve the "
             f"standard deviation of one of these, or when it gained {ENOUGH_BITS:g} bits or more. "
             "Position and velocity are seen of the model's origin: the prior leaves them no more "

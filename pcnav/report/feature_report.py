@@ -55,7 +55,7 @@ _STATE_FIGURES = (
     ("Angular rate, body axes", OMEGA_BODY, _DEGREES, "deg/s", _XYZ),
     ("Inertia ratios over Ixx", INERTIA_RATIOS, 1.0, "1", ("Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
 )
-_MOST_NOTES = 8
+_MAX_NOTES = 8
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _feature_error_figure(time_s: FloatArray, rms_m: FloatArray) -> Figure:
 
 
 def _notes_figure(track: FeatureTrack) -> Figure:
-    shown = list(track.notes.items())[:_MOST_NOTES]
+    shown = list(track.notes.items())[:_MAX_NOTES]
     figure, rows = stacked_axes(len(shown), track.time_s)
     for axes, (name, values) in zip(rows, shown, strict=True):
         at = envelope(values)

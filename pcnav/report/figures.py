@@ -31,7 +31,7 @@ CATEGORIES = ("#2563eb", "#f59e0b", "#0d9488", "#9333ea", "#db2777", "#65a30d", 
 
 _WIDTH_IN = 5.8
 _ROW_IN = 1.15
-_MOST_OUTCOMES = 9
+_MAX_OUTCOMES = 9
 _CONFIDENCE = 0.95
 _DECADES_FROM = 20.0
 """Bounds that shrink by this factor over a run get logarithmic axes."""
@@ -145,9 +145,9 @@ def outcome_figure(outcomes: Counter[tuple[str, str]]) -> Figure:
     for (_, outcome), count in outcomes.items():
         totals[outcome] += count
     counts = totals.most_common()
-    if len(counts) > _MOST_OUTCOMES:
-        rest = sum(count for _, count in counts[_MOST_OUTCOMES:])
-        counts = [*counts[:_MOST_OUTCOMES], ("other reasons", rest)]
+    if len(counts) > _MAX_OUTCOMES:
+        rest = sum(count for _, count in counts[_MAX_OUTCOMES:])
+        counts = [*counts[:_MAX_OUTCOMES], ("other reasons", rest)]
     figure = new_figure(0.8 + 0.26 * max(len(counts), 2))
     axes = figure.add_subplot()
     names = [_shortened(name, 44) for name, _ in counts]
@@ -231,14 +231,14 @@ def style_axes(axes: Axes) -> None:
     axes.yaxis.label.set(fontsize=8.5, color=INK)
 
 
-def add_legend(figure: Figure, axes: Axes, most_columns: int = 4) -> None:
+def add_legend(figure: Figure, axes: Axes, max_columns: int = 4) -> None:
     """The legend of one of the axes, above all of them, where it covers no data."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles,
         [_shortened(label, 32) for label in labels],
         loc="outside upper left",
-        ncols=min(len(labels), most_columns) or 1,
+        ncols=min(len(labels), max_columns) or 1,
         fontsize=8,
         frameon=False,
         markerscale=2.5,

@@ -23,7 +23,7 @@ _PIECES = 24
 _HIDING_MARGIN = 0.01
 """A piece is hidden when it lies behind the image by this share of its range."""
 _BORDER_PX = 6
-_LEAST_ASPECT = 1.5
+_MIN_ASPECT = 1.5
 """Width over height of the picture at least."""
 
 
@@ -92,7 +92,7 @@ def _window(depth_m: DepthImage, p_image: FloatArray) -> tuple[float, float, flo
     left, right = max(u.min() - _BORDER_PX, -0.5), min(u.max() + _BORDER_PX, width - 0.5)
     top, bottom = max(v.min() - _BORDER_PX, -0.5), min(v.max() + _BORDER_PX, height - 0.5)
     # A tall crop would fill the page; space on both sides costs nothing.
-    missing = max(_LEAST_ASPECT * (bottom - top) - (right - left), 0.0)
+    missing = max(_MIN_ASPECT * (bottom - top) - (right - left), 0.0)
     return float(left - 0.5 * missing), float(right + 0.5 * missing), float(top), float(bottom)
 
 

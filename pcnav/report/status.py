@@ -35,8 +35,8 @@ STATUS_COLOURS = {
 }
 """The same colour for a status in every report, worse ones last."""
 
-_CHANGE_HEADINGS = ("from", "to", "frame", "time, s", "explained", "NIS per dof")
-_MOST_CHANGES = 25
+_CHANGE_HEADINGS = ("from", "to", "frame", "time, s", "inlier ratio", "NIS per dof")
+_MAX_CHANGES = 25
 
 
 def status_section(track: Track, symmetry: str) -> str:
@@ -51,13 +51,13 @@ def status_section(track: Track, symmetry: str) -> str:
         svg_bytes(status_figure(track)),
     )
     changes = [k for k in range(1, len(track)) if track.status[k] != track.status[k - 1]]
-    rows = [_change_row(track, k) for k in changes[:_MOST_CHANGES]]
+    rows = [_change_row(track, k) for k in changes[:_MAX_CHANGES]]
     pieces = [page.table(_CHANGE_HEADINGS, rows, text_columns=2)] if rows else []
     if not rows:
         pieces.append(page.paragraph(f"The status is {track.status[0]} in every frame."))
-    if len(changes) > _MOST_CHANGES:
+    if len(changes) > _MAX_CHANGES:
         pieces.append(
-            page.paragraph(f"{len(changes) - _MOST_CHANGES} later changes are not listed.")
+            page.paragraph(f"{len(changes) - _MAX_CHANGES} later changes are not listed.")
         )
     if "ambiguous" in track.status:
         pieces.append(page.paragraph(_ambiguity(symmetry)))
@@ -67,8 +67,8 @@ def status_section(track: Track, symmetry: str) -> str:
 def _shown(track: Track) -> list[str]:
     """What the figure has, from top to bottom."""
     told = ["Frames by status"]
-    if np.isfinite(track.explained).any():
-        told.append("the share of each frame that the estimated pose explains")
+    if np.isfinite(track.inlier_ratio).any():
+        told.append("the inlier ratio of each frame")
     if np.isfinite(track.window_nis).any():
         told.append(
             f"the NIS per degree of freedom over the last {NIS_WINDOW_FRAMES} frames with its "
@@ -79,7 +79,7 @@ def _shown(track: Track) -> list[str]:
 
 def _change_row(track: Track, k: int) -> tuple[str, ...]:
     """The change of status at a frame."""
-    explained = f"{track.explained[k]:.0%}" if np.isfinite(track.explained[k]) else "-"
+    explained = f"{track.inlier_ratio[k]:.0%}" if np.isfinite(track.inlier_ratio[k]) else "-"
     before, after = track.status[k - 1 : k + 1]
     return before, after, str(k), number(track.time_s[k]), explained, number(track.window_nis[k])
 
@@ -103,8 +103,8 @@ def status_figure(track: Track) -> Figure:
     That is the share of the frame explained and the NIS of the last frames, each where known.
     """
     rows = [(_draw_statuses, 0.45)]
-    if np.isfinite(track.explained).any():
-        rows.append((_draw_explained, 1.3))
+    if np.isfinite(track.inlier_ratio).any():
+        rows.append((_draw_inlier_ratio, 1.3))
     if np.isfinite(track.window_nis).any():
         rows.append((_draw_window_nis, 1.3))
     heights = [height for _, height in rows]
@@ -118,7 +118,7 @@ def status_figure(track: Track) -> Figure:
         axes.tick_params(labelbottom=axes is panels[-1])
     panels[-1].set_xlabel("time, s")
     figure.align_ylabels(panels)
-    add_legend(figure, panels[0], most_columns=len(STATUS_COLOURS))
+    add_legend(figure, panels[0], max_columns=len(STATUS_COLOURS))
     return figure
 
 
@@ -164,11 +164,11 @@ def _draw_statuses(axes: Axes, track: Track) -> None:
     axes.grid(visible=False)
 
 
-def _draw_explained(axes: Axes, track: Track) -> None:
-    at = envelope(track.explained)
-    axes.plot(track.time_s[at], track.explained[at], color=LINE, linewidth=0.9)
+def _draw_inlier_ratio(axes: Axes, track: Track) -> None:
+    at = envelope(track.inlier_ratio)
+    axes.plot(track.time_s[at], track.inlier_ratio[at], color=LINE, linewidth=0.9)
     axes.set_ylim(0.0, 1.04)
-    axes.set_ylabel("explained share")
+    axes.set_ylabel("inlier ratio")
 
 
 def _draw_window_nis(axes: Axes, track: Track) -> None:

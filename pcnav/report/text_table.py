@@ -18,7 +18,7 @@ _LATEX = {
     "|": r"\textbar{}",
     **{mark: f"\\{mark}" for mark in "&%$#_{}"},
 }
-_LONGEST_FLOAT = 40
+_MAX_FLOAT = 40
 """Rows that fit on one page; a longer table has to break across pages."""
 
 
@@ -62,7 +62,7 @@ class TextTable:
         body = "\n".join(_latex_row(row) for row in self.rows)
         title, label = latex_text(self.title), f"\\label{{tab:{_label(self.key)}}}"
         note = f"\n\n\\smallskip\n{latex_text(self.note)}" if self.note else ""
-        if len(self.rows) > _LONGEST_FLOAT:
+        if len(self.rows) > _MAX_FLOAT:
             start = f"\\begin{{longtable}}{{{kinds}}}\n\\caption{{{title}}}{label}\\\\"
             lines = [start, "\\toprule", head, "\\endhead", "\\bottomrule", "\\endfoot", body]
             return "\n".join([*lines, "\\end{longtable}"]) + note + "\n"

@@ -115,7 +115,7 @@ class FeatureTrack:
             nis=self.nis,
             nis_dof=self.nis_dof,
             window_nis=_window_nis(self.nis, self.nis_dof, self.has_estimate),
-            explained=np.full(n, np.nan),
+            inlier_ratio=np.full(n, np.nan),
             n_rectangles=self.n_used,
         )
 

@@ -155,5 +155,5 @@ def image_status(frame: ChainFrame, measured: set[int]) -> str:
 def outcome_in_words(outcome: Outcome, settings: ImageMotionTable) -> str:
     """What became of a frame."""
     if outcome is Outcome.FEW_MATCHES:
-        return f"fewer than {settings.fewest_matches} matches"
+        return f"fewer than {settings.min_matches} matches"
     return _WORDS[outcome]

@@ -160,7 +160,7 @@ def _state_row(estimate: FrameEstimate) -> list[float | int | str]:
         _field(estimate.nis),
         int(estimate.nis_dof),
         _field(estimate.window_nis),
-        _field(estimate.explained),
+        _field(estimate.inlier_ratio),
         int(estimate.n_rectangles),
     ]
 

@@ -52,7 +52,7 @@ SD_COLUMNS = tuple(f"sd_{name}" for name in _ERROR_NAMES)
 """The attitude has three standard deviations, about the body axes, for its four numbers."""
 TRACK_COLUMNS = (
     *(*STATE_COLUMNS, *SD_COLUMNS, "status"),
-    *("nis", "nis_dof", "window_nis", "explained", "n_rectangles"),
+    *("nis", "nis_dof", "window_nis", "inlier_ratio", "n_rectangles"),
 )
 POSE_COLUMNS = ("p_x_m", "p_y_m", "p_z_m", *_Q)
 MEASUREMENT_COLUMNS = (
@@ -121,7 +121,7 @@ class FrameEstimate:
     n_rectangles: int
     """Rectangles accepted."""
     records: tuple[RectangleRecord, ...]
-    explained: float = float("nan")
+    inlier_ratio: float = float("nan")
     """Share of the frame's evidence that the estimated pose explains, 0 to 1; nan when nothing
     was rendered to compare it with."""
     window_nis: float = float("nan")
@@ -166,7 +166,7 @@ class Track:
     """(n,)"""
     window_nis: FloatArray
     """(n,) NIS per degree of freedom over the last frames, as in `FrameEstimate`; nan without."""
-    explained: FloatArray
+    inlier_ratio: FloatArray
     """(n,) share of the frame's evidence that the pose explains, 0 to 1; nan when unknown."""
     n_rectangles: IntArray
     """(n,) rectangles accepted."""
@@ -229,7 +229,7 @@ def read_track(run_folder: Path, *, with_covariance: bool = False) -> Track:
         nis=table.numbers(("nis",))[:, 0],
         nis_dof=table.counts("nis_dof"),
         window_nis=table.numbers(("window_nis",))[:, 0],
-        explained=table.numbers(("explained",))[:, 0],
+        inlier_ratio=table.numbers(("inlier_ratio",))[:, 0],
         n_rectangles=table.counts("n_rectangles"),
         covariance=covariance,
     )

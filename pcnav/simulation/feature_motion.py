@@ -17,7 +17,7 @@ from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.rotation_step import rotate, torque_free
 from pcnav.simulation.scenario import rotate_torque_free
 
-_LARGEST_TURN_RAD = 0.02
+_MAX_TURN_RAD = 0.02
 """Rotation in one Runge-Kutta step: its error, of order turn^5 / 120, stays below 1e-10 rad."""
 
 
@@ -89,7 +89,7 @@ def rotation(
     attitudes, rates = [start.R_world_body], [start.omega_body]
     for before, after in pairwise(times_s.tolist()):
         step = after - before
-        done = rotate(slope, rates[-1], step, 0, _LARGEST_TURN_RAD)
+        done = rotate(slope, rates[-1], step, 0, _MAX_TURN_RAD)
         angle, change = _kick(angular_acceleration_psd_rad2_s3, step, rng)
         attitudes.append(attitudes[-1] @ done.turn @ exp_rotation(angle))
         rates.append(done.omega_body + change)

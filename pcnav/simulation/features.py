@@ -217,7 +217,7 @@ def _facing(
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     normals_hill = normals @ np.swapaxes(R_hill_body, 1, 2)
     cosine = -np.sum(normals_hill * p_hill, axis=-1) / np.linalg.norm(p_hill, axis=-1)
-    return np.asarray(cosine > np.cos(np.deg2rad(table.largest_view_angle_deg)))
+    return np.asarray(cosine > np.cos(np.deg2rad(table.max_view_angle_deg)))
 
 
 def _mismatched(

@@ -103,7 +103,7 @@ def simulated_tracks(
         pixel_sigma_px=pipeline.image_camera.pixel_sigma_px,
         wrong_match_fraction=table.wrong_match_fraction,
         mean_tracked_s=table.mean_tracked_s,
-        largest_view_angle_deg=table.largest_view_angle_deg,
+        max_view_angle_deg=table.max_view_angle_deg,
     )
     hull = _hull(pipeline, mesh, drawing)
     motion = motion_of(truth, pipeline.shading)

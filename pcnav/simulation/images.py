@@ -219,7 +219,7 @@ class TrackFaults:
     """Share of observations that are those of another place on the target."""
     mean_tracked_s: float | None = None
     """Mean life of a track; its point is found again at once, under a new number."""
-    largest_view_angle_deg: float = 84.0
+    max_view_angle_deg: float = 84.0
     """Between a point's normal and the direction to the camera, beyond which it is hidden."""
 
 
@@ -239,7 +239,7 @@ def monocular_tracks(
     p_cam = transform_points(motion.T_cam_model, points[0])
     normals = points[1] @ np.swapaxes(motion.T_cam_model[:, :3, :3], 1, 2)
     facing = -np.sum(normals * p_cam, axis=-1) / np.linalg.norm(p_cam, axis=-1)
-    seen = (facing > np.cos(np.deg2rad(faults.largest_view_angle_deg))) & (p_cam[..., 2] > 0.0)
+    seen = (facing > np.cos(np.deg2rad(faults.max_view_angle_deg))) & (p_cam[..., 2] > 0.0)
     depth = np.where(seen, p_cam[..., 2], 1.0)
     pixels = p_cam[..., :2] / depth[..., None] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     pixels += faults.pixel_sigma_px * noise.standard_normal(pixels.shape)

@@ -17,7 +17,7 @@ from pcnav.target.satellite import Target, load_target
 
 _CENTRAL_SHARE = 0.1
 """A target too large for the image has its centre within this share of the field about the axis."""
-_MOST_DRAWS = 1000
+_MAX_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def random_truth(
 
 
 def _physical_ratios(target: Target, generator: np.random.Generator) -> FloatArray:
-    for _ in range(_MOST_DRAWS):
+    for _ in range(_MAX_DRAWS):
         drawn = generator.standard_normal(5)
         ratios = np.asarray(target.inertia_ratios + target.inertia_ratio_sd * drawn)
         if is_physical_inertia(inertia_from_ratios(ratios)):

@@ -43,7 +43,7 @@ class Target:
     mesh: trimesh.Trimesh
     rectangles: tuple[Rectangle, ...]
     """Largest area first."""
-    symmetry_rotations: FloatArray
+    symmetry_transforms: FloatArray
     """(n, 4, 4) proper rigid motions of the model frame that map the mesh onto itself; [0] is I."""
     com_model: FloatArray
     """(3,) nominal mass centre, m."""
@@ -61,7 +61,7 @@ class Target:
 
     def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
         """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""
-        return np.asarray(T_frame_model @ self.symmetry_rotations)
+        return np.asarray(T_frame_model @ self.symmetry_transforms)
 
     def shows_alike(
         self, a: FloatArray, b: FloatArray, angle_rad: float, shift_fraction: float
@@ -105,7 +105,7 @@ def load_target(mesh_path: Path) -> Target:
         mesh_path=mesh_path,
         mesh=mesh,
         rectangles=_named(rectangles, sidecar.rectangles.names, diameter, sidecar_path),
-        symmetry_rotations=symmetry_motions(mesh, faces),
+        symmetry_transforms=symmetry_motions(mesh, faces),
         com_model=com,
         com_sd_m=sidecar.mass.com_sd_m or COM_SD_FRACTION * diameter,
         inertia_ratios=ratios,
@@ -197,7 +197,7 @@ def describe(target: Target) -> tuple[Table, Table]:
     closed = "watertight" if mesh.is_watertight else "open"
     facts.add_row("mesh", f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {closed}")
     facts.add_row("diameter", f"{target.diameter_m:.3f} m")
-    facts.add_row("symmetry group", group_name(target.symmetry_rotations))
+    facts.add_row("symmetry group", group_name(target.symmetry_transforms))
     facts.add_row("mass centre (model)", f"{_numbers(target.com_model)} m")
     facts.add_row("  standard deviation", f"{target.com_sd_m:.4f} m")
     facts.add_row("inertia Iyy Izz Ixy Ixz Iyz / Ixx", _numbers(target.inertia_ratios))

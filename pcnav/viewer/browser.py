@@ -25,7 +25,7 @@ _ARGUMENTS = (
     *("--disable-component-update", "--disable-sync", "--hide-scrollbars"),
 )
 _PATIENCE_S = 60.0
-_MOST_PICTURES, _SAME_PICTURES, _BETWEEN_PICTURES_S = 20, 3, 0.3
+_MAX_PICTURES, _SAME_PICTURES, _BETWEEN_PICTURES_S = 20, 3, 0.3
 BACKGROUND = (20, 20, 20)
 
 
@@ -77,7 +77,7 @@ def picture_png(client: viser.ClientHandle, width: int, height: int) -> bytes:
 def settled_png(client: viser.ClientHandle, width: int, height: int) -> bytes:
     """The picture once it stays the same: letters and shaders take a browser some time."""
     picture, same = b"", 0
-    for _ in range(_MOST_PICTURES):
+    for _ in range(_MAX_PICTURES):
         newer = picture_png(client, width, height)
         same = same + 1 if newer == picture else 0
         if same == _SAME_PICTURES:

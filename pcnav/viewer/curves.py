@@ -172,8 +172,8 @@ def _consistency(story: Story) -> ChartGroup:
                 bound=1.0,
             )
         )
-    if np.isfinite(track.explained).any():
-        charts.append(Chart("explained, %", track.time_s, Curve(100.0 * track.explained)))
+    if np.isfinite(track.inlier_ratio).any():
+        charts.append(Chart("inlier ratio, %", track.time_s, Curve(100.0 * track.inlier_ratio)))
     counts = track.n_rectangles.astype(np.float64)
     charts.append(Chart(f"{story.counted} used, count", track.time_s, Curve(counts)))
     return ChartGroup("consistency", tuple(charts))

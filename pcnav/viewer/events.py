@@ -13,7 +13,7 @@ from pcnav.runs.status import Status
 _FOLLOWED = {Status.LOCKED, Status.AMBIGUOUS}
 _FLIP_RAD = np.radians(20.0)
 """An attitude that turns by more than this beyond what its rate says has flipped."""
-_MOST_RATE_STEP_RAD = np.radians(60.0)
+_MAX_RATE_STEP_RAD = np.radians(60.0)
 """Over a longer turn between two frames a rate does not tell the attitude."""
 
 
@@ -76,7 +76,7 @@ def _flips(track: Track) -> list[Event]:
     turn = track.omega_body[before] * (track.time_s[after] - track.time_s[before])[:, None]
     expected = track.R_world_body[before] @ exp_rotation(turn)
     jump = rotation_angle(np.swapaxes(expected, -1, -2) @ track.R_world_body[after])
-    told = np.linalg.norm(turn, axis=1) < _MOST_RATE_STEP_RAD
+    told = np.linalg.norm(turn, axis=1) < _MAX_RATE_STEP_RAD
     return [
         Event(int(after[k]), Kind.FLIP, f"attitude jumps by {np.rad2deg(jump[k]):.0f} deg")
         for k in np.flatnonzero(told & (jump > _FLIP_RAD))

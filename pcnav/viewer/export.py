@@ -16,9 +16,9 @@ from pcnav.viewer.palette import RUNS
 from pcnav.viewer.server import UP, LocalServer
 from pcnav.viewer.story import Story
 
-MOST_RECORDED_FRAMES = 300
+MAX_RECORDED_FRAMES = 300
 RECORDED_HZ = 20.0
-_MOST_RECORDED_POINTS = 4000
+_MAX_RECORDED_POINTS = 4000
 _PICTURE_SIZE = (1280, 800)
 _CAMERA_FOV_RAD = float(np.radians(40.0))
 
@@ -41,7 +41,7 @@ def scene_html(stories: tuple[Story, ...], frame: int, look: Look) -> bytes:
 def recorded_frames(story: Story) -> tuple[int, ...]:
     """The frames of a recording: all of them, or so many evenly spread ones."""
     count = len(story.track)
-    step = max(1, -(-count // MOST_RECORDED_FRAMES))
+    step = max(1, -(-count // MAX_RECORDED_FRAMES))
     return tuple(range(0, count, step))
 
 
@@ -56,7 +56,7 @@ def recording(stories: tuple[Story, ...], look: Look, on_frame: OnFrame | None =
         serializer = server.get_scene_serializer()
         for done, frame in enumerate(frames, start=1):
             shot = shot_of(stories[0], frame)
-            thin = None if shot is None else thinned(shot, _MOST_RECORDED_POINTS)
+            thin = None if shot is None else thinned(shot, _MAX_RECORDED_POINTS)
             layers.show(frame, thin, look)
             caption.text = _told(stories, frame)
             serializer.insert_sleep(1.0 / RECORDED_HZ)

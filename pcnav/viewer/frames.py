@@ -28,7 +28,7 @@ from pcnav.viewer.palette import PLAIN
 
 _KEPT = 48
 """Frames in memory: half a megabyte each."""
-_MOST_POINTS = 60_000
+_MAX_POINTS = 60_000
 """A browser draws no more of a cloud in time; larger frames show every so many points."""
 
 
@@ -123,7 +123,7 @@ class FrameStore:
         if frame.time_s != time_s:
             return None
         rows, columns = np.nonzero(frame.depth_m > 0.0)
-        step = max(1, -(-len(rows) // _MOST_POINTS))
+        step = max(1, -(-len(rows) // _MAX_POINTS))
         shown = (rows[::step], columns[::step])
         rays, depth_m = pixel_rays(frame.camera)[shown], frame.depth_m[shown]
         points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)

@@ -8,7 +8,7 @@ from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 
 SIGMAS = 3.0
-_LARGEST_SHARE = 1.0 / 6.0
+_MAX_SHARE = 1.0 / 6.0
 _CONE_SIDES = 48
 _WIDEST_CONE_RAD = np.radians(75.0)
 """A magnified doubt wider than this says no more than that it is wide."""
@@ -37,7 +37,7 @@ def seen_magnification(radius_m: float, size_m: float) -> float:
     """The largest of 1, 10, ..., 100000 that keeps a radius below a sixth of the target's size."""
     if radius_m <= 0.0:
         return 1.0
-    power = np.floor(np.log10(_LARGEST_SHARE * size_m / radius_m))
+    power = np.floor(np.log10(_MAX_SHARE * size_m / radius_m))
     return float(10.0 ** np.clip(power, 0, 5))
 
 

@@ -21,7 +21,7 @@ from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
 from pcnav.viewer.story import Story
 from pcnav.viewer.target_layer import TargetLayer
 
-_MOST_NAMES = 16
+_MAX_NAMES = 16
 _INSET, _IN_FRONT = 0.95, 0.998
 _PIXELS_ACROSS = 1.4
 
@@ -119,7 +119,7 @@ class RectangleLayer:
                 anchor="center-center",
                 visible=False,
             )
-            for k in range(_MOST_NAMES)
+            for k in range(_MAX_NAMES)
         ]
 
     def show(

@@ -29,7 +29,7 @@ _FIELDS: dict[str, tuple[int, ...]] = {
     "nis": (),
     "nis_dof": (),
     "window_nis": (),
-    "explained": (),
+    "inlier_ratio": (),
     "n_rectangles": (),
     "position_covariance": (3, 3),
     "com_covariance": (3, 3),
@@ -132,7 +132,7 @@ def _track_of(rows: Mapping[str, FloatArray], status: Sequence[str]) -> Track:
         nis=rows["nis"],
         nis_dof=_counts(rows["nis_dof"]),
         window_nis=rows["window_nis"],
-        explained=rows["explained"],
+        inlier_ratio=rows["inlier_ratio"],
         n_rectangles=_counts(rows["n_rectangles"]),
     )
 

@@ -77,7 +77,7 @@ def depth_row(estimate: FrameEstimate) -> LiveRow:
         "nis": estimate.nis,
         "nis_dof": float(estimate.nis_dof),
         "window_nis": estimate.window_nis,
-        "explained": estimate.explained,
+        "inlier_ratio": estimate.inlier_ratio,
         "n_rectangles": float(estimate.n_rectangles),
     }
     state, P, T = estimate.state, estimate.covariance, estimate.T_cam_model

@@ -52,7 +52,7 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
         nis=_column(table, "nis"),
         nis_dof=table.counts("nis_dof"),
         window_nis=np.full(n, np.nan),
-        explained=np.full(n, np.nan),
+        inlier_ratio=np.full(n, np.nan),
         n_rectangles=table.counts("n_used"),
     )
     recording = None if pipeline.sequence is None else Path(pipeline.sequence)
@@ -171,7 +171,7 @@ def _turning(table: CsvTable, R: FloatArray, sd: FloatArray, R_cam_world: FloatA
         nis=np.full(n, np.nan),
         nis_dof=np.zeros(n, dtype=np.intp),
         window_nis=np.full(n, np.nan),
-        explained=np.full(n, np.nan),
+        inlier_ratio=np.full(n, np.nan),
         n_rectangles=np.zeros(n, dtype=np.intp),
     )
 

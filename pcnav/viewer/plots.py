@@ -15,7 +15,7 @@ from pcnav.viewer.story import Story
 _HEIGHT_OF_ALL_PX = 610
 _FRAME_PX = 24
 """About each plot."""
-_MOST_HEIGHT_PX = 190
+_MAX_HEIGHT_PX = 190
 _BOUND: Rgb = (255, 110, 90)
 _KNOWN: Rgb = (70, 220, 110)
 _CURSOR: Rgb = (255, 255, 255)
@@ -73,7 +73,7 @@ class PlotsPanel:
         for plot in self._plots:
             plot.remove()
         self._plots = []
-        height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1) - _FRAME_PX, _MOST_HEIGHT_PX)
+        height = min(_HEIGHT_OF_ALL_PX // max(len(rows), 1) - _FRAME_PX, _MAX_HEIGHT_PX)
         with self._tab:
             for k, row in enumerate(rows):
                 last = k == len(rows) - 1

@@ -22,7 +22,7 @@ from pcnav.viewer.server import UP, drawing, has_shown_all
 from pcnav.viewer.source import Edition, Source
 from pcnav.viewer.story import Story
 
-_MOST_DRAWN_HZ = 30.0
+_MAX_DRAWN_HZ = 30.0
 _CURSOR_HZ = 5.0
 _TEXTS_HZ = 8.0
 _PICTURE_HZ = 2.0
@@ -197,7 +197,7 @@ class Session:
                     return
             started = time.monotonic()
             self._turn(started)
-            left_s = 1.0 / _MOST_DRAWN_HZ - (time.monotonic() - started)
+            left_s = 1.0 / _MAX_DRAWN_HZ - (time.monotonic() - started)
             time.sleep(max(left_s, 0.002))
 
     def _has_work(self) -> bool:

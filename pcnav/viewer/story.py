@@ -232,7 +232,7 @@ def _depth_story(folder: Path, tables: Path, finished: bool, told: str | None) -
         frames=frames,
         target=target,
         orbit=KeplerOrbit(motion),
-        evaluation=judged(without_covariance(track), truth, target.symmetry_rotations),
+        evaluation=judged(without_covariance(track), truth, target.symmetry_transforms),
         verdicts=_verdicts(folder / KNOWLEDGE_FILE),
         notes=tuple(notes),
         position_covariance=blocks[0],

@@ -22,7 +22,7 @@ from . import paper
 from .scene import Truth, nutation, tracks_of
 
 STUDY = "applsci2022"
-SMALLEST_SIGMA_PX = 1e-3
+MIN_SIGMA_PX = 1e-3
 """Noise that a chain assumes of tracks without any."""
 
 PRINTED = ImageMotionTable(
@@ -31,7 +31,7 @@ PRINTED = ImageMotionTable(
 ADJACENT = ImageMotionTable(reference=Reference.ADJACENT)
 """A frame whose turn is too small waits for the next: the step grows until it is certain."""
 EVERY_FRAME = ADJACENT.model_copy(
-    update={"fewest_sd": 0.0, "ambiguous_chi_square": 0.0, "largest_sd_deg": 180.0}
+    update={"min_significance": 0.0, "ambiguous_chi_square": 0.0, "max_sd_deg": 180.0}
 )
 """Without key frames and without waiting."""
 KEY_FRAMES = ImageMotionTable(reference=Reference.KEY_FRAME)
@@ -139,7 +139,7 @@ def run_task(task: Task) -> ChainErrors:
     """Simulate, chain, compare."""
     truth = nutation(task.case.duration_s, task.case.interval_s, task.seed)
     tracks = tracks_of(truth, task.case.faults, task.seed)
-    sigma = max(task.case.faults.pixel_sigma_px, SMALLEST_SIGMA_PX)
+    sigma = max(task.case.faults.pixel_sigma_px, MIN_SIGMA_PX)
     chain = task.case.chain.model_copy(update={"pixel_sigma_px": sigma})
     return errors_of(run_chain(tracks, chain), truth, chain)
 

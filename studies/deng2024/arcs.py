@@ -11,7 +11,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     RotationState,
     parameters_from_printed,
 )
-from pcnav.evaluation.knowledge import LARGEST_PRIOR_SHARE
+from pcnav.evaluation.knowledge import MAX_PRIOR_SHARE
 from pcnav.evaluation.observability.attitude import attitude_rank
 from pcnav.evaluation.observability.information import expected_knowledge, time_to_reach
 from pcnav.evaluation.observability.rank import ObservabilityRank
@@ -78,7 +78,7 @@ def _case(
     unknown = [
         ratio
         for ratio, part in zip(ROTATION.names[INERTIA], share, strict=True)
-        if part > LARGEST_PRIOR_SHARE
+        if part > MAX_PRIOR_SHARE
     ]
     rank = attitude_rank((0.0, 0.0, 0.0, 1.0), start.omega_body.tolist(), ratios)
     worst = np.max(whole.sd[:, INERTIA], axis=1)

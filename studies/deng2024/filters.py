@@ -80,7 +80,7 @@ def printed_run(name: str, motion: Motion, attitudes: FloatArray) -> FilterRun:
         np.radians(GUESS.rate_deg_s),
         parameters_from_printed(np.array(GUESS.inertia_ratios_zz)),
     )
-    kalman = ErrorStateFilter(state, covariance, gate_probability=_TAKE_ALL, most_iterations=1)
+    kalman = ErrorStateFilter(state, covariance, gate_probability=_TAKE_ALL, max_iterations=1)
     model = TorqueFreeModel(0.0, Propagation.EULER, paper.PRINTED_VARIANCE)
     noise = 4.0 * paper.PRINTED_VARIANCE * np.eye(3)
     found = [(kalman.state, kalman.covariance)]

@@ -21,7 +21,7 @@ from . import paper
 
 _ORDERS = (0, 1, 2, 3, 4, ORDER)
 _AT_REST = (0.0, 0.0, 0.0, 1.0)
-_SMALLEST_DRAWN = 1e-20
+_MIN_DRAWN = 1e-20
 
 
 @dataclass(frozen=True)
@@ -139,15 +139,15 @@ def _figure(cases: list[RankCase]) -> StudyFigure:
     axes = figure.add_subplot()
     style_axes(axes)
     for colour, case in zip((*CATEGORIES, INK), cases, strict=False):
-        values = np.maximum(case.last.relative, _SMALLEST_DRAWN)
+        values = np.maximum(case.last.relative, _MIN_DRAWN)
         axes.semilogy(np.arange(1, 12), values, "o-", color=colour, markersize=3, label=case.name)
     axes.axhline(cases[0].last.tolerance, color="#ea580c", linewidth=1.0, linestyle="--")
     axes.set_xlabel("number of the singular value")
     axes.set_ylabel("singular value over the largest")
-    add_legend(figure, axes, most_columns=2)
+    add_legend(figure, axes, max_columns=2)
     return StudyFigure(
         "singular_values",
         "Singular values of Q_10",
-        f"Values below {_SMALLEST_DRAWN:.0e} are drawn there; the dashed line is the tolerance.",
+        f"Values below {_MIN_DRAWN:.0e} are drawn there; the dashed line is the tolerance.",
         svg_bytes(figure),
     )

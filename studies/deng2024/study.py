@@ -19,7 +19,7 @@ from .filters import FilterRun, fitted_run, measured, printed_run
 from .ranks import RankCase, rank_cases, rank_chapter
 
 RUNS = 100
-_FEWEST_FOR_LONG = 10
+_MIN_FOR_LONG = 10
 """With fewer runs arcs are cut: a look at the machinery."""
 _QUICK_S, _QUICK_ARC_S = 20.0, 40.0
 _MONTE_CARLO_INTERVAL_S = 1.0
@@ -36,7 +36,7 @@ def study_deng2024(
     ``workers`` is what the runs are spread over. Raises `RunError` when a run fails.
     """
     count = RUNS if runs is None else runs
-    duration_s = paper.DURATION_S if count >= _FEWEST_FOR_LONG else _QUICK_S
+    duration_s = paper.DURATION_S if count >= _MIN_FOR_LONG else _QUICK_S
     cases = monte_carlo_cases(count, duration_s)
     progress = Progress(len(cases) + _PARTS, on_progress)
     results = run_all(run_case, cases, workers, lambda: progress.add(1))

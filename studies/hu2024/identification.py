@@ -25,8 +25,8 @@ from . import paper
 
 REPORT_S = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0)
 """Lengths of the arcs; the last ends where the first blackout begins."""
-_MOST_ATTITUDES = 60
-_MOST_STEPS = 8
+_MAX_ATTITUDES = 60
+_MAX_STEPS = 8
 """Of a fit, which starts from that of the arc before."""
 _BAD_FIT = 1.5
 _RUNS_AT_ONCE = 125
@@ -183,7 +183,7 @@ def _fitted(truth: FeatureTruth, p_world: FloatArray, noise: FloatArray) -> list
     """All points aligned and the rotation fitted, for every arc; each starts from the last."""
     arcs: list[_Arc] = []
     for last in _last_frames(truth):
-        every = max(1, -(-(last + 1) // _MOST_ATTITUDES))
+        every = max(1, -(-(last + 1) // _MAX_ATTITUDES))
         chosen = np.arange(last, -1, -every)[::-1]
         R, spread, shape = _attitudes(p_world[:, chosen], noise[:, chosen])
         times = truth.times_s[chosen]
@@ -212,7 +212,7 @@ def _best_fit(
     start: FloatArray,
 ) -> FloatArray:
     """(B, 5) inertia parameters; fits that explain their arc badly are begun again from a ball."""
-    fit = fit_rotation_arc(times, R, spread, rate, start, _MOST_STEPS)
+    fit = fit_rotation_arc(times, R, spread, rate, start, _MAX_STEPS)
     found, degrees = fit.parameters.copy(), max(3 * len(times) - SIZE, 1)
     bad = np.flatnonzero(fit.cost > _BAD_FIT * degrees)
     if len(bad):

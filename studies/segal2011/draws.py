@@ -10,7 +10,7 @@ from pcnav.dynamics.rigid_body import is_physical_inertia
 
 from . import paper
 
-_MOST_DRAWS = 10_000
+_MAX_DRAWS = 10_000
 
 
 class Draw(StrEnum):
@@ -28,7 +28,7 @@ def draw_hypotheses(
     """(count, 3, 3) kg m^2, about an inertia (3, 3)."""
     scale = inertia / 3.0 if draw is Draw.PHYSICAL else inertia @ inertia.T / 3.0
     found: list[FloatArray] = []
-    for _ in range(_MOST_DRAWS * count):
+    for _ in range(_MAX_DRAWS * count):
         deviation = wishart.rvs(paper.DEGREES_OF_FREEDOM, scale, random_state=rng)
         drawn = np.asarray(inertia + deviation, dtype=np.float64)
         if draw is Draw.PRINTED or is_physical_inertia(drawn):

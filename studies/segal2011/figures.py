@@ -49,7 +49,7 @@ def panels_figure(
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
     _same_scale(list(grid.ravel()[: len(panels)]), panels)
-    add_legend(figure, grid[0, 0], most_columns=5)
+    add_legend(figure, grid[0, 0], max_columns=5)
     return StudyFigure(key, title, caption, svg_bytes(figure))
 
 

@@ -32,7 +32,7 @@ _WRONG_RAD = float(np.deg2rad(2.0))
 _WRONG_FRACTION = 0.03
 """A pose further off than either (share of the diameter) that is called locked is a silent wrong
 lock."""
-_LONGEST_WRONG = 10
+_MAX_WRONG = 10
 """Frames in a row for which a satellite that is another one may be called locked."""
 _BOX_M = (0.3, 0.5, 0.4)
 _BOX_ON = "bus_x_plus"
@@ -192,9 +192,9 @@ def _bars(of: dict[str, list[FaultRun]]) -> tuple[Bar, ...]:
         Bar(
             NAME,
             f"{WRONG_TARGET}: frames in a row called locked",
-            f"<= {_LONGEST_WRONG}",
+            f"<= {_MAX_WRONG}",
             str(longest),
-            longest <= _LONGEST_WRONG,
+            longest <= _MAX_WRONG,
         )
     )
     return tuple(bars)
@@ -208,7 +208,7 @@ def _table(of: dict[str, list[FaultRun]]) -> TextTable:
         position = np.concatenate([run.position_m[h] for run, h in zip(runs, half, strict=True)])
         attitude = np.concatenate([run.attitude_rad[h] for run, h in zip(runs, half, strict=True)])
         nees = np.concatenate([run.pose_nees[h] for run, h in zip(runs, half, strict=True)])
-        explained = np.concatenate([run.explained[h] for run, h in zip(runs, half, strict=True)])
+        explained = np.concatenate([run.inlier_ratio[h] for run, h in zip(runs, half, strict=True)])
         millimetres, degrees = 1e3 * position, np.rad2deg(attitude)
         errors = [joined(*(at(percent, v) for percent in (50, 95))) for v in (millimetres, degrees)]
         compared = fault != WRONG_TARGET
@@ -231,7 +231,7 @@ def _table(of: dict[str, list[FaultRun]]) -> TextTable:
         "position, mm",
         "attitude, deg",
         "pose NEES",
-        "explained",
+        "inlier ratio",
         "silent wrong",
         "in a row",
     )
@@ -240,7 +240,7 @@ def _table(of: dict[str, list[FaultRun]]) -> TextTable:
         "The tracker under faults it is not told of",
         header,
         tuple(rows),
-        "Errors (median / 95 %), mean NEES over its degrees of freedom and mean explained share "
+        "Errors (median / 95 %), mean NEES over its degrees of freedom and mean inlier ratio "
         "over the second half of the runs; status and silent wrong frames over all of them. Silent "
         "wrong: called locked or ambiguous while more than 2 degrees or 3 % of the diameter off; "
         "any frame so called of another satellite. In a row: the longest stretch of them.",

@@ -59,20 +59,20 @@ class BlockCurve:
 
 
 def start_figures(
-    curves: list[StartCurve], most_frames: int, right_rad: float
+    curves: list[StartCurve], max_frames: int, right_rad: float
 ) -> tuple[StudyFigure, ...]:
     """How many frames a lock takes, and how far off it is."""
-    return (_lock_figure(curves, most_frames), _error_figure(curves, right_rad))
+    return (_lock_figure(curves, max_frames), _error_figure(curves, right_rad))
 
 
-def _lock_figure(curves: list[StartCurve], most_frames: int) -> StudyFigure:
+def _lock_figure(curves: list[StartCurve], max_frames: int) -> StudyFigure:
     figure = _figure(3.0)
     axes = figure.add_subplot()
     style_axes(axes)
     width = 0.8 / len(curves)
-    places = np.arange(1, most_frames + 2)
+    places = np.arange(1, max_frames + 2)
     for k, (curve, colour) in enumerate(zip(curves, CATEGORIES, strict=False)):
-        locked = np.bincount(curve.frames, minlength=most_frames + 1)[1 : most_frames + 1]
+        locked = np.bincount(curve.frames, minlength=max_frames + 1)[1 : max_frames + 1]
         shares = np.append(locked, curve.starts - locked.sum()) / curve.starts
         offset = (k - 0.5 * (len(curves) - 1)) * width
         axes.bar(places + offset, 100.0 * shares, width, color=colour, label=curve.name)

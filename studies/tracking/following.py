@@ -39,7 +39,7 @@ class JudgedRun:
     """(n,)"""
     nis_dof: IntArray
     """(n,)"""
-    explained: FloatArray
+    inlier_ratio: FloatArray
     """(n,) share of the frame that the tracker says its pose explains."""
     pose_error: FloatArray
     """(n, 6) true minus estimated model origin (m, camera axes) and the rotation from estimated to
@@ -176,7 +176,7 @@ def _judged(
         seconds=seconds,
         estimate=estimate,
         pose_error=errors_of_pose(
-            estimate.T_cam_model, motion.T_cam_model(k), target.symmetry_rotations
+            estimate.T_cam_model, motion.T_cam_model(k), target.symmetry_transforms
         ),
         pose_covariance=H @ estimate.covariance @ H.T,
         state_error=estimate.state.ratio_error(motion.states[k]),
@@ -203,7 +203,7 @@ def _joined(frames: Sequence[_JudgedFrame]) -> JudgedRun:
         seconds=np.array([frame.seconds for frame in frames]),
         nis=np.array([estimate.nis for estimate in estimates]),
         nis_dof=np.array([estimate.nis_dof for estimate in estimates], dtype=np.intp),
-        explained=np.array([estimate.explained for estimate in estimates]),
+        inlier_ratio=np.array([estimate.inlier_ratio for estimate in estimates]),
         pose_error=np.stack([frame.pose_error for frame in frames]),
         pose_covariance=np.stack([frame.pose_covariance for frame in frames]),
         state_error=np.stack([frame.state_error for frame in frames]),

@@ -140,7 +140,7 @@ def _count(starts: list[Start], outcome: Outcome) -> int:
 def _bars(name: str, starts: list[Start]) -> tuple[Bar, ...]:
     right, wrong = _count(starts, Outcome.RIGHT), _count(starts, Outcome.WRONG)
     slowest = max(start.seconds for start in starts)
-    symmetric = len(satellite(name).target.symmetry_rotations) > 1
+    symmetric = len(satellite(name).target.symmetry_transforms) > 1
     word = Status.AMBIGUOUS if symmetric else Status.LOCKED
     locks = [start for start in starts if start.outcome is not Outcome.NOT_YET]
     told = sum(start.status == word for start in locks)
@@ -179,7 +179,7 @@ def _share_table(of: dict[str, list[Start]]) -> TextTable:
         rows.append(
             (
                 name,
-                group_name(satellite(name).target.symmetry_rotations),
+                group_name(satellite(name).target.symmetry_transforms),
                 ", ".join(f"{count} {word}" for word, count in words.most_common()) or NONE,
                 str(len(starts)),
                 *(share(_count(starts, outcome), len(starts)) for outcome in Outcome),

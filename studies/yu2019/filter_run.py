@@ -178,7 +178,7 @@ def _started(
         state,
         covariance,
         gate_probability=pipeline.filter.gate_probability,
-        most_iterations=pipeline.filter.iterations,
+        max_iterations=pipeline.filter.iterations,
     )
     return kalman, guess
 

@@ -24,7 +24,7 @@ from pcnav.target.rendering import DepthRenderer
 from ..progress import Progress
 
 LENGTH_M, WIDTH_M = 4.0, 1.5
-LARGEST_INCIDENCE_DEG = 70.0
+MAX_INCIDENCE_DEG = 70.0
 NOISES_M = (0.1, 0.02)
 POSITION_GOAL_M, ATTITUDE_GOAL_DEG = 0.01, 0.2
 _FRAMES_PER_RUN = 3
@@ -131,7 +131,7 @@ def _sheet() -> trimesh.Trimesh:
 def _poses(count: int, pipeline: Pipeline) -> list[FloatArray]:
     """Random attitudes under the largest incidence, centres up to a metre off the boresight."""
     generator = np.random.default_rng(pipeline.seed)
-    least = np.cos(np.deg2rad(LARGEST_INCIDENCE_DEG))
+    least = np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
     range_m = float(np.linalg.norm(pipeline.orbit.r_hill_m))
     poses: list[FloatArray] = []
     while len(poses) < count:
@@ -180,7 +180,7 @@ def panel_table(errors: list[PanelErrors]) -> TextTable:
         "An isolated panel of 4.0 x 1.5 m at 25 m, one ray-cast frame",
         header,
         tuple(rows),
-        f"Random attitudes with less than {LARGEST_INCIDENCE_DEG:.0f} degrees between normal and "
+        f"Random attitudes with less than {MAX_INCIDENCE_DEG:.0f} degrees between normal and "
         "line of sight, 256 x 256 pixels over 25 degrees. The paper prints 10 mm and 0.2 degrees "
         "for its idealised cloud.",
         text_columns=2,

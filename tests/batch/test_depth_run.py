@@ -145,7 +145,7 @@ def test_a_run_says_what_pcnav_run_says(
     folder, pipeline, target = simulated
     summary = run_sequence(folder, tmp_path / "result", pipeline)
     track = read_track(summary.folder, with_covariance=True)
-    errors = evaluate(track, read_truth(folder), target.symmetry_rotations).errors
+    errors = evaluate(track, read_truth(folder), target.symmetry_transforms).errors
     assert errors is not None
     assert track.covariance is not None
 

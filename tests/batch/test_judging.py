@@ -55,7 +55,7 @@ def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Ta
     scene, target = twinwing
     truth = truth_of(scene.motion)
     assert truth.T_cam_model is not None
-    half_turn = target.symmetry_rotations[1]
+    half_turn = target.symmetry_transforms[1]
     status = ["locked"] * FRAMES
     turned = judge(told(scene, truth.T_cam_model @ half_turn, status), truth, target)
     assert turned.values["share_locked_right"] == 1.0

@@ -323,7 +323,7 @@ def test_the_page_carries_all_it_shows(tables: Path, store: RunStore) -> None:
 
 
 def test_records_are_kept_as_far_as_memory_is_given(store: RunStore) -> None:
-    read = KeptRecords(store, most_bytes=20_000)
+    read = KeptRecords(store, max_bytes=20_000)
     first = read(RUNS[0])
     assert read(RUNS[0]) is first
     for run in RUNS:

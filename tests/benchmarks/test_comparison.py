@@ -107,7 +107,7 @@ def test_frames_are_compared_where_all_have_a_pose_and_timed_all(case: Case) -> 
 
 
 def test_only_a_method_without_memory_may_change_to_an_equivalent_attitude(case: Case) -> None:
-    symmetries = case.scene.target.symmetry_rotations
+    symmetries = case.scene.target.symmetry_transforms
 
     def flip(T_cam_model: FloatArray) -> None:
         T_cam_model[-2:] = T_cam_model[-2:] @ symmetries[-1]

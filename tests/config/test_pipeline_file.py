@@ -140,20 +140,20 @@ def test_every_number_carries_its_unit() -> None:
         "hypotheses",
         "prior",
         "attitude_xyzw",
-        "most_iterations",
-        "most_features",
-        "most_rejections",
-        "fewest_matches",
-        "fewest_agreeing",
+        "max_iterations",
+        "max_features",
+        "max_rejections",
+        "min_matches",
+        "min_agreeing",
         "ambiguous_chi_square",
-        "fewest_sd",
+        "min_significance",
         "key_share",
         "rate_change",
         "window_frames",
         "degree",
         "quality",
         "pyramid_levels",
-        "least_correlation",
+        "min_correlation",
         "sun_hill",
         "ambient",
         "texture_contrast",
@@ -183,3 +183,25 @@ def test_shipped_pipelines_are_valid(repository: Path) -> None:
             read_pipeline(path)
             read += 1
     assert read >= 4
+
+
+def test_keys_of_the_last_release_are_read_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text("[image_motion]\nfewest_matches = 9\nfewest_sd = 3.0\nlargest_sd_deg = 5.0\n")
+    with caplog.at_level("WARNING", logger="pcnav"):
+        table = read_pipeline(path).image_motion
+    assert (table.min_matches, table.min_significance, table.max_sd_deg) == (9, 3.0, 5.0)
+    assert [record.args[:2] for record in caplog.records if isinstance(record.args, tuple)] == [
+        ("fewest_matches", "min_matches"),
+        ("fewest_sd", "min_significance"),
+        ("largest_sd_deg", "max_sd_deg"),
+    ]
+
+
+def test_an_old_key_beside_its_new_name_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "both.toml"
+    path.write_text("[image_motion]\nfewest_matches = 9\nmin_matches = 10\n")
+    with pytest.raises(InputError, match="fewest_matches"):
+        read_pipeline(path)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.inertia_parameters import (
-    LEAST_SHARE,
+    MIN_SHARE,
     inside,
     parameter_covariance,
     parameters_from_ratios,
@@ -104,7 +104,7 @@ def test_whatever_is_brought_inside_is_a_body(size: float) -> None:
         parameters = parameters_from_ratios(random_ratios(rng)) + size * rng.normal(size=5)
         outside += bool(shares(parameters)[0][0] < 0.0)
         _, moved = inside(parameters, random_covariance(rng))
-        assert shares(moved)[0][0] >= 0.499 * LEAST_SHARE
+        assert shares(moved)[0][0] >= 0.499 * MIN_SHARE
         assert is_physical_inertia(inertia_from_ratios(ratios_from_parameters(moved)))
     assert outside > 10
 
@@ -125,11 +125,11 @@ def distance_to_the_nearest_body(parameters: FloatArray, root: FloatArray) -> fl
     def distance(z: FloatArray) -> float:
         return float(np.sum((z - about) ** 2))
 
-    def smallest_share(z: FloatArray) -> FloatArray:
+    def min_share(z: FloatArray) -> FloatArray:
         return shares(root @ z)[0][:1]
 
     ball = np.linalg.solve(root, np.array([1.0, 1.0, 0.0, 0.0, 0.0]))
-    bodies = NonlinearConstraint(smallest_share, LEAST_SHARE, np.inf)
+    bodies = NonlinearConstraint(min_share, MIN_SHARE, np.inf)
     return float(minimize(distance, ball, method="SLSQP", constraints=bodies).fun)
 
 
@@ -164,7 +164,7 @@ def test_what_is_known_well_stays_when_the_rest_gives_way() -> None:
 def test_an_inertia_without_covariance_is_made_a_body_all_the_same() -> None:
     parameters = parameters_from_ratios(np.array([0.5, 0.4, 0.1, 0.0, 0.0]))
     _, moved = inside(parameters, np.zeros((5, 5)))
-    assert shares(moved)[0][0] >= 0.499 * LEAST_SHARE
+    assert shares(moved)[0][0] >= 0.499 * MIN_SHARE
     assert np.linalg.norm(moved - parameters) < 0.2
 
 

@@ -35,7 +35,7 @@ def test_rotation_is_that_of_another_integrator() -> None:
     done = rotate(torque_free(INERTIA, inverse), RATE, 50.0)
     np.testing.assert_allclose(done.turn, solved.y[:9, -1].reshape(3, 3), atol=2e-6)
     np.testing.assert_allclose(done.omega_body, solved.y[9:, -1], atol=1e-7)
-    finer = rotate(torque_free(INERTIA, inverse), RATE, 50.0, largest_turn_rad=0.01)
+    finer = rotate(torque_free(INERTIA, inverse), RATE, 50.0, max_turn_rad=0.01)
     np.testing.assert_allclose(finer.turn, solved.y[:9, -1].reshape(3, 3), atol=2e-10)
 
 
@@ -65,7 +65,7 @@ def test_steps_one_by_one_are_the_rotation() -> None:
     for _ in range(8):
         done = done.then(slope, 0.5)
     eighth = float(np.linalg.norm(RATE)) * 4.0 / 7.5
-    whole = rotate(slope, RATE, 4.0, largest_turn_rad=eighth)
+    whole = rotate(slope, RATE, 4.0, max_turn_rad=eighth)
     np.testing.assert_allclose(done.transition, whole.transition, atol=1e-14)
 
 

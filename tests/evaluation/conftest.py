@@ -80,7 +80,7 @@ def frame_estimate(
     status = "locked" if dof else "coasting"
     return FrameEstimate(
         *(index, time_s, state, covariance, pose, status, nis, dof, dof // 6, records),
-        explained=0.95 + 0.04 * np.sin(0.3 * index),
+        inlier_ratio=0.95 + 0.04 * np.sin(0.3 * index),
     )
 
 

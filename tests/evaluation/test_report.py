@@ -192,7 +192,7 @@ def test_a_long_run_stays_a_small_page(make_run: Callable[..., Any], tmp_path: P
         nis=short.track.nis[repeats],
         nis_dof=short.track.nis_dof[repeats],
         window_nis=short.track.window_nis[repeats],
-        explained=short.track.explained[repeats],
+        inlier_ratio=short.track.inlier_ratio[repeats],
         n_rectangles=short.track.n_rectangles[repeats],
         covariance=None,
     )
@@ -210,7 +210,7 @@ def test_the_status_and_its_changes_are_shown(
     assert 3 < len(changes) < 25
     for k in changes:
         row = f"{track.status[k - 1]}\n{track.status[k]}\n{k}\n{number(track.time_s[k])}\n"
-        assert row + f"{track.explained[k]:.0%}\n{number(track.window_nis[k])}\n" in text
+        assert row + f"{track.inlier_ratio[k]:.0%}\n{number(track.window_nis[k])}\n" in text
     assert "Ambiguous" not in text
     steady = make_content(tmp_path / "run", make_run(3)).track
     told = read_page(status_section(steady, "C1")).text
@@ -255,7 +255,7 @@ def test_the_status_bands_last_as_long_as_the_status(
         name, count = label.removesuffix(")").split(" (")
         assert covered == pytest.approx(0.5 * track.status.count(name))
         assert int(count) == track.status.count(name)
-    np.testing.assert_array_equal(explained.lines[0].get_ydata(), track.explained)
+    np.testing.assert_array_equal(explained.lines[0].get_ydata(), track.inlier_ratio)
     np.testing.assert_array_equal(window.lines[1].get_ydata(), track.window_nis)
 
 

@@ -198,11 +198,11 @@ def test_iterated_update_is_the_optimum_of_the_posterior(seed: int) -> None:
         P,
         2,
     )
-    kalman = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, most_iterations=30)
+    kalman = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, max_iterations=30)
     result = kalman.update([measurement])
     assert result.converged and result.iterations > 2
     np.testing.assert_allclose(kalman.state.x, prior.x + optimum, atol=1e-4)
-    plain = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, most_iterations=1)
+    plain = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, max_iterations=1)
     assert plain.update([measurement]).iterations == 1
     assert np.linalg.norm(plain.state.x - (prior.x + optimum)) > 5e-3
     H = measurement.jacobian(kalman.state)
@@ -224,7 +224,7 @@ def test_iterated_update_of_an_attitude_resets_its_error(seed: int) -> None:
         P,
         3,
     )
-    kalman = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, most_iterations=30)
+    kalman = ErrorStateFilter(prior, P, gate_probability=1.0 - 1e-15, max_iterations=30)
     assert kalman.update(seen).converged
     reached = log_rotation(prior.R.T @ kalman.state.R)
     np.testing.assert_allclose(reached, optimum, atol=2e-5)

@@ -76,7 +76,7 @@ def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
     T = make_transform(np.stack([x, np.cross(z, x), z]), np.array([0.0, 0.0, 24.0]))
     frame, _ = shoot(twinwing.mesh, T, SIGMA)
     hypotheses = hypotheses_of(twinwing, comparer, frame)
-    assert len(twinwing.symmetry_rotations) == 2
+    assert len(twinwing.symmetry_transforms) == 2
     tolerance = depth_tolerance(twinwing, SIGMA)
     equal = [
         comparer.glance(frame.depth_m, pose, tolerance).share

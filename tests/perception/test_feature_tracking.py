@@ -22,7 +22,7 @@ from pcnav.target.rendering import DepthRenderer
 pytest.importorskip("cv2", reason="the extra `images` is not installed")
 
 CAMERA = PinholeCamera(256, 256, 500.0, 500.0, 127.5, 127.5)
-TABLE = FeatureTrackerTable(most_features=60)
+TABLE = FeatureTrackerTable(max_features=60)
 
 
 def scenery(seed: int = 0) -> FloatArray:
@@ -46,7 +46,7 @@ def test_a_known_shift_is_followed_to_a_tenth_of_a_pixel() -> None:
         moved = pixels[j] - at_first[i]
         assert len(common) > 30
         assert np.median(np.abs(moved - [1.3 * k, -0.7 * k])) < 0.05
-    assert len(np.unique(features)) == len(features) <= TABLE.most_features
+    assert len(np.unique(features)) == len(features) <= TABLE.max_features
 
 
 def test_what_does_not_come_back_is_dropped_and_never_gets_its_number_again() -> None:

@@ -60,7 +60,7 @@ def estimate(index: int, generator: np.random.Generator) -> FrameEstimate:
         nis_dof=6,
         n_rectangles=1,
         records=(record, unknown),
-        explained=float(generator.uniform()),
+        inlier_ratio=float(generator.uniform()),
         window_nis=float(generator.chisquare(60)) / 60.0,
     )
 
@@ -95,7 +95,7 @@ def test_round_trip_keeps_every_bit(tmp_path: Path, frames: list[FrameEstimate])
         assert track.n_rectangles[i] == frame.n_rectangles
         np.testing.assert_array_equal(track.nis[i], frame.nis)
         np.testing.assert_array_equal(track.window_nis[i], frame.window_nis)
-        np.testing.assert_array_equal(track.explained[i], frame.explained)
+        np.testing.assert_array_equal(track.inlier_ratio[i], frame.inlier_ratio)
         if frame.state is None or frame.covariance is None or frame.T_cam_model is None:
             assert np.isnan(track.covariance[i]).all()
             assert np.isnan(track.T_cam_model[i]).all()
@@ -158,9 +158,9 @@ def test_columns_are_those_of_the_documented_format(
     assert float(row["sd_w_z_rad_s"]) ** 2 == pytest.approx(frame.covariance[14, 14], rel=1e-14)
     assert float(row["sd_i_yz"]) ** 2 == pytest.approx(frame.covariance[19, 19], rel=1e-14)
     assert float(row["window_nis"]) == frame.window_nis
-    assert float(row["explained"]) == frame.explained
+    assert float(row["inlier_ratio"]) == frame.inlier_ratio
     assert rows[0]["r_x_m"] == rows[0]["nis"] == ""
-    assert rows[0]["window_nis"] == rows[0]["explained"] == ""
+    assert rows[0]["window_nis"] == rows[0]["inlier_ratio"] == ""
 
 
 def test_a_run_without_frames_or_estimates_is_still_a_run(tmp_path: Path) -> None:
@@ -304,7 +304,7 @@ def test_a_damaged_field_is_told_in_one_line(
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize("column", ["window_nis", "explained"])
+@pytest.mark.parametrize("column", ["window_nis", "inlier_ratio"])
 def test_a_folder_without_the_evidence_of_the_status_is_told(
     tmp_path: Path, frames: list[FrameEstimate], column: str
 ) -> None:

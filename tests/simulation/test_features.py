@@ -172,7 +172,7 @@ def test_normals_hide_what_faces_away() -> None:
     points = [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.5), (0.3, 0.2, -1.0)]
     normals = [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)]
     case = scenario(
-        points_m=points, normals_body=normals, hidden_by_normals=True, largest_view_angle_deg=75.0
+        points_m=points, normals_body=normals, hidden_by_normals=True, max_view_angle_deg=75.0
     )
     tracks, truth = made(case)
     counts = np.zeros(4)

@@ -45,7 +45,7 @@ def target(tmp_path: Path) -> Target:
         mesh_path=path,
         mesh=mesh,
         rectangles=(),
-        symmetry_rotations=np.eye(4)[None],
+        symmetry_transforms=np.eye(4)[None],
         com_model=np.zeros(3),
         com_sd_m=0.1,
         inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),

@@ -45,7 +45,7 @@ def judged_run(
         seconds=np.full(n, 0.01),
         nis=np.full(n, 6.0),
         nis_dof=np.full(n, 6, dtype=np.intp),
-        explained=np.full(n, 0.9),
+        inlier_ratio=np.full(n, 0.9),
         pose_error=error,
         pose_covariance=np.eye(6) * sd[:, None, None] ** 2,
         state_error=state_error,
@@ -131,7 +131,7 @@ def test_frames_in_memory_are_those_of_a_recording(tmp_path: Path) -> None:
 
 
 def test_errors_of_a_pose_are_to_the_nearest_equivalent_one() -> None:
-    symmetry = satellite("twinwing").target.symmetry_rotations
+    symmetry = satellite("twinwing").target.symmetry_transforms
     assert len(symmetry) == 2
     generator = np.random.default_rng(1)
     T = make_transform(exp_rotation(generator.standard_normal(3)), np.array([0.3, -0.2, 20.0]))

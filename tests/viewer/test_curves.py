@@ -25,7 +25,7 @@ def test_errors_are_those_of_the_evaluation(story: Story, run_folder: object) ->
 
     assert isinstance(run_folder, Path) and story.target is not None
     truth = read_truth(run_folder.parent / "sequence")
-    errors = evaluate(story.track, truth, story.target.symmetry_rotations).errors
+    errors = evaluate(story.track, truth, story.target.symmetry_transforms).errors
     assert errors is not None
     charts = groups_of(story)["mass centre"]().charts
     assert all(chart.is_error for chart in charts)

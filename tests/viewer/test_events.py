@@ -34,7 +34,7 @@ def made_up_track(status: list[str], flip_at: int | None = None) -> Track:
         nis=np.full(n, np.nan),
         nis_dof=np.zeros(n, dtype=np.intp),
         window_nis=np.full(n, np.nan),
-        explained=np.full(n, np.nan),
+        inlier_ratio=np.full(n, np.nan),
         n_rectangles=np.zeros(n, dtype=np.intp),
     )
 

@@ -29,11 +29,11 @@ from pcnav.estimators.image_motion.chain_errors import ChainErrors
 
 _FIRST_FIT = 4
 _ARC_GROWTH = 1.1
-_MOST_FITTED = 400
+_MAX_FITTED = 400
 """Attitudes of a fit; of a longer arc as many, evenly spaced."""
-_LEAST_SD_RAD = 1e-4
+_MIN_SD_RAD = 1e-4
 """Of each attitude beside what the chain states: second-order terms, and the camera itself."""
-_LARGEST_SD_RAD = float(np.radians(1.5))
+_MAX_SD_RAD = float(np.radians(1.5))
 """About its worst axis, of a turn that is used: the joint covariance is of first order, and along
 the valley of a turn that few features tell that is not enough."""
 _TIED_SD_RAD = 0.2
@@ -92,7 +92,7 @@ class ChainedInertiaEstimator:
         if frame.reference is not None:
             link = frame.link.turned(self._R_segment_body.T)
             self._errors.add(self._number, frame.reference, link)
-        if frame.link.worst_sd > _LARGEST_SD_RAD:
+        if frame.link.worst_sd > _MAX_SD_RAD:
             return self._now
         self._numbers.append(self._number)
         self._times_s.append(frame.time_s)
@@ -126,9 +126,9 @@ class ChainedInertiaEstimator:
         """The whole arc as one; None where the fit does not settle."""
         prior, start = self._believed()
         count = len(self._numbers)
-        at = np.unique(np.linspace(0, count - 1, min(count, _MOST_FITTED)).round().astype(int))
+        at = np.unique(np.linspace(0, count - 1, min(count, _MAX_FITTED)).round().astype(int))
         noise = self._errors.covariance([self._numbers[k] for k in at])
-        noise += _LEAST_SD_RAD**2 * np.eye(len(noise))
+        noise += _MIN_SD_RAD**2 * np.eye(len(noise))
         # The first attitude is the mean of the prior, and so no measurement.
         noise[:3, :], noise[:, :3] = 0.0, 0.0
         noise[:3, :3] = _SILENT
@@ -148,7 +148,7 @@ class ChainedInertiaEstimator:
         if self._prior is not None and self._start is not None:
             return self._prior, self._start
         rate, parameters, covariance = initial_belief(self._table)
-        covariance[THETA, THETA] = _LEAST_SD_RAD**2 * np.eye(3)
+        covariance[THETA, THETA] = _MIN_SD_RAD**2 * np.eye(3)
         first, second = self._attitudes[0], self._attitudes[1]
         seen = log_rotation(first.T @ second) / (self._times_s[1] - self._times_s[0])
         mean = RotationState(first[None], rate[None], parameters[None])

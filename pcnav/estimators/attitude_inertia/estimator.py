@@ -135,7 +135,7 @@ class AttitudeInertiaEstimator:
             state,
             np.tile(covariance, (runs, 1, 1)),
             gate_probability=table.gate_probability,
-            most_iterations=table.most_iterations,
+            max_iterations=table.max_iterations,
         )
         # The first attitude is the mean of the prior, and so no measurement of the arc.
         self._prior, self._fitted = RotationPrior(state, covariance), state

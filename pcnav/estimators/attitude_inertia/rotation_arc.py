@@ -21,10 +21,10 @@ SIZE = 11
 _BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 _PRIOR_SD = 0.5
 """Of each inertia parameter about a ball's: what the arc does not show stays a ball's."""
-_LEAST_MOMENT = 0.05
+_MIN_MOMENT = 0.05
 """Over the mean moment."""
 _SETTLED = 1e-3
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e9
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-3, 1e-9, 1e9
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,7 @@ def positive(parameters: FloatArray) -> FloatArray:
     """
     least = np.linalg.eigvalsh(inertia_of(parameters))[..., 0]
     # The ball's moments are all 1; the smallest moment is concave along the way to it.
-    part = np.where(
-        least < _LEAST_MOMENT, (1.0 - _LEAST_MOMENT) / (1.0 - np.minimum(least, 0.5)), 1.0
-    )
+    part = np.where(least < _MIN_MOMENT, (1.0 - _MIN_MOMENT) / (1.0 - np.minimum(least, 0.5)), 1.0)
     return np.asarray(_BALL + part[..., None] * (parameters - _BALL), dtype=np.float64)
 
 
@@ -69,7 +67,7 @@ def fit_rotation_arc(
     noise: FloatArray,
     omega_g: FloatArray,
     parameters: FloatArray,
-    most_steps: int = 25,
+    max_steps: int = 25,
 ) -> RotationArc:
     """Least squares over arcs by Levenberg and Marquardt, all arcs at once.
 
@@ -79,14 +77,14 @@ def fit_rotation_arc(
         noise: (B, n, 3, 3) their covariances, axes of g, rad^2.
         omega_g: (B, 3) rates at the first time to start from.
         parameters: (B, 5) inertia to start from.
-        most_steps: of the iteration; arcs that converge early wait for the others.
+        max_steps: of the iteration; arcs that converge early wait for the others.
     """
     weight = _array(np.linalg.inv(noise))
     state = (R_world_g[:, 0], omega_g, positive(parameters))
     normal, gradient, cost = _normal_equations(times_s, R_world_g, weight, state)
     damping = np.full(len(cost), _FIRST_DAMPING)
     converged = np.zeros(len(cost), dtype=np.bool_)
-    for _ in range(most_steps):
+    for _ in range(max_steps):
         damped = normal + damping[:, None, None] * _diagonal(normal)
         step = _array(np.linalg.solve(damped, gradient[..., None])[..., 0])
         tried = _moved(state, step)
@@ -96,9 +94,9 @@ def fit_rotation_arc(
         settled = np.all(np.abs(step) < _SETTLED * sd, axis=-1)
         state = _chosen(better, tried, state)
         normal, gradient, cost = _chosen(better, after, (normal, gradient, cost))
-        damping = np.clip(damping * np.where(better, 0.1, 10.0), _LEAST_DAMPING, _MOST_DAMPING)
+        damping = np.clip(damping * np.where(better, 0.1, 10.0), _MIN_DAMPING, _MAX_DAMPING)
         converged |= settled & better
-        if np.all(converged | (damping >= _MOST_DAMPING)):
+        if np.all(converged | (damping >= _MAX_DAMPING)):
             break
     return RotationArc(*state, _array(np.linalg.inv(normal)), cost, converged)
 

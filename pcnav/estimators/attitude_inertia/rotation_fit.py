@@ -23,13 +23,13 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     TorqueFreeModel,
 )
 
-_MOST_STEPS = 30
+_MAX_STEPS = 30
 _SETTLED = 0.02
 """Change of every component over its standard deviation: what is left is far below its noise."""
 _THIN_SHARE, _THIN_SD = 0.01, 0.005
 """Shares of the second moments below a hundredth are lacking, by standard deviations of half that;
 as in `pcnav.dynamics.inertia_parameters.thinness`."""
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-12, 1e10
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def fit_rotations(
     state, here = start, _normal_equations(model, prior, arc, start)
     damping = np.full(len(here.cost), _FIRST_DAMPING)
     converged = np.zeros(len(damping), dtype=np.bool_)
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         damped = here.normal + damping[:, None, None] * (here.normal * np.eye(SIZE))
         step = np.asarray(np.linalg.solve(damped, here.gradient[..., None])[..., 0], np.float64)
         step[converged] = 0.0
@@ -126,9 +126,9 @@ def fit_rotations(
         sd = 1.0 / np.sqrt(np.diagonal(here.normal, axis1=-2, axis2=-1))
         settled = np.all(np.abs(step) < _SETTLED * sd, axis=-1)
         state, here = _chosen(better, tried, state), there.chosen(better, here)
-        damping = np.clip(damping * np.where(better, 0.1, 10.0), _LEAST_DAMPING, _MOST_DAMPING)
+        damping = np.clip(damping * np.where(better, 0.1, 10.0), _MIN_DAMPING, _MAX_DAMPING)
         converged |= settled & better
-        if np.all(converged | (damping >= _MOST_DAMPING)):
+        if np.all(converged | (damping >= _MAX_DAMPING)):
             break
     end, transition = _carried(model, arc.times_s, state)
     covariance = transition @ np.linalg.inv(here.measured) @ np.swapaxes(transition, -1, -2)

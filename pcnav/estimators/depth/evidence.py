@@ -11,7 +11,7 @@ from pcnav.runs.results import NIS_WINDOW_FRAMES
 _POOR_EXPLAINED = 0.9
 """A track that explains less of its frames than this, over the window, is doubtful."""
 _WINDOW_FRAMES = 5
-_LARGEST_DROP = 0.02
+_MAX_DROP = 0.02
 """So is one that explains so much less than it used to: more than noise moves the share by."""
 _MEMORY_FRAMES = 20
 """Over about so many frames a track's usual share is taken."""
@@ -23,18 +23,18 @@ class Evidence:
     """What the last frames say for and against a track."""
 
     def __init__(self) -> None:
-        self._explained: deque[float] = deque(maxlen=_WINDOW_FRAMES)
+        self._inlier_ratios: deque[float] = deque(maxlen=_WINDOW_FRAMES)
         self._innovations: deque[tuple[float, int]] = deque(maxlen=NIS_WINDOW_FRAMES)
         self._usual = float("nan")
         self._fell = False
 
-    def add(self, explained: float, result: UpdateResult) -> None:
+    def add(self, inlier_ratio: float, result: UpdateResult) -> None:
         """Take in an update: share of the frame explained, and innovations."""
-        self._explained.append(explained)
-        self._fell = bool(explained < self._usual - _LARGEST_DROP)
+        self._inlier_ratios.append(inlier_ratio)
+        self._fell = bool(inlier_ratio < self._usual - _MAX_DROP)
         if np.isnan(self._usual):
-            self._usual = explained
-        self._usual += (explained - self._usual) / _MEMORY_FRAMES
+            self._usual = inlier_ratio
+        self._usual += (inlier_ratio - self._usual) / _MEMORY_FRAMES
         if result.joint_dof:
             self._innovations.append((result.joint_nis, result.joint_dof))
 
@@ -49,11 +49,11 @@ class Evidence:
         """Whether the track deserves a fresh look: it explains too little, or errs too much."""
         if self._fell:
             return True
-        if len(self._explained) < _WINDOW_FRAMES:
+        if len(self._inlier_ratios) < _WINDOW_FRAMES:
             return False
         nis, dof = self._sums()
         errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
-        return errs or float(np.mean(self._explained)) < _POOR_EXPLAINED
+        return errs or float(np.mean(self._inlier_ratios)) < _POOR_EXPLAINED
 
     def _sums(self) -> tuple[float, int]:
         return sum(nis for nis, _ in self._innovations), sum(dof for _, dof in self._innovations)

@@ -14,7 +14,7 @@ from pcnav.config.pipeline_file import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.pose_fit import step_doubt
-from pcnav.estimators.depth.pose_measurement import Sight, pose_covariance, pose_error
+from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance, pose_error
 from pcnav.estimators.depth.views import FrameView, view_of_comparison, view_of_rectangles
 from pcnav.filtering.error_state import ErrorStateFilter, UpdateResult, innovation_gate
 from pcnav.perception.reading import FrameReader, Trust
@@ -22,7 +22,7 @@ from pcnav.recordings.sequence import Frame
 
 Kalman = ErrorStateFilter[NavigationState]
 
-_LEAST_EXPLAINED = 0.4
+_MIN_EXPLAINED = 0.4
 """Share of a frame that a prediction must explain for the frame to be believed of it."""
 _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
@@ -58,7 +58,7 @@ class Updater(Protocol):
         self,
         frame: Frame,
         kalman: Kalman,
-        sight: Sight,
+        observer: ObserverPose,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> Updated:
         """Update the filter, or leave it as predicted.
@@ -68,9 +68,9 @@ class Updater(Protocol):
         """
 
 
-def pose_of(kalman: Kalman, sight: Sight) -> FloatArray:
+def pose_of(kalman: Kalman, observer: ObserverPose) -> FloatArray:
     """(4, 4) T_cam_model that the filter predicts."""
-    return kalman.state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+    return kalman.state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class RefinedUpdater:
         self,
         frame: Frame,
         kalman: Kalman,
-        sight: Sight,
+        observer: ObserverPose,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> Updated:
         """See `Updater`.
@@ -93,27 +93,27 @@ class RefinedUpdater:
         """
         prior = kalman.snapshot()
         pose, spread = start or (
-            pose_of(kalman, sight),
-            pose_covariance(kalman.state, kalman.covariance, sight),
+            pose_of(kalman, observer),
+            pose_covariance(kalman.state, kalman.covariance, observer),
         )
         for _ in range(_REFINED_PASSES):
             comparison = self.reader.compare(frame, pose, spread)
             lever_m = 0.5 * self.reader.diameter_m
-            view = view_of_comparison(frame, comparison, lever_m, sight)
+            view = view_of_comparison(frame, comparison, lever_m, observer)
             result = kalman.update(view.measurements)
             if not any(result.accepted):
                 break
-            before, pose = pose, pose_of(kalman, sight)
+            before, pose = pose, pose_of(kalman, observer)
             if self.reader.moved_px(before, pose, frame) < _STILL_PX:
                 break
-            spread = pose_covariance(kalman.state, kalman.covariance, sight)
+            spread = pose_covariance(kalman.state, kalman.covariance, observer)
             spread = spread + step_doubt(pose_error(before, pose))
             after = kalman.snapshot()
             kalman.restore(prior)
         else:
             kalman.restore(after)
         # A few returns can always be found where a wrong pose predicts a face.
-        if not view.explained >= _LEAST_EXPLAINED:
+        if not view.inlier_ratio >= _MIN_EXPLAINED:
             kalman.restore(prior)
             return Updated(view.without_faces("frame not explained"), None)
         return Updated(view, result)
@@ -129,20 +129,20 @@ class RectangleUpdater:
         self,
         frame: Frame,
         kalman: Kalman,
-        sight: Sight,
+        observer: ObserverPose,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> Updated:
         """See `Updater`."""
         reader, prior = self.reader, kalman.snapshot()
         if start is None:
-            pose = pose_of(kalman, sight)
-            spread = pose_covariance(kalman.state, kalman.covariance, sight)
+            pose = pose_of(kalman, observer)
+            spread = pose_covariance(kalman.state, kalman.covariance, observer)
         else:
             pose, spread = start
         view = reader.read(frame, pose, self._trust(pose, spread, frame))
-        result = kalman.update(view_of_rectangles(view, sight).measurements)
+        result = kalman.update(view_of_rectangles(view, observer).measurements)
         for _ in range(_RECTANGLE_PASSES - 1):
-            before, pose = pose, pose_of(kalman, sight)
+            before, pose = pose, pose_of(kalman, observer)
             moved_px = reader.moved_px(before, pose, frame)
             if moved_px < _STILL_PX or not reader.depends_on_pose:
                 break
@@ -151,9 +151,9 @@ class RectangleUpdater:
             else:
                 view = reader.read(frame, pose, Trust.PIXELS)
             kalman.restore(prior)
-            result = kalman.update(view_of_rectangles(view, sight).measurements)
-        seen = view_of_rectangles(view, sight)
-        if view.explained < _LEAST_EXPLAINED:
+            result = kalman.update(view_of_rectangles(view, observer).measurements)
+        seen = view_of_rectangles(view, observer)
+        if view.inlier_ratio < _MIN_EXPLAINED:
             kalman.restore(prior)
             return Updated(seen.without_faces("frame not explained"), None)
         return Updated(seen, result)
@@ -176,15 +176,15 @@ class CheckedUpdater:
         self,
         frame: Frame,
         kalman: Kalman,
-        sight: Sight,
+        observer: ObserverPose,
         start: tuple[FloatArray, FloatArray] | None = None,
     ) -> Updated:
         """See `Updater`. The rectangles are recorded; the filter does not use the pixels twice."""
-        updated = RefinedUpdater(self.reader).update(frame, kalman, sight, start)
+        updated = RefinedUpdater(self.reader).update(frame, kalman, observer, start)
         if not updated.is_good:
             return updated
-        found = self.reader.read(frame, pose_of(kalman, sight), Trust.NONE)
-        view = view_of_rectangles(found, sight)
+        found = self.reader.read(frame, pose_of(kalman, observer), Trust.NONE)
+        view = view_of_rectangles(found, observer)
         checks = []
         for measurement, record in zip(view.measurements, view.records, strict=True):
             squared, degrees = kalman.innovation(measurement)

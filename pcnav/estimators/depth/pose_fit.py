@@ -9,7 +9,7 @@ from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, squa
 from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.refinement import Comparer, Comparison, FaceEvidence
 
-_MOST_PASSES = 8
+_MAX_PASSES = 8
 _STEP_ERROR = 0.1
 """A step is right to this share of itself: the comparison is linear, the view is not."""
 _STILL_SHARE = 0.5
@@ -54,7 +54,7 @@ def fit_pose(
     guess, pose = T_cam_model, T_cam_model
     spread = covariance if spread is None else spread
     fit: PoseFit | None = None
-    for _ in range(_MOST_PASSES):
+    for _ in range(_MAX_PASSES):
         comparison = comparer.compare(depth_m, pose, spread)
         if not comparison.faces:
             return fit

@@ -16,12 +16,12 @@ from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import COM_MODEL, R_HILL, STATE_SIZE, THETA_BODY, NavigationState
 from pcnav.filtering.error_state import Measurement
 
-_LEAST_SHARE = 1e-9
+_MIN_SHARE = 1e-9
 """Combinations with less than this share of the largest information are unknown: rounding."""
 
 
 @dataclass(frozen=True)
-class Sight:
+class ObserverPose:
     """Where the camera is at the time of a frame."""
 
     T_cam_world: FloatArray
@@ -30,9 +30,9 @@ class Sight:
     """(3, 3)"""
 
     @staticmethod
-    def of(T_cam_world: FloatArray, time_s: float, mean_motion_rad_s: float) -> "Sight":
+    def of(T_cam_world: FloatArray, time_s: float, mean_motion_rad_s: float) -> "ObserverPose":
         """At a time, for a chaser on a circular orbit."""
-        return Sight(T_cam_world, R_hill_world(time_s, mean_motion_rad_s))
+        return ObserverPose(T_cam_world, R_hill_world(time_s, mean_motion_rad_s))
 
     @property
     def R_cam_hill(self) -> FloatArray:
@@ -43,18 +43,18 @@ class Sight:
 class PoseReference:
     """The pose that the faces of a frame were compared with; they share its small computations."""
 
-    def __init__(self, T_cam_model: FloatArray, sight: Sight) -> None:
+    def __init__(self, T_cam_model: FloatArray, observer: ObserverPose) -> None:
         """``T_cam_model`` is (4, 4)."""
-        self.T_cam_model, self.sight = T_cam_model, sight
+        self.T_cam_model, self.observer = T_cam_model, observer
         self._last: tuple[NavigationState, FloatArray, FloatArray] | None = None
 
     def linearised(self, state: NavigationState) -> tuple[FloatArray, FloatArray]:
         """`pose_error` (6,) of a state's pose, and its derivative (6, 20) by the error state."""
         if self._last is None or self._last[0] is not state:
-            sight = self.sight
-            pose = state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+            observer = self.observer
+            pose = state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
             error = pose_error(self.T_cam_model, pose)
-            by_state = pose_jacobian(state, sight)
+            by_state = pose_jacobian(state, observer)
             # log(exp(turn) exp(d)) = turn + J_r(turn)^-1 d.
             by_state[3:] = np.linalg.solve(left_jacobian(-error[3:]), by_state[3:])
             self._last = (state, error, by_state)
@@ -134,23 +134,25 @@ def moved_pose(T_cam_model: FloatArray, error: FloatArray) -> FloatArray:
     return moved
 
 
-def pose_jacobian(state: NavigationState, sight: Sight) -> FloatArray:
+def pose_jacobian(state: NavigationState, observer: ObserverPose) -> FloatArray:
     """(6, 20) change of the pose (as `pose_error`) by the error state.
 
     From ``p_cam = R_cam_hill r - R_cam_body com`` and the attitude error in body axes.
     """
-    R_cam_body = sight.T_cam_world[:3, :3] @ state.R_world_body
+    R_cam_body = observer.T_cam_world[:3, :3] @ state.R_world_body
     jacobian = np.zeros((6, STATE_SIZE))
-    jacobian[:3, R_HILL] = sight.R_cam_hill
+    jacobian[:3, R_HILL] = observer.R_cam_hill
     jacobian[:3, COM_MODEL] = -R_cam_body
     jacobian[:3, THETA_BODY] = R_cam_body @ skew(state.com_model)
     jacobian[3:, THETA_BODY] = np.eye(3)
     return jacobian
 
 
-def pose_covariance(state: NavigationState, covariance: FloatArray, sight: Sight) -> FloatArray:
+def pose_covariance(
+    state: NavigationState, covariance: FloatArray, observer: ObserverPose
+) -> FloatArray:
     """(6, 6) covariance of the pose, from that of the state (20, 20)."""
-    jacobian = pose_jacobian(state, sight)
+    jacobian = pose_jacobian(state, observer)
     return np.asarray(jacobian @ covariance @ jacobian.T)
 
 
@@ -160,7 +162,7 @@ def square_root(
     """Rows (m, 6) and values (m,) with ``rows^T rows = information``, ``rows^T value = vector``."""
     scale = np.array([1.0, 1.0, 1.0, lever_m, lever_m, lever_m])
     strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
-    known = strength > _LEAST_SHARE * max(float(strength[-1]), 0.0)
+    known = strength > _MIN_SHARE * max(float(strength[-1]), 0.0)
     root, axes = np.sqrt(strength[known]), axes[:, known]
     rows = (root[:, None] * axes.T) * scale
     return rows, np.asarray(axes.T @ (vector / scale) / root)

@@ -17,8 +17,8 @@ from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
-_LONGEST_WAIT_FRAMES = 40
-_LONGEST_WAIT_OPEN_FRAMES = 5
+_MAX_WAIT_FRAMES = 40
+_MAX_WAIT_OPEN_FRAMES = 5
 """The same while the question is open: sooner or later a view tells the two apart."""
 _VOTES = 2
 """Looks in a row against a track that end it: one frame may be spoilt by something in the way."""
@@ -70,14 +70,14 @@ class SecondOpinion:
         """Compare the pose tracked (4, 4) with the poses found in the same frame."""
         self._since_look = 0
         # What upholds a doubtful track once will do so in the next frame: doubt has other reasons.
-        self._wait = min(2 * self._wait, _LONGEST_WAIT_FRAMES)
+        self._wait = min(2 * self._wait, _MAX_WAIT_FRAMES)
         lead = self._lead_of(perceived, found, T_cam_model)
         self._votes = self._votes + 1 if lead < -CLEAR_LEAD else 0
         if self._votes >= _VOTES:
             return Verdict.OVERTURNED
         self._lead += lead
         if self._votes or self._lead <= CLEAR_LEAD:
-            self._wait = min(self._wait, _LONGEST_WAIT_OPEN_FRAMES)
+            self._wait = min(self._wait, _MAX_WAIT_OPEN_FRAMES)
             return Verdict.OPEN
         self._lead = 0.0
         return Verdict.UPHELD
@@ -94,7 +94,7 @@ class SecondOpinion:
         if stayed:
             tracked = stayed[0].agreement
         else:
-            tracked = self._reader.explained(perceived.frame, T_cam_model)
+            tracked = self._reader.score(perceived.frame, T_cam_model)
         return NATS_PER_CONFLICT * (
             min(pose.agreement.conflict for pose in others) - tracked.conflict
         )

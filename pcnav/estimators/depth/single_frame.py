@@ -26,10 +26,10 @@ from pcnav.perception.reading import FrameReader, Trust, View
 from pcnav.perception.refinement import Comparison
 from pcnav.recordings.sequence import Frame
 
-_MOST_HYPOTHESES = 4
-_LARGEST_LAG = 0.3
+_MAX_HYPOTHESES = 4
+_MAX_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
-_LEAST_EXPLAINED = 0.5
+_MIN_EXPLAINED = 0.5
 """A pose that explains less of the frame than this is not believed."""
 _PASSES = 4
 """Most times the expected view is rendered anew."""
@@ -71,7 +71,7 @@ class SingleFramePose:
     """The last one, where the pose was fitted by comparison."""
 
     @property
-    def explained(self) -> float:
+    def inlier_ratio(self) -> float:
         """Share of the frame that the pose explains; nan where not rendered."""
         return self.agreement.share
 
@@ -83,7 +83,7 @@ def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | No
     frame is taken.
     """
     candidates = refined_hypotheses(reader.look(frame), reader)
-    return candidates[0] if candidates and candidates[0].explained >= _LEAST_EXPLAINED else None
+    return candidates[0] if candidates and candidates[0].inlier_ratio >= _MIN_EXPLAINED else None
 
 
 def refined_hypotheses(
@@ -94,18 +94,18 @@ def refined_hypotheses(
     Each is one of the equivalent poses of a symmetric target: that nearest in attitude to one of
     ``near`` (4, 4 each).
     """
-    hypotheses = reader.hypotheses(perceived)[:_MOST_HYPOTHESES]
+    hypotheses = reader.hypotheses(perceived)[:_MAX_HYPOTHESES]
     likely = [
         reader.nearest_equivalent(hypothesis.T_cam_model, near)
         for hypothesis in hypotheses
-        if hypothesis.agreement.share > hypotheses[0].agreement.share - _LARGEST_LAG
+        if hypothesis.agreement.share > hypotheses[0].agreement.share - _MAX_LAG
     ]
     return best_first(refitted(likely, perceived, reader))
 
 
 def best_first(poses: Iterable[SingleFramePose]) -> tuple[SingleFramePose, ...]:
     """The best explaining first."""
-    return tuple(sorted(poses, key=lambda pose: -pose.explained))
+    return tuple(sorted(poses, key=lambda pose: -pose.inlier_ratio))
 
 
 def refitted(
@@ -198,7 +198,7 @@ def refine_pose(
             break
     if estimate is None:
         return None
-    return replace(estimate, agreement=reader.explained(perceived.frame, T_cam_model))
+    return replace(estimate, agreement=reader.score(perceived.frame, T_cam_model))
 
 
 def fuse_faces(
@@ -264,7 +264,7 @@ def _fused(
     sd[R_HILL], sd[THETA_BODY] = _POSITION_SD_FRACTION * diameter_m, _ATTITUDE_SD_RAD
     # The prior is no knowledge that a measurement could contradict: nothing is gated against it.
     kalman = ErrorStateFilter(
-        state, np.diag(sd**2), gate_probability=1.0 - 1e-15, most_iterations=10
+        state, np.diag(sd**2), gate_probability=1.0 - 1e-15, max_iterations=10
     )
     kalman.update([_measurement(face) for face in faces])
     return kalman

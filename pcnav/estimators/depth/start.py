@@ -21,32 +21,32 @@ from pcnav.dynamics.state import (
 from pcnav.estimators.depth.single_frame import SingleFramePose
 from pcnav.target.satellite import Target
 
-_LARGEST_STEP_RAD = 0.5
+_MAX_STEP_RAD = 0.5
 """Two frames are linked when the attitude is this near to what the motion so far predicts."""
-_LARGEST_SHIFT_FRACTION = 0.3
+_MAX_SHIFT_FRACTION = 0.3
 """... and the model origin this near, over the diameter."""
-_FEWEST_FRAMES = 3
-MOST_SIGHTINGS = 10
+_MIN_FRAMES = 3
+MAX_OBSERVATIONS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
-_LEAST_EXPLAINED = 0.5
+_MIN_EXPLAINED = 0.5
 """A motion that explains less of the frames than this on average is not believed."""
-_LARGEST_LAG = 0.1
-"""A sighting that explains so much less of its frame than another one of its motion is dropped."""
+_MAX_LAG = 0.1
+"""An observation whose inlier ratio is so much below that of another of its motion is dropped."""
 NATS_PER_CONFLICT = 0.25
 """Log-likelihood that a pixel against a motion costs it. A stray return costs about 4, the log of
 outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
 CLEAR_LEAD = 9.0
 """Lead in log-likelihood of the best motion over any other that decides: 8,000 to one."""
-_MOST_MOTIONS = 24
+_MAX_MOTIONS = 24
 _POSITION_SD_M = 1.0
 _VELOCITY_SD_M_S = 1.0
 _ATTITUDE_SD_RAD = 0.5
 _RATE_SD_RAD_S = 0.5
-"""Spread allowed about the first sightings: far more than they err, so that it decides nothing."""
+"""Spread about the first observations: far more than they err, so that it decides nothing."""
 
 
 @dataclass(frozen=True)
-class Sighting:
+class PoseObservation:
     """A pose that one frame allows, and where the camera was."""
 
     time_s: float
@@ -72,24 +72,24 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Motion:
-    """Sightings that one tumbling body can have made, in order of time."""
+    """PoseObservations that one tumbling body can have made, in order of time."""
 
-    sightings: tuple[Sighting, ...]
+    observations: tuple[PoseObservation, ...]
 
     @property
-    def explained(self) -> float:
+    def inlier_ratio(self) -> float:
         """Mean share of the frames explained."""
-        return float(np.mean([sighting.pose.explained for sighting in self.sightings]))
+        return float(np.mean([observation.pose.inlier_ratio for observation in self.observations]))
 
     def log_weight(self, frames: int) -> float:
         """Log-likelihood of the last frames, up to a constant: pixels against it weigh it down."""
-        conflicts = [s.pose.agreement.conflict for s in self.sightings[-frames:]]
+        conflicts = [s.pose.agreement.conflict for s in self.observations[-frames:]]
         return -NATS_PER_CONFLICT * float(np.sum(conflicts))
 
     def predicted_attitude(self, time_s: float) -> FloatArray:
         """(3, 3) R_world_body if the last rate, seen in the body, goes on."""
-        last = self.sightings[-1]
-        if len(self.sightings) == 1:
+        last = self.observations[-1]
+        if len(self.observations) == 1:
             return last.R_world_body
         return np.asarray(
             last.R_world_body @ exp_rotation(self._last_rate() * (time_s - last.time_s))
@@ -97,15 +97,15 @@ class Motion:
 
     def predicted_position(self, time_s: float) -> FloatArray:
         """(3,) p_world_model if the last velocity goes on."""
-        last = self.sightings[-1]
-        if len(self.sightings) == 1:
+        last = self.observations[-1]
+        if len(self.observations) == 1:
             return last.p_world_model
-        before = self.sightings[-2]
+        before = self.observations[-2]
         share = (time_s - last.time_s) / (last.time_s - before.time_s)
         return np.asarray(last.p_world_model + share * (last.p_world_model - before.p_world_model))
 
     def _last_rate(self) -> FloatArray:
-        before, last = self.sightings[-2:]
+        before, last = self.observations[-2:]
         turn = log_rotation(before.R_world_body.T @ last.R_world_body)
         return np.asarray(turn / (last.time_s - before.time_s))
 
@@ -133,16 +133,20 @@ class MotionStart:
         After ten frames the best motion is taken even if another one is as good, and called
         undecided. A motion that the target's symmetry maps onto the best one is no other.
         """
-        sightings = [Sighting(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses]
-        if not sightings:
+        observations = [
+            PoseObservation(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses
+        ]
+        if not observations:
             return None
-        linked = [self._extended(motion, sightings) for motion in self._motions]
+        linked = [self._extended(motion, observations) for motion in self._motions]
         grown = [motion for motion in linked if motion is not None]
         # What no motion so far leads to may be the beginning of the right one.
-        claimed = {id(motion.sightings[-1]) for motion in grown}
-        begun = [Motion((sighting,)) for sighting in sightings if id(sighting) not in claimed]
-        best_first = sorted([*grown, *begun], key=lambda motion: -motion.explained)
-        self._motions = tuple(best_first[:_MOST_MOTIONS])
+        claimed = {id(motion.observations[-1]) for motion in grown}
+        begun = [
+            Motion((observation,)) for observation in observations if id(observation) not in claimed
+        ]
+        best_first = sorted([*grown, *begun], key=lambda motion: -motion.inlier_ratio)
+        self._motions = tuple(best_first[:_MAX_MOTIONS])
         return self._decide()
 
     def predicted(self, time_s: float, T_cam_world: FloatArray) -> tuple[FloatArray, ...]:
@@ -157,69 +161,69 @@ class MotionStart:
         """The motion that explains most so far."""
         return self._motions[0] if self._motions else None
 
-    def _extended(self, motion: Motion, sightings: list[Sighting]) -> Motion | None:
-        """The motion with the sighting that fits it best, or None when none does."""
-        attitude = motion.predicted_attitude(sightings[0].time_s)
-        before = motion.sightings[-1].p_world_model
+    def _extended(self, motion: Motion, observations: list[PoseObservation]) -> Motion | None:
+        """The motion with the observation that fits it best, or None when none does."""
+        attitude = motion.predicted_attitude(observations[0].time_s)
+        before = motion.observations[-1].p_world_model
         fitting = []
-        for sighting in sightings:
-            turn = float(rotation_angle(attitude.T @ sighting.R_world_body)) / _LARGEST_STEP_RAD
+        for observation in observations:
+            turn = float(rotation_angle(attitude.T @ observation.R_world_body)) / _MAX_STEP_RAD
             # In the world: a camera that pans moves a still target about its own frame.
-            shift_m = float(np.linalg.norm(sighting.p_world_model - before))
-            shift = shift_m / (_LARGEST_SHIFT_FRACTION * self._target.diameter_m)
+            shift_m = float(np.linalg.norm(observation.p_world_model - before))
+            shift = shift_m / (_MAX_SHIFT_FRACTION * self._target.diameter_m)
             if turn <= 1.0 and shift <= 1.0:
-                fitting.append((turn + shift, sighting))
+                fitting.append((turn + shift, observation))
         if not fitting:
             return None
         best = min(fitting, key=lambda pair: pair[0])[1]
-        return Motion(_sound((*motion.sightings, best)[-MOST_SIGHTINGS:]))
+        return Motion(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
 
     def _decide(self) -> Decision | None:
-        ripe = [motion for motion in self._motions if len(motion.sightings) >= _FEWEST_FRAMES]
-        if not ripe or ripe[0].explained < _LEAST_EXPLAINED:
+        ripe = [motion for motion in self._motions if len(motion.observations) >= _MIN_FRAMES]
+        if not ripe or ripe[0].inlier_ratio < _MIN_EXPLAINED:
             return None
         best = ripe[0]
         rivals = [m for m in ripe[1:] if _rivals(best, m)]
         undecided = [m for m in rivals if not self._symmetric(best, m)]
-        if undecided and len(best.sightings) < MOST_SIGHTINGS:
+        if undecided and len(best.observations) < MAX_OBSERVATIONS:
             return None
         return Decision(best, undecided=bool(undecided))
 
     def _symmetric(self, a: Motion, b: Motion) -> bool:
         """Whether the target's own symmetry turns one motion into the other."""
-        relative = a.sightings[-1].T_cam_model[:3, :3].T @ b.sightings[-1].T_cam_model[:3, :3]
-        angles = rotation_angle(self._target.symmetry_rotations[:, :3, :3] @ relative.T)
-        return bool(np.min(angles) < 0.5 * _LARGEST_STEP_RAD)
+        relative = a.observations[-1].T_cam_model[:3, :3].T @ b.observations[-1].T_cam_model[:3, :3]
+        angles = rotation_angle(self._target.symmetry_transforms[:, :3, :3] @ relative.T)
+        return bool(np.min(angles) < 0.5 * _MAX_STEP_RAD)
 
 
-def _sound(sightings: tuple[Sighting, ...]) -> tuple[Sighting, ...]:
+def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, ...]:
     """Those that do not explain their frames much worse than the others do.
 
     A fit that went astray may still be near enough to be linked.
     """
-    most = max(sighting.pose.explained for sighting in sightings)
-    return tuple(s for s in sightings if s.pose.explained >= most - _LARGEST_LAG)
+    most = max(observation.pose.inlier_ratio for observation in observations)
+    return tuple(s for s in observations if s.pose.inlier_ratio >= most - _MAX_LAG)
 
 
 def _rivals(best: Motion, other: Motion) -> bool:
     """Whether another motion is not much less likely, over the frames that both have."""
-    if other.sightings[-1] is best.sightings[-1]:
+    if other.observations[-1] is best.observations[-1]:
         return False
-    frames = min(len(best.sightings), len(other.sightings))
+    frames = min(len(best.observations), len(other.observations))
     return best.log_weight(frames) - other.log_weight(frames) < CLEAR_LEAD
 
 
 def first_state(
     motion: Motion, com_model: FloatArray, inertia_ratios: FloatArray, mean_motion_rad_s: float
 ) -> NavigationState:
-    """State at the first sighting: pose from it, rates from the differences of the sightings."""
-    first, last = motion.sightings[0], motion.sightings[-1]
+    """State at the first observation: pose from it, rates from the differences of all."""
+    first, last = motion.observations[0], motion.observations[-1]
     turns = [
         log_rotation(a.R_world_body.T @ b.R_world_body) / (b.time_s - a.time_s)
-        for a, b in zip(motion.sightings, motion.sightings[1:], strict=False)
+        for a, b in zip(motion.observations, motion.observations[1:], strict=False)
     ]
     r_first, r_last = (
-        _r_hill(sighting, com_model, mean_motion_rad_s) for sighting in (first, last)
+        _r_hill(observation, com_model, mean_motion_rad_s) for observation in (first, last)
     )
     return NavigationState(
         r_hill=r_first,
@@ -231,11 +235,13 @@ def first_state(
     )
 
 
-def _r_hill(sighting: Sighting, com_model: FloatArray, mean_motion_rad_s: float) -> FloatArray:
-    T_cam_world = sighting.T_cam_world
-    p_cam = sighting.T_cam_model[:3, :3] @ com_model + sighting.T_cam_model[:3, 3]
+def _r_hill(
+    observation: PoseObservation, com_model: FloatArray, mean_motion_rad_s: float
+) -> FloatArray:
+    T_cam_world = observation.T_cam_world
+    p_cam = observation.T_cam_model[:3, :3] @ com_model + observation.T_cam_model[:3, 3]
     p_world = T_cam_world[:3, :3].T @ (p_cam - T_cam_world[:3, 3])
-    return np.asarray(R_hill_world(sighting.time_s, mean_motion_rad_s) @ p_world)
+    return np.asarray(R_hill_world(observation.time_s, mean_motion_rad_s) @ p_world)
 
 
 def start_covariance(com_covariance_m2: FloatArray, parameter_covariance: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
-from pcnav.estimators.depth.pose_measurement import PoseMeasurement, Sight, joined
+from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, joined
 from pcnav.estimators.depth.single_frame import (
     SingleFramePose,
     agreeing_faces,
@@ -27,7 +27,7 @@ from pcnav.estimators.depth.single_frame import (
     refined_hypotheses,
 )
 from pcnav.estimators.depth.start import (
-    MOST_SIGHTINGS,
+    MAX_OBSERVATIONS,
     Decision,
     Motion,
     MotionStart,
@@ -52,11 +52,11 @@ from pcnav.target.satellite import Target
 _log = logging.getLogger("pcnav")
 
 _WELL_EXPLAINED = 0.9
-_LARGEST_DROP = 0.02
+_MAX_DROP = 0.02
 """Motions whose best explains this much of a frame, and hardly less than of the frames before,
 need no search for others."""
 _DOUBT_WITHOUT_RATE = 3.0
-"""A hypothesis carried over from one sighting may be off by so many times more than one that
+"""A hypothesis carried over from one observation may be off by so many times more than one that
 rectangles propose: the target turns."""
 _FIRST_ARC = 6
 _ARC_GROWTH = 1.12
@@ -65,7 +65,7 @@ _LAST_ARC = 400
 """Frames after which the filter goes on alone: by then the inertia is known well enough."""
 _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
-_LARGEST_ARC_CHI_SQUARE = 4.0
+_MAX_ARC_CHI_SQUARE = 4.0
 """Per degree of freedom: a motion that fits its frames worse is not believed."""
 _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""
@@ -91,7 +91,7 @@ class YoungArc:
         if not fit.converged:
             return None
         self._start = fit.states[0]
-        return fit if fit.chi_square < _LARGEST_ARC_CHI_SQUARE * fit.dof else None
+        return fit if fit.chi_square < _MAX_ARC_CHI_SQUARE * fit.dof else None
 
     def extend(self, timed: TimedMeasurements) -> ArcFit | None:
         """Add a frame; a fit of the whole when it is time for one."""
@@ -135,9 +135,9 @@ class Starter:
         self._filtering, self._belief, self._refined = filtering, belief, refined
         self._units_checked = False
         self._start = MotionStart(target)
-        self._frames: deque[Frame] = deque(maxlen=MOST_SIGHTINGS)
+        self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
 
-    def add(self, frame: Frame, sight: Sight) -> Begun | FrameView:
+    def add(self, frame: Frame, observer: ObserverPose) -> Begun | FrameView:
         """Take in a frame: a track begun, or the frame as it was seen.
 
         Raises `InputError` when target and frame differ in units.
@@ -165,12 +165,12 @@ class Starter:
         predicted = self._start.predicted(frame.time_s, frame.T_cam_world)
         best = self._start.best
         if self._refined and best is not None:
-            doubt = _DOUBT_WITHOUT_RATE if len(best.sightings) == 1 else 1.0
+            doubt = _DOUBT_WITHOUT_RATE if len(best.observations) == 1 else 1.0
             found = compared_poses(predicted, frame, self._reader, doubt)
             followed = best_first(pose for pose in found if pose is not None)
-            usual = max(sighting.pose.explained for sighting in best.sightings)
-            enough = max(_WELL_EXPLAINED, usual - _LARGEST_DROP)
-            if followed and followed[0].explained >= enough:
+            usual = max(observation.pose.inlier_ratio for observation in best.observations)
+            enough = max(_WELL_EXPLAINED, usual - _MAX_DROP)
+            if followed and followed[0].inlier_ratio >= enough:
                 return followed, silent_view(frame)
         perceived = self._reader.look(frame)
         if not self._units_checked:
@@ -185,42 +185,44 @@ class Starter:
         guess = first_state(motion, belief.com_model, belief.inertia_ratios, n)
         arc = YoungArc(self._model, guess, belief)
         by_time = {frame.time_s: frame for frame in self._frames}
-        frames = [by_time[sighting.time_s] for sighting in motion.sightings]
-        sights = [Sight.of(frame.T_cam_world, frame.time_s, n) for frame in frames]
+        frames = [by_time[observation.time_s] for observation in motion.observations]
+        observers = [ObserverPose.of(frame.T_cam_world, frame.time_s, n) for frame in frames]
         if self._refined:
-            views = self._compared(motion, frames, sights)
+            views = self._compared(motion, frames, observers)
             arc.frames = [condensed(_timed(view)) for view in views]
             fit = arc.fit()
         else:
-            fit, views = self._fit_rectangles(arc, motion, frames, sights)
+            fit, views = self._fit_rectangles(arc, motion, frames, observers)
         if fit is None:
             return None
         kalman = ErrorStateFilter(
             fit.states[-1],
             fit.covariance,
             gate_probability=self._filtering.gate_probability,
-            most_iterations=self._filtering.iterations,
+            max_iterations=self._filtering.iterations,
         )
         return Begun(kalman, arc, decision.undecided, views[-1])
 
     def _compared(
-        self, motion: Motion, frames: list[Frame], sights: list[Sight]
+        self, motion: Motion, frames: list[Frame], observers: list[ObserverPose]
     ) -> list[FrameView]:
         views = []
-        for sighting, frame, sight in zip(motion.sightings, frames, sights, strict=True):
-            comparison = sighting.pose.comparison
+        for observation, frame, observer in zip(
+            motion.observations, frames, observers, strict=True
+        ):
+            comparison = observation.pose.comparison
             assert comparison is not None, "poses were fitted by comparison"
-            kept = tuple(face for face in comparison.faces if face.name in sighting.pose.used)
+            kept = tuple(face for face in comparison.faces if face.name in observation.pose.used)
             comparison = replace(comparison, faces=kept)
             views.append(
-                view_of_comparison(frame, comparison, 0.5 * self._target.diameter_m, sight)
+                view_of_comparison(frame, comparison, 0.5 * self._target.diameter_m, observer)
             )
         return views
 
     def _fit_rectangles(
-        self, arc: YoungArc, motion: Motion, frames: list[Frame], sights: list[Sight]
+        self, arc: YoungArc, motion: Motion, frames: list[Frame], observers: list[ObserverPose]
     ) -> tuple[ArcFit | None, list[FrameView]]:
-        poses = [sighting.T_cam_model for sighting in motion.sightings]
+        poses = [observation.T_cam_model for observation in motion.observations]
         views: list[FrameView] = []
         fit: ArcFit | None = None
         for attempt in range(_START_PASSES):
@@ -228,7 +230,7 @@ class Starter:
             trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
             views = [
                 view_of_rectangles(self._agreeing(self._reader.read(frame, pose, trust), pose), s)
-                for frame, pose, s in zip(frames, poses, sights, strict=True)
+                for frame, pose, s in zip(frames, poses, observers, strict=True)
             ]
             arc.frames = [_timed(view) for view in views]
             fit = arc.fit()
@@ -237,8 +239,8 @@ class Starter:
             before, poses = (
                 poses,
                 [
-                    state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
-                    for state, sight in zip(fit.states, sights, strict=True)
+                    state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
+                    for state, observer in zip(fit.states, observers, strict=True)
                 ],
             )
             if attempt > 0 and max(map(self._reader.moved_px, before, poses, frames)) < _STILL_PX:

@@ -13,7 +13,7 @@ from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.mass import MassBelief, learnt_belief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman, Updated, pose_of, updater_of
-from pcnav.estimators.depth.pose_measurement import Sight, pose_covariance, pose_error
+from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance, pose_error
 from pcnav.estimators.depth.second_opinion import SecondOpinion, Verdict
 from pcnav.estimators.depth.single_frame import SingleFramePose
 from pcnav.estimators.depth.starting import Begun, Starter, YoungArc
@@ -29,11 +29,11 @@ from pcnav.target.symmetry import group_name
 
 _log = logging.getLogger("pcnav")
 
-_MOST_BLIND_FRAMES = 10
+_MAX_BLIND_FRAMES = 10
 """Frames with returns but without an accepted measurement before the track is given up."""
-_LEAST_RETURNS = 40
+_MIN_RETURNS = 40
 """Fewer returns than this are specks."""
-_LEAST_EXPLAINED = 0.5
+_MIN_EXPLAINED = 0.5
 """A pose found afresh that explains less of the frame is not believed."""
 
 
@@ -96,11 +96,11 @@ class Tracker:
 
     def step(self, frame: Frame) -> tuple[FrameEstimate, FrameView]:
         """Take in one frame. Raises `InputError` when target and frame differ in units."""
-        sight = Sight.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
+        observer = ObserverPose.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
         if self._track is None:
-            estimate, view = self._acquire(frame, sight)
+            estimate, view = self._acquire(frame, observer)
         else:
-            estimate, view = self._follow(frame, sight, self._track)
+            estimate, view = self._follow(frame, observer, self._track)
         if estimate.status != self._status:
             self._tell(frame, estimate)
             self._status = Status(estimate.status)
@@ -109,14 +109,14 @@ class Tracker:
     def _tell(self, frame: Frame, estimate: FrameEstimate) -> None:
         group = ""
         if estimate.status == Status.AMBIGUOUS:
-            group = f", symmetry group {group_name(self._target.symmetry_rotations)}"
+            group = f", symmetry group {group_name(self._target.symmetry_transforms)}"
         _log.info(
-            "frame %d: %s -> %s%s (explained %.0f %%, NIS per degree of freedom %.2f)",
+            "frame %d: %s -> %s%s (inlier ratio %.0f %%, NIS per degree of freedom %.2f)",
             frame.index,
             self._status,
             estimate.status,
             group,
-            100.0 * estimate.explained,
+            100.0 * estimate.inlier_ratio,
             estimate.window_nis,
         )
 
@@ -132,49 +132,53 @@ class Tracker:
             refined=self._refined,
         )
 
-    def _acquire(self, frame: Frame, sight: Sight) -> tuple[FrameEstimate, FrameView]:
-        outcome = self._starter.add(frame, sight)
+    def _acquire(self, frame: Frame, observer: ObserverPose) -> tuple[FrameEstimate, FrameView]:
+        outcome = self._starter.add(frame, observer)
         if not isinstance(outcome, Begun):
-            return self._estimate(outcome, None, Status.ACQUIRING, sight), outcome
+            return self._estimate(outcome, None, Status.ACQUIRING, observer), outcome
         track = _Track(
             outcome.kalman,
             outcome.arc,
             frame.time_s,
             SecondOpinion(self._target, self._reader),
             Evidence(),
-            symmetric=len(self._target.symmetry_rotations) > 1,
+            symmetric=len(self._target.symmetry_transforms) > 1,
             open_question=outcome.undecided,
         )
         self._track = track
-        return self._estimate(outcome.view, None, track.status, sight), outcome.view
+        return self._estimate(outcome.view, None, track.status, observer), outcome.view
 
     # Following.
 
-    def _follow(self, frame: Frame, sight: Sight, track: _Track) -> tuple[FrameEstimate, FrameView]:
+    def _follow(
+        self, frame: Frame, observer: ObserverPose, track: _Track
+    ) -> tuple[FrameEstimate, FrameView]:
         kalman = track.kalman
         kalman.predict(self._model, track.time_s, frame.time_s - track.time_s)
         track.time_s = frame.time_s
-        if np.count_nonzero(frame.depth_m) < _LEAST_RETURNS:
+        if np.count_nonzero(frame.depth_m) < _MIN_RETURNS:
             view = silent_view(frame)
-            return self._estimate(view, None, Status.COASTING, sight), view
-        updated = self._updater.update(frame, kalman, sight)
+            return self._estimate(view, None, Status.COASTING, observer), view
+        updated = self._updater.update(frame, kalman, observer)
         status = Status.COASTING
         if updated.is_good:
-            status = self._go_on(frame, sight, track, updated)
+            status = self._go_on(frame, observer, track, updated)
         else:
-            updated, status = self._search(frame, sight, track, updated)
-        estimate = self._estimate(updated.view, updated.result, status, sight)
+            updated, status = self._search(frame, observer, track, updated)
+        estimate = self._estimate(updated.view, updated.result, status, observer)
         if status is Status.LOST:
             self._lose(track)
         return estimate, updated.view
 
-    def _go_on(self, frame: Frame, sight: Sight, track: _Track, updated: Updated) -> Status:
+    def _go_on(
+        self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
+    ) -> Status:
         """Take in what a good update says of the track, and say what it is worth now."""
         self._take_in(track, updated)
         opinion = track.second_opinion
         if opinion.is_due(track.evidence, is_open=track.open_question):
             perceived, found = opinion.look(frame)
-            verdict = opinion.judge(perceived, found, pose_of(track.kalman, sight))
+            verdict = opinion.judge(perceived, found, pose_of(track.kalman, observer))
             track.open_question = verdict is not Verdict.UPHELD
             if verdict is Verdict.OVERTURNED:
                 track.was_wrong = True
@@ -182,24 +186,24 @@ class Tracker:
         return track.status
 
     def _search(
-        self, frame: Frame, sight: Sight, track: _Track, updated: Updated
+        self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
     ) -> tuple[Updated, Status]:
         """Look for the target where the prediction explains nothing, though there are returns."""
         opinion = track.second_opinion
         perceived, found = opinion.look(frame)
-        again = self._found_again(frame, sight, track.kalman, found)
+        again = self._found_again(frame, observer, track.kalman, found)
         if again is not None:
             self._take_in(track, again)
             return again, track.status
         track.blind_frames += 1
-        verdict = opinion.judge(perceived, found, pose_of(track.kalman, sight))
-        gave_up = verdict is Verdict.OVERTURNED or track.blind_frames > _MOST_BLIND_FRAMES
+        verdict = opinion.judge(perceived, found, pose_of(track.kalman, observer))
+        gave_up = verdict is Verdict.OVERTURNED or track.blind_frames > _MAX_BLIND_FRAMES
         return updated, Status.LOST if gave_up else Status.COASTING
 
     def _take_in(self, track: _Track, updated: Updated) -> None:
         assert updated.result is not None, "the update was good"
         track.blind_frames = 0
-        track.evidence.add(updated.view.explained, updated.result)
+        track.evidence.add(updated.view.inlier_ratio, updated.result)
         self._extend_arc(track, updated.view, updated.result)
 
     def _extend_arc(self, track: _Track, view: FrameView, result: UpdateResult) -> None:
@@ -218,30 +222,30 @@ class Tracker:
             fit.states[-1],
             fit.covariance,
             gate_probability=self._filtering.gate_probability,
-            most_iterations=self._filtering.iterations,
+            max_iterations=self._filtering.iterations,
         )
 
     def _found_again(
-        self, frame: Frame, sight: Sight, kalman: Kalman, found: Sequence[SingleFramePose]
+        self, frame: Frame, observer: ObserverPose, kalman: Kalman, found: Sequence[SingleFramePose]
     ) -> Updated | None:
         """An update from where a fresh look finds the target, if the prediction allows that.
 
         After a gap the prediction may be off by more than a comparison with its view can bridge.
         """
-        predicted = pose_of(kalman, sight)
-        spread = pose_covariance(kalman.state, kalman.covariance, sight)
+        predicted = pose_of(kalman, observer)
+        spread = pose_covariance(kalman.state, kalman.covariance, observer)
         allowed = []
         for pose in found:
             error = pose_error(predicted, pose.T_cam_model)
             squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
             gate = innovation_gate(self._filtering.gate_probability, len(error))
-            if pose.explained >= _LEAST_EXPLAINED and squared < gate:
+            if pose.inlier_ratio >= _MIN_EXPLAINED and squared < gate:
                 allowed.append((squared, pose))
         if not allowed:
             return None
         best = min(allowed, key=lambda pair: pair[0])[1]
         start = (best.T_cam_model, best.covariance)
-        updated = self._updater.update(frame, kalman, sight, start)
+        updated = self._updater.update(frame, kalman, observer, start)
         return updated if updated.is_good else None
 
     def _lose(self, track: _Track) -> None:
@@ -260,7 +264,7 @@ class Tracker:
     # Results.
 
     def _estimate(
-        self, view: FrameView, result: UpdateResult | None, status: Status, sight: Sight
+        self, view: FrameView, result: UpdateResult | None, status: Status, observer: ObserverPose
     ) -> FrameEstimate:
         track, frame = self._track, view.frame
         accepted = (True,) * len(view.measurements) if result is None else result.accepted
@@ -275,7 +279,7 @@ class Tracker:
             nis_dof=0 if result is None else result.joint_dof,
             n_rectangles=sum(accepted[face] for face in view.face_of_record),
             records=view.outcomes(accepted),
-            explained=view.explained,
+            inlier_ratio=view.inlier_ratio,
             window_nis=float("nan") if track is None else track.evidence.window_nis,
         )
         if track is None:
@@ -285,5 +289,5 @@ class Tracker:
             estimate,
             state=kalman.state,
             covariance=ratio_covariance(kalman.state, kalman.covariance),
-            T_cam_model=pose_of(kalman, sight),
+            T_cam_model=pose_of(kalman, observer),
         )

@@ -9,9 +9,9 @@ from pcnav.core.spatial import make_transform
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass_centre import RectangleMeasurement
 from pcnav.estimators.depth.pose_measurement import (
+    ObserverPose,
     PoseMeasurement,
     PoseReference,
-    Sight,
     moved_pose,
 )
 from pcnav.filtering.error_state import Measurement
@@ -39,7 +39,7 @@ class FrameView:
     """One per face that is a rectangle, in the order of `face_of_record`."""
     face_of_record: tuple[int, ...]
     unused: tuple[RectangleRecord, ...]
-    explained: float
+    inlier_ratio: float
     """Share of the frame that the pose in mind explains; nan where nothing was rendered."""
 
     def without_faces(self, reason: str) -> "FrameView":
@@ -64,10 +64,10 @@ def silent_view(frame: Frame) -> FrameView:
     return FrameView(frame, labels, (), (), (), (), float("nan"))
 
 
-def view_of_rectangles(view: View, sight: Sight) -> FrameView:
+def view_of_rectangles(view: View, observer: ObserverPose) -> FrameView:
     """A frame read as rectangles."""
     time_s = view.frame.time_s
-    T_cam_hill = sight.T_cam_world @ make_transform(sight.R_hill_world.T, np.zeros(3))
+    T_cam_hill = observer.T_cam_world @ make_transform(observer.R_hill_world.T, np.zeros(3))
     return FrameView(
         view.frame,
         view.image_labels,
@@ -79,23 +79,23 @@ def view_of_rectangles(view: View, sight: Sight) -> FrameView:
                 known=face.known,
                 full_covariance=face.covariance,
                 T_cam_hill=T_cam_hill,
-                R_hill_world=sight.R_hill_world,
+                R_hill_world=observer.R_hill_world,
             )
             for face in view.faces
         ),
         tuple(_face_record(time_s, face) for face in view.faces),
         tuple(range(len(view.faces))),
         tuple(unused_record(time_s, unused) for unused in view.unused),
-        view.explained,
+        view.inlier_ratio,
     )
 
 
 def view_of_comparison(
-    frame: Frame, comparison: Comparison, lever_m: float, sight: Sight
+    frame: Frame, comparison: Comparison, lever_m: float, observer: ObserverPose
 ) -> FrameView:
     """A frame compared with the rendered view."""
     faces = comparison.faces
-    reference = PoseReference(comparison.T_cam_model, sight)
+    reference = PoseReference(comparison.T_cam_model, observer)
     named = [k for k, face in enumerate(faces) if face.rectangle is not None]
     return FrameView(
         frame,

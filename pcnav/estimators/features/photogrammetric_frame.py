@@ -10,7 +10,7 @@ from pcnav.core.spatial import exp_rotation, skew
 from pcnav.filtering.error_state import innovation_gate
 
 _FIT_STEPS = 3
-_LEAST_HEIGHT = 1e-3
+_MIN_HEIGHT = 1e-3
 """Height of a triangle over its longest side below which its points are called collinear."""
 _ALL_TRIPLES_TO = 10
 _SAMPLED_TRIPLES = 120
@@ -42,7 +42,7 @@ def best_triple(points: FloatArray) -> tuple[int, int, int]:
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1)
     height = np.divide(area, longest, out=np.zeros_like(area), where=longest > 0.0)
     best = int(height.argmax())
-    if not height[best] > _LEAST_HEIGHT * longest[best]:
+    if not height[best] > _MIN_HEIGHT * longest[best]:
         raise ValueError(f"{len(points)} points on a line: expected some that are not")
     i, j, k = triples[best].tolist()
     return i, j, k

@@ -150,7 +150,7 @@ class ImageMotionChain:
             self._place(placed)
             return chosen
         shared = max((each[0].matches for each in found), default=0)
-        enough = self._settings.fewest_matches
+        enough = self._settings.min_matches
         if shared < enough <= len(frame.features) or self._seen_anew(frame, shared):
             return self._begin(frame, points)
         if found:
@@ -164,7 +164,7 @@ class ImageMotionChain:
         face is in view; the many new ones would tell each other's turn.
         """
         new = len(frame.features) - shared
-        return self._unmeasured > _PATIENCE and new > max(shared, self._settings.fewest_matches)
+        return self._unmeasured > _PATIENCE and new > max(shared, self._settings.min_matches)
 
     def _references(self, frame: MonocularFrame) -> list[_Placed]:
         """What a frame is compared with, the best first."""
@@ -174,7 +174,7 @@ class ImageMotionChain:
             return [self._last]
         key = self._keys[-1]
         in_view = len(np.intersect1d(key.features, frame.features))
-        enough = max(self._settings.fewest_matches, self._settings.key_share * len(key.features))
+        enough = max(self._settings.min_matches, self._settings.key_share * len(key.features))
         if in_view < enough and self._last.number != key.number:
             self._keys = [*self._keys, self._last][-_KEYS_TRIED:]
         return self._keys[::-1]

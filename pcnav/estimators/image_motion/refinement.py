@@ -9,15 +9,15 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, skew
 from pcnav.estimators.image_motion.essential import essential_of, homogeneous
 
-_MOST_STEPS = 60
+_MAX_STEPS = 60
 _FEW_STEPS = 6
 _FAR_ABOVE = 100.0
 _EXPLAINED = 0.9999
 _FIRST_DAMPING = 1e-4
-_LARGEST_DAMPING = 1e8
+_MAX_DAMPING = 1e8
 _CONVERGED = 1e-9
 """A step that changes one plus the squared residuals by a smaller share ends the search."""
-_LEAST_EIGENVALUE = 1e-12
+_MIN_EIGENVALUE = 1e-12
 """Share of the largest information below which a direction counts as unknown."""
 _AXES = skew(np.eye(3))
 
@@ -69,7 +69,7 @@ def refine(
     residuals, jacobian = _linearised(R, t, first, second, sigma)
     squared = np.sum(residuals**2, axis=-1)
     active, settled = np.ones(len(R), dtype=np.bool_), np.zeros(len(R), dtype=np.bool_)
-    for done in range(_MOST_STEPS):
+    for done in range(_MAX_STEPS):
         k = np.flatnonzero(active)
         step = _damped_step(jacobian[k], residuals[k], damping[k])
         R_new, t_new = R[k] @ exp_rotation(step[:, :3]), _moved(t[k], step[:, 3:])
@@ -81,7 +81,7 @@ def refine(
         R[at], t[at], squared[at] = R_new[better], t_new[better], squared[at] - lower[better]
         residuals[at], jacobian[at] = tried[better], jacobian_new[better]
         damping[k] *= np.where(better, 0.1, 10.0)
-        active &= ~settled & (damping < _LARGEST_DAMPING)
+        active &= ~settled & (damping < _MAX_DAMPING)
         best = np.min(squared[settled], initial=np.inf)
         if done >= _FEW_STEPS and best <= enough:
             active &= squared <= best + _FAR_ABOVE
@@ -99,7 +99,7 @@ def motion_gain(
     """
     J = _linearised(R[None], t[None], first, second, 1.0)[1][0]
     values, vectors = np.linalg.eigh(J.T @ J)
-    values = np.maximum(values, _LEAST_EIGENVALUE * values[-1])
+    values = np.maximum(values, _MIN_EIGENVALUE * values[-1])
     inverse = (vectors / values) @ vectors.T
     onto = -(inverse @ J.T)[:3].T
     E = essential_of(R, t)

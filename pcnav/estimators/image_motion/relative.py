@@ -24,7 +24,7 @@ from pcnav.estimators.image_motion.robust import consensus
 
 _SAME_ROTATION_SD = 1.0
 """Two minima closer than this, in standard deviations of the better one, are one."""
-_FEWEST_IN_FRONT = 0.75
+_MIN_IN_FRONT = 0.75
 _ROUNDS = 3
 
 
@@ -108,7 +108,7 @@ def measure(
     """
     count = len(first)
     none = np.zeros(count, dtype=np.bool_)
-    if count < settings.fewest_matches:
+    if count < settings.min_matches:
         return RelativeMotion(Outcome.FEW_MATCHES, count, none)
     if degeneracy.at_rest(first, second, sigma).explains:
         return RelativeMotion(Outcome.NO_MOTION, count, none)
@@ -119,7 +119,7 @@ def measure(
         return RelativeMotion(Outcome.NO_CONSENSUS, count, none)
     candidates, agreeing = found
     a, b = first[agreeing], second[agreeing]
-    most = np.deg2rad(settings.largest_turn_deg)
+    most = np.deg2rad(settings.max_turn_deg)
     if out_of_plane_angle(candidates[0].R_second_first, a, b) > most:
         return RelativeMotion(Outcome.NO_CONSENSUS, count, agreeing, candidates=candidates)
     simpler = _simpler(a, b, sigma)
@@ -133,7 +133,7 @@ def measure(
     gain = motion_gain(best.R_second_first, best.direction, a, b, sigma)
     worst = float(np.sqrt(np.linalg.eigvalsh(gain.covariance)[-1]))
     turned = out_of_plane_angle(best.R_second_first, a, b)
-    if worst > np.deg2rad(settings.largest_sd_deg) or turned < settings.fewest_sd * worst:
+    if worst > np.deg2rad(settings.max_sd_deg) or turned < settings.min_significance * worst:
         return RelativeMotion(Outcome.IMPRECISE, count, agreeing, None, None, candidates)
     return RelativeMotion(Outcome.MEASURED, count, agreeing, best, gain, candidates)
 
@@ -159,8 +159,8 @@ def _fitted(
     """Least-squares motions, best first, and the matches that agree; None without consensus."""
     gate = settings.inlier_gate_sigma
     E, agreeing = consensus(first, second, gate * sigma)
-    fewest = max(settings.fewest_matches, int(np.ceil(settings.fewest_agreeing * len(first))))
-    if agreeing.sum() < settings.fewest_matches:
+    fewest = max(settings.min_matches, int(np.ceil(settings.min_agreeing * len(first))))
+    if agreeing.sum() < settings.min_matches:
         return None
     candidates: tuple[Candidate, ...] = ()
     starts = [pose_of(E, first[agreeing], second[agreeing])[0]]
@@ -197,7 +197,7 @@ def _minima(
     # The other sign of t puts points that were behind the camera before it.
     t = np.where((before < 0.5)[:, None], -refined.t, refined.t)
     before = np.maximum(before, 1.0 - before)
-    fit = refined.settled & (before >= _FEWEST_IN_FRONT)
+    fit = refined.settled & (before >= _MIN_IN_FRONT)
     order = np.lexsort((refined.squared, ~fit))
     return tuple(
         Candidate(refined.R[k], t[k], float(refined.squared[k]))

@@ -6,8 +6,8 @@ from pcnav.core._extras import poselib
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.estimators.image_motion.essential import essential_of
 
-_FEWEST_SAMPLES = 50
-_MOST_SAMPLES = 1000
+_MIN_SAMPLES = 50
+_MAX_SAMPLES = 1000
 _SEED = 20221209
 _SCALE = 1000.0
 """The library works in pixels: normalised coordinates are shown to it through this focal length."""
@@ -25,8 +25,8 @@ def consensus(
     camera = {"model": "SIMPLE_PINHOLE", "width": 0, "height": 0, "params": [_SCALE, 0.0, 0.0]}
     sampling = {
         "max_epipolar_error": _SCALE * threshold,
-        "min_iterations": _FEWEST_SAMPLES,
-        "max_iterations": _MOST_SAMPLES,
+        "min_iterations": _MIN_SAMPLES,
+        "max_iterations": _MAX_SAMPLES,
         "seed": _SEED,
     }
     pose, found = poselib("the robust solver").estimate_relative_pose(

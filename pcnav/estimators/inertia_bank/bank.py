@@ -133,7 +133,7 @@ class InertiaBank:
             states.take(every),
             covariance[every],
             gate_probability=table.gate_probability,
-            most_iterations=table.most_iterations,
+            max_iterations=table.max_iterations,
         )
         prior = np.array(table.prior or np.ones(self._h))
         self.log_posterior = np.tile(np.log(prior / prior.sum()), (self._runs, 1))

@@ -29,7 +29,7 @@ from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.feature_estimate import FeatureEstimate, FeaturePoint, MotionEstimate
 from pcnav.runs.status import Status
 
-_FEWEST_POINTS = 3
+_MIN_POINTS = 3
 _DECIDED = 0.9
 """A hypothesis of less weight leaves the estimate ambiguous."""
 
@@ -73,7 +73,7 @@ class InertiaBankEstimator:
         used = tuple(f for f, ok in zip(seen, accepted, strict=True) if ok)
         rejected = tuple(f for f, ok in zip(seen, accepted, strict=True) if not ok)
         self._take_note(frame.time_s, used, rejected)
-        if self._following.frames_refused >= self._table.most_rejections:
+        if self._following.frames_refused >= self._table.max_rejections:
             self._bank, self._following = None, _Following()
             return FeatureEstimate(frame.time_s, Status.LOST, None, rejected=rejected)
         self._forget_and_add(self._bank, frame, R_rig_hill)
@@ -91,13 +91,13 @@ class InertiaBankEstimator:
 
     def _acquire(self, frame: TrackFrame, R_rig_hill: FloatArray) -> FeatureEstimate:
         """Begin with the first frame of enough points, which are triangulated."""
-        if len(frame.features) < _FEWEST_POINTS:
+        if len(frame.features) < _MIN_POINTS:
             return FeatureEstimate(frame.time_s, Status.ACQUIRING, None)
         positions, noise = triangulated(self._rig, R_rig_hill, frame.pixels[None])
         attitude = rotation_from_xyzw(np.array(self._table.attitude_xyzw))
         start = start_motion(self._table, positions, attitude[None])
         self._bank = InertiaBank(self._table, self._orbit, self._inertia[None], start, frame.time_s)
-        count = min(len(frame.features), self._table.most_features)
+        count = min(len(frame.features), self._table.max_features)
         self._bank.add(positions[:, :count], noise[:, :count])
         features = tuple(int(f) for f in frame.features[:count])
         self._following = _Following(features, dict.fromkeys(features, frame.time_s))
@@ -135,7 +135,7 @@ class InertiaBankEstimator:
     def _forget_and_add(self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray) -> None:
         """Drop points that are always rejected or make room for new ones; add the new ones."""
         now = self._following
-        most, refused = self._table.most_features, self._table.most_rejections
+        most, refused = self._table.max_features, self._table.max_rejections
         stay = [f for f in now.features if now.rejections.get(f, 0) < refused]
         new = [k for k, f in enumerate(frame.features) if int(f) not in now.features][:most]
         # Those in view are not dropped for others in view.

@@ -32,8 +32,8 @@ smaller position errors in most cases and larger ones of attitude."""
 _FIRST_REACH = 0.05
 _REACH = 0.02
 """Largest distance of corresponding points over the diameter, in the first frame and later ones."""
-_MOST_ITERATIONS = 50
-_LEAST_POINTS = 50
+_MAX_ITERATIONS = 50
+_MIN_POINTS = 50
 """Fewer returns than this tell no pose, and too few no covariance."""
 _TUKEY_SIGMA = 2.0
 """Residual beyond which the robust ICP gives a return no weight, in deviations of the range noise.
@@ -82,7 +82,7 @@ class ModelAlignment(Baseline):
         facing = self._samples.facing(T_model_cam[:3, 3])
         cloud = returns_of(frame)
         aligned = None
-        if min(len(cloud), len(facing.points)) >= _LEAST_POINTS:
+        if min(len(cloud), len(facing.points)) >= _MIN_POINTS:
             aligned = self.align(cloud, facing, T_model_cam, reach_m)
         found = None if aligned is None else invert_transform(aligned)
         self._before = self._previous
@@ -118,7 +118,7 @@ class Open3dIcp(ModelAlignment):
         width_m = _TUKEY_SIGMA * given.range_sigma_m
         loss = registration.TukeyLoss(k=width_m) if robust else registration.L2Loss()
         self._estimation = registration.TransformationEstimationPointToPlane(loss)
-        self._criteria = registration.ICPConvergenceCriteria(1e-7, 1e-7, _MOST_ITERATIONS)
+        self._criteria = registration.ICPConvergenceCriteria(1e-7, 1e-7, _MAX_ITERATIONS)
         self._threads = threads
 
     def align(
@@ -164,7 +164,7 @@ class SmallGicp(ModelAlignment):
             registration_type="GICP",
             max_correspondence_distance=reach_m,
             num_threads=threads,
-            max_iterations=_MOST_ITERATIONS,
+            max_iterations=_MAX_ITERATIONS,
         )
         return np.array(result.T_target_source) if result.num_inliers > 0 else None
 

@@ -28,7 +28,7 @@ from pcnav.core.spatial import invert_transform, make_transform
 from pcnav.perception.returns import returns_of
 from pcnav.recordings.sequence import Frame
 
-_LEAST_POINTS = 50
+_MIN_POINTS = 50
 """A cloud smaller than this tells no pose."""
 _REACH = 2.0
 """Points further than so many sizes from the first centroid are left out."""
@@ -37,7 +37,7 @@ _POINTS_PER_VOXEL = 5
 """Thinner than the default of 20: a map as dense as the image holds a slow target back, because
 every noisy point then finds a neighbour near where it was before."""
 _FIRST_THRESHOLD = 1.0 / 30.0
-_LEAST_MOTION = 1.0 / 1000.0
+_MIN_MOTION = 1.0 / 1000.0
 _CONVERGENCE = 1e-6
 """Lengths of KISS-ICP's settings as shares of the size."""
 _EXTENT_PERCENTILES = (2.0, 98.0)
@@ -80,7 +80,7 @@ class Odometry:
         """The motion since the first frame. The target may drift by its own size from there."""
         start = perf_counter()
         points = returns_of(frame)
-        if self._kiss is None and len(points) >= _LEAST_POINTS:
+        if self._kiss is None and len(points) >= _MIN_POINTS:
             self._size_m = self._size_m or _extent(points)
             self._origin = points.mean(axis=0)
             self._kiss = KissICP(_settings(self._size_m))
@@ -88,7 +88,7 @@ class Odometry:
         if self._kiss is not None and self._size_m is not None:
             centred = points - self._origin
             points = centred[np.linalg.norm(centred, axis=1) < _REACH * self._size_m]
-            if len(points) >= _LEAST_POINTS:
+            if len(points) >= _MIN_POINTS:
                 self._kiss.register_frame(points, np.array([]))
                 T_cam_centred = make_transform(np.eye(3), self._origin)
                 # last_pose takes the present sensor axes to those of the map, the first frame's.
@@ -123,6 +123,6 @@ def _settings(size_m: float) -> KISSConfig:
             max_num_threads=1, convergence_criterion=_CONVERGENCE * size_m
         ),
         adaptive_threshold=AdaptiveThresholdConfig(
-            initial_threshold=_FIRST_THRESHOLD * size_m, min_motion_th=_LEAST_MOTION * size_m
+            initial_threshold=_FIRST_THRESHOLD * size_m, min_motion_th=_MIN_MOTION * size_m
         ),
     )

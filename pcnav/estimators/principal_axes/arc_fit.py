@@ -15,8 +15,8 @@ from pcnav.estimators.principal_axes.feature_states import (
     PrincipalState,
 )
 
-_MOST_FRAMES = 40
-_MOST_STEPS = 12
+_MAX_FRAMES = 40
+_MAX_STEPS = 12
 _SETTLED = 0.02
 """Of the standard deviations: what is left is a matter of noise."""
 _ROBUST_SD = 4.0
@@ -24,7 +24,7 @@ _ROBUST_SD = 4.0
 _TILT_SD_RAD = 0.5
 _RATIO_SD = 0.5
 """Where the arc shows neither axes nor ratios, the start stays what they are."""
-LONGEST_STEP_S = 0.5
+MAX_STEP_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ArcFit:
 def longest_steps(before_s: float, after_s: float) -> Iterator[tuple[float, float]]:
     """Start and length of equal steps that are short enough for the process noise's formulas."""
     span = after_s - before_s
-    steps = max(1, int(np.ceil(span / LONGEST_STEP_S - 1e-9)))
+    steps = max(1, int(np.ceil(span / MAX_STEP_S - 1e-9)))
     for k in range(steps):
         yield before_s + k * span / steps, span / steps
 
@@ -59,13 +59,13 @@ def fit_pixels(
     matrices. Weak priors hold what the arc does not show: axes, ratios, and the mass centre
     within the reach of the points.
     """
-    every = -(-len(times_s) // _MOST_FRAMES)
+    every = -(-len(times_s) // _MAX_FRAMES)
     chosen = sorted({*range(0, len(times_s), every), len(times_s) - 1})
     times, seen = times_s[chosen], [views[k] for k in chosen]
     state, damping = start, 1e-4
     normal, gradient, cost, size = _normal_equations(times, seen, model, state, start)
     converged = False
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         damped = normal + damping * np.diag(np.diag(normal))
         inverse = np.asarray(np.linalg.inv(damped), np.float64)
         step = state.admissible(inverse @ gradient, inverse)

@@ -34,10 +34,10 @@ from pcnav.estimators.principal_axes.principal_choice import FrameKnowledge, fra
 from pcnav.estimators.principal_axes.principal_frame import free_axes, principal_axes
 from pcnav.recordings.tracks import TrackFrame
 
-_FEWEST_POSES = 10
+_MIN_POSES = 10
 _PASSES = 2
-_MOST_ATTITUDES = 40
-_LARGEST_GAP_RAD = 0.5
+_MAX_ATTITUDES = 40
+_MAX_GAP_RAD = 0.5
 """Turn between the attitudes that a rate is differentiated from."""
 _DIFFUSE = 1000.0
 """The filter pass begins with the fit's deviations times this: with none of its information."""
@@ -82,7 +82,7 @@ def start_from_arc(
     """The filter's state at the last frame; None when the frames do not show one rigid body."""
     sightings = [sighting(frame, rig) for frame in frames]
     found = build_map(sightings, rng)
-    if found is None or len(found.poses) < _FEWEST_POSES:
+    if found is None or len(found.poses) < _MIN_POSES:
         return None
     times = np.array([sightings[pose.frame].time_s for pose in found.poses])
     rotation = _identified(found, times, table.identification)
@@ -117,7 +117,7 @@ def _unit(points: int) -> FloatArray:
 
 def _identified(found: FeatureMap, times: FloatArray, method: Identification) -> _Rotation:
     """Rotation and inertia by one of the methods, from poses thinned to what is needed."""
-    every = -(-len(times) // _MOST_ATTITUDES)
+    every = -(-len(times) // _MAX_ATTITUDES)
     poses, times = found.poses[::every], times[::every]
     R = np.stack([pose.R_world_map for pose in poses])
     noise = np.stack(
@@ -125,7 +125,7 @@ def _identified(found: FeatureMap, times: FloatArray, method: Identification) ->
     )
     rates = angular_rate(R, times)
     spans = times[2:] - times[:-2]
-    near = np.linalg.norm(rates, axis=1) * spans < _LARGEST_GAP_RAD
+    near = np.linalg.norm(rates, axis=1) * spans < _MAX_GAP_RAD
     near &= spans < 2.5 * np.median(spans)
     inner, rates = R[1:-1][near], rates[near]
     rate_noise = ((noise[2:] + noise[:-2]) / spans[:, None, None] ** 2)[near]

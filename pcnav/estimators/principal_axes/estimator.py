@@ -24,7 +24,7 @@ from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.feature_estimate import FeatureEstimate
 from pcnav.runs.status import Status
 
-_FEWEST_POINTS = 3
+_MIN_POINTS = 3
 _TRY_EVERY = 0.25
 """Of the shortest arc, between tries to start."""
 
@@ -89,13 +89,13 @@ class PrincipalAxesEstimator:
     def _acquire(self, frame: TrackFrame) -> FeatureEstimate:
         """Gather an arc and start when it shows the principal axes, or is as long as it may be."""
         table = self._table
-        if len(frame.features) >= _FEWEST_POINTS:
-            earliest = frame.time_s - table.longest_arc_s
+        if len(frame.features) >= _MIN_POINTS:
+            earliest = frame.time_s - table.max_arc_s
             self._arc = [f for f in self._arc if f.time_s >= earliest] + [frame]
             length = frame.time_s - self._arc[0].time_s
             if length >= table.arc_s - 1e-9 and frame.time_s >= self._next_try_s:
                 self._next_try_s = frame.time_s + _TRY_EVERY * table.arc_s
-                self._start(length + 2.0 * _TRY_EVERY * table.arc_s >= table.longest_arc_s)
+                self._start(length + 2.0 * _TRY_EVERY * table.arc_s >= table.max_arc_s)
         if self._follower is None:
             return FeatureEstimate(frame.time_s, Status.ACQUIRING, None)
         self._follower.predict(frame.time_s)

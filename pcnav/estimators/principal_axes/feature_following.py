@@ -129,7 +129,7 @@ class FeatureFollower:
     @property
     def is_lost(self) -> bool:
         """Whether what is seen has not been what is expected for too long."""
-        return self._points.frames_refused >= self._table.most_rejections
+        return self._points.frames_refused >= self._table.max_rejections
 
     def predict(self, time_s: float) -> None:
         """Move to a time; nothing happens at the present one."""
@@ -157,13 +157,13 @@ class FeatureFollower:
         return taken
 
     def _filter_of(
-        self, state: PrincipalState, covariance: FloatArray, most_iterations: int = 1
+        self, state: PrincipalState, covariance: FloatArray, max_iterations: int = 1
     ) -> ErrorStateFilter[PrincipalState]:
         return ErrorStateFilter(
             state,
             covariance,
             gate_probability=self._table.gate_probability,
-            most_iterations=most_iterations,
+            max_iterations=max_iterations,
         )
 
     # Measuring
@@ -203,7 +203,7 @@ class FeatureFollower:
         else:
             measurements = self._points_and_attitude(sight, slots, trusted)
         # From a wide prediction one linearisation does not lead to the estimate.
-        iterations = self._table.most_iterations if after_gap else 1
+        iterations = self._table.max_iterations if after_gap else 1
         kalman = self._filter_of(self.state, self.covariance, iterations)
         result = kalman.update(measurements)
         self._filter = kalman
@@ -281,7 +281,7 @@ class FeatureFollower:
             [
                 name
                 for name, count in self._points.rejections.items()
-                if count >= self._table.most_rejections and name in self.features
+                if count >= self._table.max_rejections and name in self.features
             ]
         )
 
@@ -307,7 +307,7 @@ class FeatureFollower:
         self._points = replace(self._points, candidates=candidates)
 
     def _add(self, name: int, p: FloatArray, noise: FloatArray, R_hill_world: FloatArray) -> None:
-        if len(self.features) >= self._table.most_features:
+        if len(self.features) >= self._table.max_features:
             self._drop([min(self.features, key=lambda f: self._points.last_used_s[f])])
         R_body_hill = (R_hill_world @ self.state.R_world_body).T
         grown = with_point(self.state, self.covariance, p, noise, R_body_hill)

@@ -31,7 +31,7 @@ from pcnav.core.spatial import exp_rotation, left_jacobian, skew
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_process_noise, hill_transition
 from pcnav.dynamics.principal_inertia import (
-    LARGEST_RATIO,
+    MAX_RATIO,
     axes_error,
     moments_from_ratios,
     move_axes,
@@ -54,7 +54,7 @@ _INERTIA = np.r_[0:3, 6:8]
 _STRAIGHT_RAD = 3e-5
 """Turns below this bend a point at 2 m by less than a nanometre."""
 _TURN_STEPS = 30
-_LARGEST_TURN_RAD = 0.05
+_MAX_TURN_RAD = 0.05
 """Rotation in one Runge-Kutta step: its error, of order turn^5 / 120, stays below 3e-9 rad."""
 
 
@@ -202,7 +202,7 @@ class PrincipalState:
         """
         for k in (RATIOS.start, RATIOS.start + 1, RATIOS.start):
             value = self.ratios[k - RATIOS.start] + error[k]
-            excess = value - np.clip(value, -LARGEST_RATIO, LARGEST_RATIO)
+            excess = value - np.clip(value, -MAX_RATIO, MAX_RATIO)
             if excess != 0.0:
                 error = error - covariance[:, k] * (excess / covariance[k, k])
         return error
@@ -275,7 +275,7 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
 
 def propagate_rotation(omega: FloatArray, ratios: FloatArray, duration_s: float) -> Rotation:
     """Torque-free rotation over a time, of rate (3,) and ratios (2,), with derivatives by both."""
-    return rotate(partial(_slope, ratios), omega, duration_s, 5, _LARGEST_TURN_RAD)
+    return rotate(partial(_slope, ratios), omega, duration_s, 5, _MAX_TURN_RAD)
 
 
 def _slope(ratios: FloatArray, rates: FloatArray) -> FloatArray:

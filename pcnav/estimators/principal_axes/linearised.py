@@ -93,7 +93,7 @@ def filter_about(
     """
     start = Deviation(np.zeros(len(covariance)))
     kalman = ErrorStateFilter(
-        start, covariance, gate_probability=gate_probability, most_iterations=1
+        start, covariance, gate_probability=gate_probability, max_iterations=1
     )
     for k, (state, view) in enumerate(zip(trajectory, views, strict=True)):
         if k > 0:

@@ -25,7 +25,7 @@ from pcnav.runs.feature_estimate import FeaturePoint, MotionEstimate
 
 _CLEAR_SD = 3.0
 """Moments closer than so many standard deviations of their gap are near equal."""
-_LARGEST_TILT_SD_RAD = 0.15
+_MAX_TILT_SD_RAD = 0.15
 """Beyond, the axes are not determined however clear the gaps look."""
 
 
@@ -55,7 +55,7 @@ class FrameKnowledge:
     @property
     def is_determined(self) -> bool:
         """Whether the moments differ clearly and the axes are known."""
-        return self.significance > _CLEAR_SD and self.tilt_sd_rad < _LARGEST_TILT_SD_RAD
+        return self.significance > _CLEAR_SD and self.tilt_sd_rad < _MAX_TILT_SD_RAD
 
     def notes(self) -> dict[str, float]:
         """For the columns of a result."""

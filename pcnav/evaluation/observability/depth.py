@@ -11,7 +11,7 @@ from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
-from pcnav.estimators.depth.pose_measurement import PoseMeasurement, PoseReference, Sight
+from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, PoseReference
 from pcnav.estimators.depth.start import start_covariance
 from pcnav.evaluation.observability.information import reference_arc
 from pcnav.evaluation.observability.report import Subject
@@ -92,12 +92,12 @@ def depth_subject(
 
     def sensor(seen: NavigationState, k: int) -> list[Measurement[NavigationState]]:
         hill = R_hill_world(float(timing.times_s[k]), n)
-        sight = Sight(make_transform(R_cam_hill @ hill, np.zeros(3)), hill)
-        pose = seen.T_cam_model(sight.T_cam_world, hill)
+        observer = ObserverPose(make_transform(R_cam_hill @ hill, np.zeros(3)), hill)
+        pose = seen.T_cam_model(observer.T_cam_world, hill)
         information = views.information(pose)
         if not information.any():
             return []
-        reference = PoseReference(pose, sight)
+        reference = PoseReference(pose, observer)
         return [
             PoseMeasurement.from_information(
                 "view", reference, information, np.zeros(6), views.lever_m

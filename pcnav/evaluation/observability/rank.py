@@ -24,7 +24,7 @@ TOLERANCE = 1e-12
 States of a run are doubles: a spin about a principal axis that is not a coordinate axis is one only
 up to their rounding, some 1e-16. Exact states leave zeros below 1e-50.
 """
-_MOST_SWEEPS = 60
+_MAX_SWEEPS = 60
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _singular(matrix: ObjectArray) -> tuple[list[Decimal], ObjectArray]:
     right = np.array([[Decimal(int(i == j)) for j in range(n)] for i in range(n)], dtype=object)
     least = Decimal(10) ** (4 - DIGITS)
     floor = (sum(work.ravel() * work.ravel(), Decimal(0)) or Decimal(1)) * least**2
-    for _ in range(_MOST_SWEEPS):
+    for _ in range(_MAX_SWEEPS):
         rotated = False
         for i in range(n - 1):
             for j in range(i + 1, n):

@@ -53,7 +53,7 @@ Wanted = Mapping[str, float] | None
 """See `judge`."""
 _FEWEST = 6
 """Attitudes that a motion is fitted to."""
-_LEAST_NOISE_RAD2 = 1e-8
+_MIN_NOISE_RAD2 = 1e-8
 """Of an attitude, beside what the chain states."""
 
 
@@ -197,7 +197,7 @@ def _image_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[Rotation
     noise = np.einsum("ni,ij->nij", sd[1:] ** 2, np.eye(3))
     table = pipeline.attitude_inertia
     estimator = AttitudeInertiaEstimator(table)
-    floor = _LEAST_NOISE_RAD2 * np.eye(3)
+    floor = _MIN_NOISE_RAD2 * np.eye(3)
     estimate = estimator.step(float(times_s[0]), R[0], floor)
     for k in range(1, len(times_s)):
         estimate = estimator.step(float(times_s[k]), R[k], noise[k - 1] + floor)

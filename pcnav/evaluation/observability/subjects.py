@@ -47,11 +47,11 @@ from pcnav.recordings.tracks import TrackFrame, Tracks
 
 S = TypeVar("S", bound=ManifoldState)
 
-_MOST_FRAMES = 150
+_MAX_FRAMES = 150
 """Of an arc; more are thinned out."""
-_LARGEST_TURN_RAD = 0.4
+_MAX_TURN_RAD = 0.4
 """Of the target between frames of a thinned arc."""
-_MOST_BEYOND = 700
+_MAX_BEYOND = 700
 _GROWTH = 0.05
 """Of the time since the start, between frames at most."""
 _EXTENSION = 4.0
@@ -94,14 +94,14 @@ def timing_of(times_s: FloatArray, omega_body: FloatArray) -> Timing:
         return Timing(times_s[:1], np.ones(1), 1, times_s)
     interval_s = span_s / (seen - 1)
     speed = max(float(np.linalg.norm(omega_body)), 1e-9)
-    longest_s = max(interval_s, min(span_s / _MOST_FRAMES, _LARGEST_TURN_RAD / speed))
+    max_s = max(interval_s, min(span_s / _MAX_FRAMES, _MAX_TURN_RAD / speed))
     past = [0.0]
     while past[-1] < span_s * (1.0 - 1e-9):
-        step_s = float(np.clip(_GROWTH * past[-1], interval_s, longest_s))
+        step_s = float(np.clip(_GROWTH * past[-1], interval_s, max_s))
         past.append(min(past[-1] + step_s, span_s))
     frames = len(past)
-    most = max(1, min(round((_EXTENSION - 1.0) * span_s / longest_s), _MOST_BEYOND))
-    past += [span_s + (k + 1) * longest_s for k in range(most)]
+    most = max(1, min(round((_EXTENSION - 1.0) * span_s / max_s), _MAX_BEYOND))
+    past += [span_s + (k + 1) * max_s for k in range(most)]
     steps = np.diff(past, prepend=-interval_s)
     return Timing(start + np.array(past), steps / interval_s, frames, times_s)
 

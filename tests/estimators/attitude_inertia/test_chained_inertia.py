@@ -76,7 +76,7 @@ def test_joint_covariance_is_that_of_the_noise_carried_along_the_links() -> None
 def test_errors_of_a_chain_are_as_large_together_as_stated(kind: str) -> None:
     """Over runs the whitened errors of all frames together have unit variance."""
     settings = ImageMotionTable.model_validate(
-        {"reference": kind, "pixel_sigma_px": SIGMA_PX, "largest_sd_deg": 3.0}
+        {"reference": kind, "pixel_sigma_px": SIGMA_PX, "max_sd_deg": 3.0}
     )
     squared, count = 0.0, 0
     for run in range(6):

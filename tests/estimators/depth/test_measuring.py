@@ -13,8 +13,8 @@ from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
 from pcnav.estimators.depth.measuring import Kalman, RefinedUpdater, pose_of
 from pcnav.estimators.depth.pose_measurement import (
+    ObserverPose,
     PoseMeasurement,
-    Sight,
     moved_pose,
     pose_covariance,
     pose_error,
@@ -47,9 +47,9 @@ def predicted(state: NavigationState, P: FloatArray, rng: np.random.Generator) -
     return ErrorStateFilter(state.retract(np.sqrt(np.diag(P)) * rng.normal(size=STATE_SIZE)), P)
 
 
-def squared_pose_error(kalman: Kalman, truth: FloatArray, sight: Sight) -> float:
-    error = pose_error(pose_of(kalman, sight), truth)
-    P = pose_covariance(kalman.state, kalman.covariance, sight)
+def squared_pose_error(kalman: Kalman, truth: FloatArray, observer: ObserverPose) -> float:
+    error = pose_error(pose_of(kalman, observer), truth)
+    P = pose_covariance(kalman.state, kalman.covariance, observer)
     return float(error @ np.linalg.solve(P, error))
 
 
@@ -58,36 +58,36 @@ def squared_pose_error(kalman: Kalman, truth: FloatArray, sight: Sight) -> float
 )
 def test_updates_are_as_good_as_they_say(
     state: NavigationState,
-    sight: Sight,
+    observer: ObserverPose,
     shoot: Shoot,
     updater: RefinedUpdater,
     shift_m: float,
     turn_rad: float,
 ) -> None:
-    truth = pose_of(ErrorStateFilter(state, np.eye(STATE_SIZE)), sight)
+    truth = pose_of(ErrorStateFilter(state, np.eye(STATE_SIZE)), observer)
     P = covariance(shift_m, turn_rad)
     rng = np.random.default_rng(0)
     errors = []
     for k in range(8):
         kalman = predicted(state, P, rng)
-        updated = updater.update(shoot(truth, k), kalman, sight)
+        updated = updater.update(shoot(truth, k), kalman, observer)
         assert updated.is_good
-        assert updated.view.explained > 0.9
-        errors.append(squared_pose_error(kalman, truth, sight))
+        assert updated.view.inlier_ratio > 0.9
+        errors.append(squared_pose_error(kalman, truth, observer))
     assert chi2.ppf(1e-4, 6 * 8) < sum(errors) < chi2.isf(1e-4, 6 * 8), errors
 
 
 def test_a_frame_that_is_not_explained_leaves_the_prediction(
-    state: NavigationState, sight: Sight, shoot: Shoot, updater: RefinedUpdater
+    state: NavigationState, observer: ObserverPose, shoot: Shoot, updater: RefinedUpdater
 ) -> None:
     kalman = ErrorStateFilter(state, covariance(0.003, 5e-4))
     before = kalman.snapshot()
-    turned = pose_of(kalman, sight)
+    turned = pose_of(kalman, observer)
     turned[:3, :3] = turned[:3, :3] @ exp_rotation(np.array([0.9, 1.2, -0.7]))
     frame = shoot(turned)
     empty = replace(frame, depth_m=np.zeros_like(frame.depth_m))
     for strange in (frame, empty):
-        updated = updater.update(strange, kalman, sight)
+        updated = updater.update(strange, kalman, observer)
         assert not updated.is_good
         assert updated.result is None
         assert [*updated.view.measurements, *updated.view.records] == []
@@ -97,25 +97,25 @@ def test_a_frame_that_is_not_explained_leaves_the_prediction(
 
 
 def test_a_pose_to_start_from_helps_a_prediction_that_is_far_off(
-    state: NavigationState, sight: Sight, shoot: Shoot, updater: RefinedUpdater
+    state: NavigationState, observer: ObserverPose, shoot: Shoot, updater: RefinedUpdater
 ) -> None:
     P = covariance(2.0, 0.3)
-    truth = pose_of(ErrorStateFilter(state, P), sight)
+    truth = pose_of(ErrorStateFilter(state, P), observer)
     error = np.zeros(STATE_SIZE)
     error[R_HILL], error[THETA_BODY] = [1.5, -1.0, 2.0], [0.3, -0.2, 0.25]
     kalman = ErrorStateFilter(state.retract(error), P)
     off = moved_pose(truth, np.array([0.02, -0.01, 0.02, 0.003, 0.002, -0.003]))
     start = (off, np.diag(np.repeat([0.02, 3e-3], 3) ** 2))
-    updated = updater.update(shoot(truth), kalman, sight, start)
+    updated = updater.update(shoot(truth), kalman, observer, start)
     assert updated.is_good
-    assert squared_pose_error(kalman, truth, sight) < chi2.isf(1e-4, 6)
+    assert squared_pose_error(kalman, truth, observer) < chi2.isf(1e-4, 6)
 
 
 def test_faces_of_an_arc_are_condensed_into_one_measurement(
-    state: NavigationState, sight: Sight, shoot: Shoot, updater: RefinedUpdater
+    state: NavigationState, observer: ObserverPose, shoot: Shoot, updater: RefinedUpdater
 ) -> None:
     kalman = ErrorStateFilter(state, covariance(0.003, 5e-4))
-    view = updater.update(shoot(pose_of(kalman, sight)), kalman, sight).view
+    view = updater.update(shoot(pose_of(kalman, observer)), kalman, observer).view
     assert len(view.measurements) >= 3
     timed = condensed(TimedMeasurements(600.0, view.measurements))
     (one,) = timed.measurements

@@ -9,9 +9,9 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.state import STATE_SIZE, NavigationState
 from pcnav.estimators.depth.pose_measurement import (
+    ObserverPose,
     PoseMeasurement,
     PoseReference,
-    Sight,
     joined,
     moved_pose,
     pose_covariance,
@@ -22,7 +22,7 @@ from pcnav.estimators.depth.pose_measurement import (
 from pcnav.filtering.error_state import ErrorStateFilter
 
 LEVER_M = 4.0
-SIGHT = Sight.of(
+SIGHT = ObserverPose.of(
     make_transform(exp_rotation(np.array([0.2, -0.5, 0.9])), np.array([0.3, -0.1, 0.4])),
     700.0,
     1e-3,
@@ -178,7 +178,7 @@ def test_square_root_leaves_out_what_is_rounding() -> None:
 
 
 def filter_of(state: NavigationState, covariance: FloatArray) -> ErrorStateFilter[NavigationState]:
-    return ErrorStateFilter(state, covariance, gate_probability=1.0 - 1e-12, most_iterations=20)
+    return ErrorStateFilter(state, covariance, gate_probability=1.0 - 1e-12, max_iterations=20)
 
 
 def prior_covariance(rng: np.random.Generator) -> FloatArray:
@@ -239,6 +239,6 @@ def test_update_is_that_of_the_information_filter() -> None:
 
 def test_sight_is_of_the_turning_hill_frame() -> None:
     # Hill turns at -n about y: after a quarter of an orbit world z is hill x.
-    sight = Sight.of(np.eye(4), 0.5 * np.pi / 1e-3, 1e-3)
-    np.testing.assert_allclose(sight.R_hill_world @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(sight.R_cam_hill @ [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], atol=1e-12)
+    observer = ObserverPose.of(np.eye(4), 0.5 * np.pi / 1e-3, 1e-3)
+    np.testing.assert_allclose(observer.R_hill_world @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(observer.R_cam_hill @ [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], atol=1e-12)

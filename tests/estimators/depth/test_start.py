@@ -16,7 +16,7 @@ from pcnav.estimators.depth.start import (
     Decision,
     Motion,
     MotionStart,
-    Sighting,
+    PoseObservation,
     first_state,
     start_covariance,
 )
@@ -35,7 +35,7 @@ def target_with(*motions: FloatArray) -> Target:
         mesh_path=Path("box.ply"),
         mesh=trimesh.creation.box((1.0, 2.0, 2.0)),
         rectangles=(),
-        symmetry_rotations=np.stack([np.eye(4), *motions]),
+        symmetry_transforms=np.stack([np.eye(4), *motions]),
         com_model=np.zeros(3),
         com_sd_m=0.1,
         inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
@@ -68,15 +68,15 @@ def feed(
     hypotheses = [
         pose(T_cam_world @ true_pose(k) @ motion, share) for motion, share in alternatives
     ]
-    hypotheses.sort(key=lambda h: -h.explained)
+    hypotheses.sort(key=lambda h: -h.inlier_ratio)
     return start.add(0.5 * k, T_cam_world, tuple(hypotheses))
 
 
 def follows(motion: Motion, turned: FloatArray) -> bool:
-    """Whether every sighting is the true attitude turned by a motion of the model."""
+    """Whether every observation is the true attitude turned by a motion of the model."""
     angles = [
         rotation_angle((true_pose(round(s.time_s / 0.5)) @ turned)[:3, :3].T @ s.R_world_body)
-        for s in motion.sightings
+        for s in motion.observations
     ]
     return bool(np.max(angles) < 1e-6)
 
@@ -92,17 +92,17 @@ def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of
     decision = decisions[2]
     assert decision is not None and not decision.undecided
     assert follows(decision.motion, np.eye(4))
-    assert decision.motion.explained == pytest.approx((0.9 + 0.86 + 0.95) / 3)
-    assert [s.time_s for s in decision.motion.sightings] == [0.0, 0.5, 1.0]
+    assert decision.motion.inlier_ratio == pytest.approx((0.9 + 0.86 + 0.95) / 3)
+    assert [s.time_s for s in decision.motion.observations] == [0.0, 0.5, 1.0]
 
 
-def test_a_sighting_that_explains_its_frame_badly_is_dropped_from_its_motion() -> None:
+def test_a_observation_that_explains_its_frame_badly_is_dropped_from_its_motion() -> None:
     start = MotionStart(target_with())
     for k, share in enumerate((0.7, 0.95, 0.96)):
         assert feed(start, k, (np.eye(4), share)) is None
     decision = feed(start, 3, (np.eye(4), 0.97))
     assert decision is not None
-    assert [s.time_s for s in decision.motion.sightings] == [0.5, 1.0, 1.5]
+    assert [s.time_s for s in decision.motion.observations] == [0.5, 1.0, 1.5]
 
 
 def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
@@ -112,7 +112,7 @@ def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
     decision = feed(start, 9, (np.eye(4), 0.900), (HALF_TURN, 0.899))
     assert decision is not None and decision.undecided
     assert follows(decision.motion, np.eye(4))
-    assert len(decision.motion.sightings) == 10
+    assert len(decision.motion.observations) == 10
 
 
 @pytest.mark.parametrize(("fewer_conflicts", "decides"), [(11, False), (13, True)])
@@ -129,12 +129,12 @@ def test_a_lead_of_nine_nats_decides(fewer_conflicts: int, decides: bool) -> Non
 
 def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
     shares = (0.9, 0.8, 0.95)
-    sightings = tuple(
-        Sighting(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), share))
+    observations = tuple(
+        PoseObservation(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), share))
         for k, share in enumerate(shares)
     )
-    motion = Motion(sightings)
-    assert motion.explained == pytest.approx(np.mean(shares))
+    motion = Motion(observations)
+    assert motion.inlier_ratio == pytest.approx(np.mean(shares))
     weights = [motion.log_weight(frames) for frames in (1, 2, 3)]
     assert weights == pytest.approx([-0.25 * n for n in (50, 250, 350)])
 
@@ -177,7 +177,7 @@ def test_frames_without_hypotheses_are_passed_over() -> None:
     assert feed(start, 2, (np.eye(4), 0.9)) is None
     decision = feed(start, 3, (np.eye(4), 0.9))
     assert decision is not None
-    assert [s.time_s for s in decision.motion.sightings] == [0.0, 1.0, 1.5]
+    assert [s.time_s for s in decision.motion.observations] == [0.0, 1.0, 1.5]
 
 
 def test_a_broken_link_starts_over() -> None:
@@ -192,34 +192,34 @@ def test_a_broken_link_starts_over() -> None:
         assert feed(start, 3, (jump, 0.9), still=True) is None
         decision = feed(start, 4, (jump, 0.9), still=True)
         assert decision is not None
-        assert [s.time_s for s in decision.motion.sightings] == [1.0, 1.5, 2.0]
+        assert [s.time_s for s in decision.motion.observations] == [1.0, 1.5, 2.0]
 
 
 def test_attitude_is_predicted_at_the_last_rate() -> None:
-    sightings = tuple(
-        Sighting(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), 0.9))
+    observations = tuple(
+        PoseObservation(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), 0.9))
         for k in range(3)
     )
-    ahead = Motion(sightings).predicted_attitude(3.5)
+    ahead = Motion(observations).predicted_attitude(3.5)
     np.testing.assert_allclose(ahead, true_pose(7)[:3, :3], atol=1e-12)
-    alone = Motion(sightings[:1]).predicted_attitude(3.5)
+    alone = Motion(observations[:1]).predicted_attitude(3.5)
     np.testing.assert_allclose(alone, true_pose(0)[:3, :3], atol=1e-12)
 
 
 @pytest.mark.parametrize("mean_motion_rad_s", [0.0, 1e-3])
-def test_first_state_of_exact_sightings_is_the_true_one(mean_motion_rad_s: float) -> None:
+def test_first_state_of_exact_observations_is_the_true_one(mean_motion_rad_s: float) -> None:
     com, ratios = np.array([0.1, -0.2, 0.05]), np.array([1.0, 1.0, 0.0, 0.0, 0.0])
     # The mass centre moves along a straight line in turning Hill axes, the body turns steadily.
     r0, v = np.array([20.0, 0.5, -0.3]), np.array([0.02, -0.01, 0.03])
-    sightings = []
+    observations = []
     for k in range(4):
         t = 5.0 + 0.5 * k
         R_hill = R_hill_world(t, mean_motion_rad_s)
         R = START @ exp_rotation(OMEGA * 0.5 * k)
         state = NavigationState(r0 + 0.5 * k * v, v, com, R, OMEGA, ratios)
         T = state.T_cam_model(camera_pose(k), R_hill)
-        sightings.append(Sighting(t, camera_pose(k), pose(T, 0.9)))
-    found = first_state(Motion(tuple(sightings)), com, ratios, mean_motion_rad_s)
+        observations.append(PoseObservation(t, camera_pose(k), pose(T, 0.9)))
+    found = first_state(Motion(tuple(observations)), com, ratios, mean_motion_rad_s)
     expected = NavigationState(r0, v, com, START, OMEGA, ratios)
     np.testing.assert_allclose(expected.local(found), 0.0, atol=1e-10)
 
@@ -245,7 +245,7 @@ def test_of_alternatives_with_one_attitude_the_near_one_is_linked() -> None:
         decisions.append(feed(start, k, *(pair if k % 2 else pair[::-1])))
     assert decisions[2] is not None
     assert follows(decisions[2].motion, np.eye(4))
-    steps = np.diff([s.p_world_model for s in decisions[2].motion.sightings], axis=0)
+    steps = np.diff([s.p_world_model for s in decisions[2].motion.observations], axis=0)
     assert np.linalg.norm(steps, axis=1).max() < 0.1
 
 

@@ -157,7 +157,7 @@ def test_other_measurements_lock_and_track_as_well(
     assert np.max(errors[5:, 1]) < np.deg2rad(0.1)
     for estimate in others[first:]:
         assert estimate.n_rectangles >= 2
-        assert estimate.explained > 0.95
+        assert estimate.inlier_ratio > 0.95
     # Both are refined ones, filtered alike, and faces of the planes that RANSAC found as a check.
     one, other = others[-1].covariance, estimates[19].covariance
     assert one is not None and other is not None
@@ -278,14 +278,14 @@ def test_explained_is_the_share_of_the_frame_that_the_pose_shows(
     checked = 0
     for frame, estimate in zip(recording.frames, estimates, strict=True):
         if estimate.T_cam_model is None:
-            assert np.isnan(estimate.explained)
+            assert np.isnan(estimate.inlier_ratio)
             continue
         shown = renderer.render(estimate.T_cam_model).depth_m
         either = (shown > 0.0) | (frame.depth_m > 0.0)
         close = np.abs(shown - frame.depth_m) < 4.0 * SIGMA_M
         # A pixel at the rim without a return counts for neither there.
-        assert estimate.explained == pytest.approx(np.mean(close[either]), abs=0.02)
-        assert 0.97 < estimate.explained <= 1.0
+        assert estimate.inlier_ratio == pytest.approx(np.mean(close[either]), abs=0.02)
+        assert 0.97 < estimate.inlier_ratio <= 1.0
         checked += 1
     assert checked > 30
 
@@ -300,7 +300,7 @@ def test_window_nis_is_that_of_the_last_frames(recording: Recording) -> None:
         last = updates[-NIS_WINDOW_FRAMES:]
         expected = sum(nis for nis, _ in last) / sum(dof for _, dof in last) if last else np.nan
         assert estimate.window_nis == pytest.approx(expected, rel=1e-9, nan_ok=True)
-    assert np.isnan([estimates[k].explained for k in BLIND]).all()
+    assert np.isnan([estimates[k].inlier_ratio for k in BLIND]).all()
     assert len(updates) > 20
     assert 0.5 < estimates[-1].window_nis < 1.5
 
@@ -321,7 +321,7 @@ def test_a_symmetric_target_is_called_ambiguous_and_its_group_told(
     assert words == [Status.ACQUIRING] * first + [Status.AMBIGUOUS] * (8 - first)
     (line,) = [r.getMessage() for r in caplog.records if "->" in r.getMessage()]
     change = f"frame {first}: acquiring -> ambiguous, symmetry group C2 about z"
-    assert re.fullmatch(change + r" \(explained \d+ %, .*\)", line)
+    assert re.fullmatch(change + r" \(inlier ratio \d+ %, .*\)", line)
 
 
 def test_a_target_without_symmetry_has_no_group_to_tell(
@@ -439,7 +439,7 @@ def check_the_lock_is_mended(rows: list[tuple[FrameEstimate, float]], most_wrong
 def test_a_wrong_lock_that_explains_little_is_never_called_locked(recording: Recording) -> None:
     rows = switched(recording.target, shortened(PIPELINE, 30), (1.0, -2.0, 0.5))
     check_the_lock_is_mended(rows, most_wrong=0)
-    assert rows[SWITCH][0].explained < 0.2
+    assert rows[SWITCH][0].inlier_ratio < 0.2
 
 
 def box_with_a_tower(folder: Path, height_m: float) -> Target:
@@ -453,17 +453,17 @@ def box_with_a_tower(folder: Path, height_m: float) -> Target:
 
 
 @pytest.mark.parametrize(
-    ("height_m", "axis", "explained"),
+    ("height_m", "axis", "inlier_ratio"),
     [(0.5, (1.0, 0.0, 0.0), (0.5, 0.9)), (0.3, (0.0, 0.0, 1.0), (0.8, 0.97))],
 )
 def test_a_wrong_lock_that_explains_most_of_the_frame_is_found_out(
     tmp_path: Path,
     height_m: float,
     axis: tuple[float, float, float],
-    explained: tuple[float, float],
+    inlier_ratio: tuple[float, float],
 ) -> None:
     almost_symmetric = box_with_a_tower(tmp_path, height_m)
-    assert len(almost_symmetric.symmetry_rotations) == 1
+    assert len(almost_symmetric.symmetry_transforms) == 1
     own = {
         "com_model_m": tuple(almost_symmetric.com_model.tolist()),
         "inertia_ratios": tuple(almost_symmetric.inertia_ratios.tolist()),
@@ -471,7 +471,7 @@ def test_a_wrong_lock_that_explains_most_of_the_frame_is_found_out(
     body = PIPELINE.body.model_copy(update=own)
     pipeline = shortened(PIPELINE.model_copy(update={"body": body}), 30)
     rows = switched(almost_symmetric, pipeline, axis)
-    assert explained[0] < rows[SWITCH][0].explained < explained[1]
+    assert inlier_ratio[0] < rows[SWITCH][0].inlier_ratio < inlier_ratio[1]
     # The first fresh look opens the question, the second one answers it.
     check_the_lock_is_mended(rows, most_wrong=0)
     words = [estimate.status for estimate, _ in rows]

@@ -7,7 +7,7 @@ import pytest
 
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
-from pcnav.estimators.depth.pose_measurement import PoseMeasurement, Sight, moved_pose
+from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, moved_pose
 from pcnav.estimators.depth.views import GATED, FrameView, silent_view, view_of_comparison
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.refinement import Comparer, Comparison, FaceEvidence
@@ -23,8 +23,8 @@ N = 31
 
 
 @pytest.fixture(scope="module")
-def frame(state: NavigationState, sight: Sight, shoot: Shoot) -> Frame:
-    return shoot(state.T_cam_model(sight.T_cam_world, sight.R_hill_world))
+def frame(state: NavigationState, observer: ObserverPose, shoot: Shoot) -> Frame:
+    return shoot(state.T_cam_model(observer.T_cam_world, observer.R_hill_world))
 
 
 def points_of(rectangle: Rectangle) -> FloatArray:
@@ -46,24 +46,24 @@ def of_plane(rectangle: Rectangle, T: FloatArray, error: FloatArray) -> FaceEvid
 
 
 def view_of(
-    frame: Frame, T: FloatArray, faces: tuple[FaceEvidence, ...], sight: Sight
+    frame: Frame, T: FloatArray, faces: tuple[FaceEvidence, ...], observer: ObserverPose
 ) -> FrameView:
     rendered = Comparer.__new__(Comparer)  # not looked at
     labels = np.zeros(frame.depth_m.shape, dtype=np.intp)
     comparison = Comparison(T, rendered, faces, Agreement(90, 10), labels)  # type: ignore[arg-type]
-    return view_of_comparison(frame, comparison, LEVER_M, sight)
+    return view_of_comparison(frame, comparison, LEVER_M, observer)
 
 
 def test_record_of_a_face_that_is_known_wholly_is_its_pose(
-    boxsat: Target, frame: Frame, state: NavigationState, sight: Sight
+    boxsat: Target, frame: Frame, state: NavigationState, observer: ObserverPose
 ) -> None:
-    T = state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+    T = state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
     error = np.array([0.03, -0.02, 0.05, 0.01, -0.02, 0.015])
     information = np.diag([1e8] * 3 + [1e9] * 3)
     faces = tuple(
         FaceEvidence(r, information, information @ error, 100, 1.0) for r in boxsat.rectangles
     )
-    view = view_of(frame, T, faces, sight)
+    view = view_of(frame, T, faces, observer)
     assert len(view.records) == len(boxsat.rectangles)
     for record, rectangle in zip(view.records, boxsat.rectangles, strict=True):
         expected = moved_pose(T, error) @ rectangle.T_model_rect
@@ -84,13 +84,13 @@ def test_record_of_a_face_that_is_known_wholly_is_its_pose(
 
 
 def test_record_of_a_plane_knows_its_distance_and_tilt_only(
-    boxsat: Target, frame: Frame, state: NavigationState, sight: Sight
+    boxsat: Target, frame: Frame, state: NavigationState, observer: ObserverPose
 ) -> None:
-    T = state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+    T = state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
     error = np.array([0.03, -0.02, 0.05, 0.004, -0.006, 0.005])
     faces = tuple(of_plane(rectangle, T, error) for rectangle in boxsat.rectangles)
     for record, rectangle in zip(
-        view_of(frame, T, faces, sight).records, boxsat.rectangles, strict=True
+        view_of(frame, T, faces, observer).records, boxsat.rectangles, strict=True
     ):
         predicted, truth = T @ rectangle.T_model_rect, moved_pose(T, error) @ rectangle.T_model_rect
         normal = truth[:3, 2]
@@ -112,13 +112,13 @@ def test_record_of_a_plane_knows_its_distance_and_tilt_only(
 
 
 def test_every_face_is_measured_and_those_on_the_catalogue_are_recorded(
-    boxsat: Target, frame: Frame, state: NavigationState, sight: Sight
+    boxsat: Target, frame: Frame, state: NavigationState, observer: ObserverPose
 ) -> None:
-    T = state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+    T = state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
     error = np.full(6, 1e-3)
     known = [of_plane(rectangle, T, error) for rectangle in boxsat.rectangles[:3]]
     other = FaceEvidence(None, np.eye(6), error, 50, 1.0)
-    view = view_of(frame, T, (known[0], other, known[1], known[2]), sight)
+    view = view_of(frame, T, (known[0], other, known[1], known[2]), observer)
     assert [m.name for m in view.measurements] == [
         boxsat.rectangles[0].name,
         "other surfaces",
@@ -127,7 +127,7 @@ def test_every_face_is_measured_and_those_on_the_catalogue_are_recorded(
     ]
     assert [len(m.covariance) for m in view.measurements] == [3, 6, 3, 3]
     assert view.face_of_record == (0, 2, 3)
-    assert view.explained == pytest.approx(0.9)
+    assert view.inlier_ratio == pytest.approx(0.9)
     # Measured about the compared pose: what the moved one leaves is nothing.
     for measured in view.measurements:
         assert isinstance(measured, PoseMeasurement)
@@ -139,21 +139,21 @@ def test_every_face_is_measured_and_those_on_the_catalogue_are_recorded(
     silent = view.without_faces("not believed")
     assert [*silent.measurements, *silent.records, *silent.face_of_record] == []
     assert [record.outcome for record in silent.outcomes(())] == ["not believed"] * 3
-    assert silent.explained == view.explained
+    assert silent.inlier_ratio == view.inlier_ratio
 
 
 def test_records_of_a_real_frame_are_near_the_faces(
-    boxsat: Target, frame: Frame, state: NavigationState, sight: Sight
+    boxsat: Target, frame: Frame, state: NavigationState, observer: ObserverPose
 ) -> None:
-    truth = state.T_cam_model(sight.T_cam_world, sight.R_hill_world)
+    truth = state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
     error = np.array([0.004, -0.003, 0.005, 8e-4, -6e-4, 5e-4])
     predicted = moved_pose(truth, error)
     P = np.diag(np.repeat([0.005, 1e-3], 3) ** 2)
     comparer = Comparer(boxsat, frame.camera, SIGMA)
     comparison = comparer.compare(frame.depth_m, predicted, P)
-    view = view_of_comparison(frame, comparison, comparer.lever_m, sight)
+    view = view_of_comparison(frame, comparison, comparer.lever_m, observer)
     assert len(view.records) >= 3
-    assert view.explained > 0.95
+    assert view.inlier_ratio > 0.95
     by_name = {rectangle.name: rectangle for rectangle in boxsat.rectangles}
     for record in view.records:
         expected = truth @ by_name[record.rectangle].T_model_rect
@@ -167,6 +167,6 @@ def test_a_silent_frame_has_nothing(frame: Frame) -> None:
     view = silent_view(frame)
     assert [*view.measurements, *view.records, *view.unused] == []
     assert view.outcomes(()) == ()
-    assert np.isnan(view.explained)
+    assert np.isnan(view.inlier_ratio)
     assert (view.image_labels == -1).all()
     assert view.image_labels.shape == frame.depth_m.shape

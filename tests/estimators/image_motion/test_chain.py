@@ -116,7 +116,7 @@ def test_the_covariance_of_a_chain_is_true(settings: ImageMotionTable) -> None:
 
 def test_key_frames_reduce_the_drift() -> None:
     every = ADJACENT.model_copy(
-        update={"fewest_sd": 0.0, "ambiguous_chi_square": 0.0, "largest_sd_deg": 180.0}
+        update={"min_significance": 0.0, "ambiguous_chi_square": 0.0, "max_sd_deg": 180.0}
     )
     rms, share = {}, {}
     for name, settings in (("every", every), ("certain", ADJACENT), ("key", KEY_FRAMES)):

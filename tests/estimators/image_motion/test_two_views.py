@@ -314,5 +314,5 @@ def test_a_motion_that_would_show_features_from_both_sides_is_not_believed() -> 
     matches = [p[:, :2] / p[:, 2:] for p in (first, second)]
     found = measure(matches[0], matches[1], 1e-5, ImageMotionTable())
     assert found.outcome is Outcome.NO_CONSENSUS and found.motion is None
-    wide = ImageMotionTable(largest_turn_deg=180.0)
+    wide = ImageMotionTable(max_turn_deg=180.0)
     assert measure(matches[0], matches[1], 1e-5, wide).outcome is Outcome.MEASURED

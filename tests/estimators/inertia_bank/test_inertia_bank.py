@@ -105,7 +105,7 @@ def test_lost_new_and_wrongly_matched_points():
         estimate = estimator.step(seen)
         if k in (10, 50):
             assert estimate.rejected == (int(kept[4]),)
-        if 1 <= k <= TABLE.most_rejections:
+        if 1 <= k <= TABLE.max_rejections:
             assert 3 in estimate.rejected
         if 40 <= k < 45:
             assert estimate.status == "coasting"
@@ -123,7 +123,7 @@ def test_lost_new_and_wrongly_matched_points():
 def test_room_for_few_points():
     rng = np.random.default_rng(2)
     points = points_of(rng, 9)
-    table = TABLE.model_copy(update={"most_features": 5})
+    table = TABLE.model_copy(update={"max_features": 5})
     estimator = InertiaBankEstimator(RIG, paper.ORBIT, table)
     for k, frame in enumerate(frames(rng, points, 6)):
         kept = np.arange(9) if k < 3 else np.arange(4, 9)

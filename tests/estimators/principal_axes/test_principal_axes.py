@@ -105,7 +105,7 @@ def test_wrong_matches_stay_out():
 def test_features_that_come_and_go():
     changed = scenario(count=12, hidden_by_normals=True, blackouts_s=())
     tracks, truth = simulate_features(changed, np.random.default_rng(4))
-    estimator, estimates = run(tracks, TABLE.model_copy(update={"most_features": 10}))
+    estimator, estimates = run(tracks, TABLE.model_copy(update={"max_features": 10}))
     assert estimates[-1].status == Status.LOCKED
     assert len(estimator.features) == 10
     assert nees(estimator, truth) < 1.7
@@ -147,7 +147,7 @@ def test_every_identification_leads_to_the_same_start(method):
 def test_equal_moments_are_ambiguous():
     changed = replace(scenario(blackouts_s=()), inertia=np.diag([4.0, 6.0, 4.0]))
     tracks, truth = simulate_features(changed, np.random.default_rng(7))
-    _, estimates = run(tracks, TABLE.model_copy(update={"longest_arc_s": 10.0}))
+    _, estimates = run(tracks, TABLE.model_copy(update={"max_arc_s": 10.0}))
     assert estimates[-1].status == Status.AMBIGUOUS
     assert estimates[-1].notes["moment_gap_over_sd"] < 3.0
     # What does not depend on the axes is found all the same.
@@ -200,8 +200,8 @@ def test_bad_frames_are_told_apart():
     doubled = replace(tracks.frames[2], features=np.zeros_like(tracks.frames[2].features))
     with pytest.raises(InputError, match="every feature once"):
         estimator.step(doubled)
-    with pytest.raises(ValueError, match="longest_arc_s"):
-        PrincipalAxesTable(arc_s=20.0, longest_arc_s=10.0)
+    with pytest.raises(ValueError, match="max_arc_s"):
+        PrincipalAxesTable(arc_s=20.0, max_arc_s=10.0)
 
 
 def test_an_eccentric_orbit():
