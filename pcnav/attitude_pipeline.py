@@ -90,7 +90,7 @@ def run_attitudes(
         raise InputError(out, "folder", f"expected a result folder that does not hold {recording}")
     images = open_source(recording, pipeline) if is_seen_by_one_camera(recording) else None
     attitudes = read_attitudes(recording) if images is None else None
-    folder = place if attitudes is None else attitudes.folder
+    folder = place if attitudes is None else place.resolve()
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
     truth = read_truth(folder)
     as_run = pipeline.model_copy(update={"sequence": str(recording.resolve())})
@@ -135,13 +135,10 @@ def _from_attitudes(
     model = TorqueFreeModel(table.angular_acceleration_psd_rad2_s3, table.propagation)
     last: RotationEstimate | None = None
     default = np.radians(table.attitude_sd_deg) ** 2 * np.eye(3)
-    count = len(recording.times_s)
-    for k, time_s in enumerate(recording.times_s.tolist()):
-        if recording.has_attitude[k]:
-            noise = default if recording.sd is None else np.diag(recording.sd[k] ** 2)
-            if not noise.any():
-                noise = default
-            last = estimator.step(time_s, recording.R_world_body[k], noise)
+    for k, (time_s, attitude, covariance) in enumerate(recording):
+        if attitude is not None:
+            noise = default if covariance is None else covariance
+            last = estimator.step(time_s, attitude, noise)
             accepted, nis = bool(last.accepted[0]), float(last.nis[0])
             found = attitude_frame(time_s, (last.state, last.covariance[0]), noise, nis, accepted)
         elif last is not None:
@@ -151,7 +148,7 @@ def _from_attitudes(
             found = attitude_frame(time_s, None, None)
         frames.append(found)
         if on_frame is not None:
-            on_frame(found, k + 1, count)
+            on_frame(found, k + 1, len(recording))
     return _Estimated(attitude_track(frames), [])
 
 

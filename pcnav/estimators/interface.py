@@ -6,17 +6,8 @@ from enum import Enum, StrEnum
 from typing import Any, Protocol
 
 from pcnav.dynamics.blocks import Layout
+from pcnav.recordings.recording import RecordingKind
 from pcnav.runs.estimate import Estimate
-
-
-class RecordingKind(StrEnum):
-    """What a recording is made of."""
-
-    DEPTH = "depth"
-    STEREO_TRACKS = "stereo_tracks"
-    IMAGES = "images"
-    """Images of one camera, or tracks of points in them."""
-    ATTITUDES = "attitudes"
 
 
 class AxesPolicy(Enum):

@@ -252,6 +252,6 @@ def tracks_of_images(
     The last value is the whole. Raises `InputError`.
     """
     frames: list[MonocularFrame] = []
-    for frame in track_features(images.read(), images.camera, settings):
+    for frame in track_features(images, images.camera, settings):
         frames.append(frame)
         yield MonocularTracks(images.name, images.camera, settings.pixel_sigma_px, tuple(frames))

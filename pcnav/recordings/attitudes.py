@@ -9,8 +9,10 @@ The states.csv of any result folder has these columns, so it is a recording of a
 """
 
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_from_xyzw, xyzw_from_rotation
 from pcnav.files.csv_table import read_csv
+from pcnav.recordings.recording import RecordingKind
 
 ATTITUDES_FILE = "attitudes.csv"
 ATTITUDES_COLUMNS = ("time_s", "q_x", "q_y", "q_z", "q_w")
@@ -25,13 +28,25 @@ SD_COLUMNS = ("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad")
 _NORM_TOLERANCE = 1e-6
 
 
+class MeasuredAttitude(NamedTuple):
+    """What is known at one time."""
+
+    time_s: float
+    R_world_body: FloatArray | None
+    """(3, 3); None where there is no attitude."""
+    covariance: FloatArray | None
+    """(3, 3) about the body axes, rad^2; None where the recording does not state it."""
+
+
 @dataclass(frozen=True)
 class AttitudeRecording:
     """Attitudes over time."""
 
+    kind: ClassVar[RecordingKind] = RecordingKind.ATTITUDES
+
     name: str
-    folder: Path
-    """Where its truth would be."""
+    path: Path | None
+    """The table, or the folder of it."""
     times_s: FloatArray
     """(n,) increasing."""
     R_world_body: FloatArray
@@ -43,6 +58,16 @@ class AttitudeRecording:
     def has_attitude(self) -> BoolArray:
         """(n,)"""
         return np.asarray(np.isfinite(self.R_world_body[:, 0, 0]))
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def __iter__(self) -> Iterator[MeasuredAttitude]:
+        for k, known in enumerate(self.has_attitude.tolist()):
+            sd = None if self.sd is None else self.sd[k]
+            covariance = None if sd is None or not sd.any() else np.diag(sd**2)
+            attitude = self.R_world_body[k] if known else None
+            yield MeasuredAttitude(float(self.times_s[k]), attitude, covariance if known else None)
 
 
 def is_attitude_recording(path: Path) -> bool:
@@ -71,8 +96,7 @@ def read_attitudes(path: Path) -> AttitudeRecording:
     if sd is not None:
         good = np.asarray(np.isfinite(sd).all(axis=1) & (sd >= 0.0).all(axis=1))
         table.require(good | ~known, "expected standard deviations", "sd_theta")
-    folder = file.parent.resolve()
-    return AttitudeRecording(folder.name, folder, times_s, R, sd)
+    return AttitudeRecording(file.parent.resolve().name, path, times_s, R, sd)
 
 
 def write_attitudes(folder: Path, times_s: FloatArray, R_world_body: FloatArray) -> None:

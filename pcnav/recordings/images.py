@@ -12,7 +12,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from pcnav.recordings.monocular import (
     read_camera_attitudes,
     read_camera_file,
 )
+from pcnav.recordings.recording import RecordingKind
 
 GreyImage: TypeAlias = npt.NDArray[np.uint8]
 """(height, width) grey levels."""
@@ -42,9 +43,20 @@ _VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm"}
 _LOG = logging.getLogger("pcnav")
 
 
+class ImageFrame(NamedTuple):
+    """A picture."""
+
+    time_s: float
+    R_cam_world: FloatArray
+    """(3, 3)"""
+    grey: GreyImage
+
+
 @dataclass(frozen=True)
 class ImageSequence:
     """Images in order of time; a picture is read when it is asked for."""
+
+    kind: ClassVar[RecordingKind] = RecordingKind.IMAGES
 
     name: str
     path: Path
@@ -62,13 +74,15 @@ class ImageSequence:
         """Intrinsics; the images as `read` gives them have no distortion."""
         return self.facts.camera
 
-    def read(self) -> Iterator[tuple[float, FloatArray, GreyImage]]:
-        """Time (s), R_cam_world (3, 3) and grey levels of every image. Raises `InputError`."""
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def __iter__(self) -> Iterator[ImageFrame]:
         pictures = _pictures(self.files, self.camera) if self.files else _shots(self)
         for time_s, R, image in zip(
             self.times_s.tolist(), self.R_cam_world, pictures, strict=False
         ):
-            yield time_s, R, _undistorted(image, self.facts)
+            yield ImageFrame(time_s, R, _undistorted(image, self.facts))
 
 
 def is_image_sequence(path: Path) -> bool:

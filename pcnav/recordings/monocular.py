@@ -7,9 +7,10 @@ camera.toml   [camera] width_px, height_px, focal_px (one or two numbers), centr
 attitude.csv  optional: time_s, q_x, q_y, q_z, q_w of R_world_cam; a camera at rest without
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import tomli_w
@@ -22,6 +23,7 @@ from pcnav.core.errors import InputError
 from pcnav.files.csv_table import read_csv
 from pcnav.files.new_folder import new_folder
 from pcnav.recordings.attitude_file import ATTITUDE_FILE, read_attitude_file, write_attitude_file
+from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.track_table import checked_tracks, frame_rows, write_track_table
 
 MONOCULAR_TRACKS_FILE = "tracks.csv"
@@ -47,12 +49,22 @@ class MonocularFrame:
 class MonocularTracks:
     """A recording."""
 
+    kind: ClassVar[RecordingKind] = RecordingKind.IMAGES
+
     name: str
     camera: PinholeCamera
     pixel_sigma_px: float
     """Standard deviation of each tracked coordinate."""
     frames: tuple[MonocularFrame, ...]
     """In order of time."""
+    path: Path | None = None
+    """The folder it is read from."""
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[MonocularFrame]:
+        return iter(self.frames)
 
 
 class _CameraTable(BaseModel):
@@ -142,7 +154,8 @@ def read_monocular(path: Path) -> MonocularTracks:
         MonocularFrame(float(t), R, features[rows], pixels[rows])
         for t, R, rows in zip(times_s, read_camera_attitudes(folder, times_s), frames, strict=True)
     )
-    return MonocularTracks(folder.resolve().name, facts.camera, facts.pixel_sigma_px, seen)
+    name = folder.resolve().name
+    return MonocularTracks(name, facts.camera, facts.pixel_sigma_px, seen, folder)
 
 
 def write_monocular(out: Path, tracks: MonocularTracks, overwrite: bool = False) -> None:

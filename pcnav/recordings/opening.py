@@ -1,44 +1,110 @@
-"""Opening a sequence of whatever format a folder holds."""
+"""Opening a recording of whatever kind and format a path holds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from pcnav.core.errors import InputError
+from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording, read_attitudes
 from pcnav.recordings.bop import BopSequence
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
+from pcnav.recordings.images import is_image_sequence, open_images
+from pcnav.recordings.monocular import CAMERA_FILE, is_monocular_recording, read_monocular
+from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.sequence_file import SEQUENCE_FILE
+from pcnav.recordings.track_files import TRACKS_FILE, is_track_recording, read_tracks
 from pcnav.recordings.tsdf_fusion import INTRINSICS_FILE, TsdfFusionSequence
+
+Open = Callable[[Path, Path | None], Recording]
+"""From the path and, where given, the target's mesh."""
 
 
 @dataclass(frozen=True)
-class SequenceFormat:
-    """One format a folder may hold."""
+class RecordingFormat:
+    """One format that a path may hold."""
 
     name: str
-    markers: tuple[str, ...]
-    """Files any of which tells the format."""
-    open: Callable[[Path, Path | None], Sequence]
-    """From the folder and, where given, the target's mesh."""
+    kind: RecordingKind
+    marker: str
+    """What tells it, in words."""
+    fits: Callable[[Path], bool]
+    open: Open
+
+
+def _depth(name: str, markers: tuple[str, ...], of: Callable[..., Sequence]) -> RecordingFormat:
+    """A folder of depth frames, told by the presence of any of its files."""
+
+    def fits(path: Path) -> bool:
+        return any((path / marker).is_file() for marker in markers)
+
+    return RecordingFormat(name, RecordingKind.DEPTH, markers[0], fits, of)
+
+
+def _without_mesh(of: Callable[[Path], Recording]) -> Open:
+    """Of a recording that shows no mesh: one that is given is not for it."""
+
+    def open_it(path: Path, target_mesh: Path | None) -> Recording:
+        if target_mesh is not None:
+            raise InputError(path, "target_mesh", "expected none: only depth frames need a mesh")
+        return of(path)
+
+    return open_it
 
 
 FORMATS = (
-    SequenceFormat("BOP scene", (SCENE_CAMERA_FILE, SEQUENCE_FILE), BopSequence),
-    SequenceFormat("tsdf-fusion recording", (INTRINSICS_FILE,), TsdfFusionSequence),
+    RecordingFormat(
+        *("tracks of one camera", RecordingKind.IMAGES, f"tracks.csv with {CAMERA_FILE}"),
+        *(is_monocular_recording, _without_mesh(read_monocular)),
+    ),
+    RecordingFormat(
+        *("images of one camera", RecordingKind.IMAGES, f"images with {CAMERA_FILE}"),
+        *(is_image_sequence, _without_mesh(open_images)),
+    ),
+    RecordingFormat(
+        *("stereo tracks", RecordingKind.STEREO_TRACKS, TRACKS_FILE),
+        *(is_track_recording, _without_mesh(read_tracks)),
+    ),
+    RecordingFormat(
+        *("attitudes", RecordingKind.ATTITUDES, ATTITUDES_FILE),
+        *(is_attitude_recording, _without_mesh(read_attitudes)),
+    ),
+    _depth("BOP scene", (SCENE_CAMERA_FILE, SEQUENCE_FILE), BopSequence),
+    _depth("tsdf-fusion recording", (INTRINSICS_FILE,), TsdfFusionSequence),
 )
-"""Known formats; the first whose marker is present is taken."""
+"""Known formats; the first that fits is taken."""
+ALL_KINDS = frozenset(RecordingKind)
+
+
+def format_of(path: Path, kinds: Collection[RecordingKind] = ALL_KINDS) -> RecordingFormat:
+    """The format of a path among those of some kinds.
+
+    Raises `InputError`, which names what would tell each of them, where none fits.
+    """
+    known = [form for form in FORMATS if form.kind in kinds]
+    for form in known:
+        if form.fits(path):
+            return form
+    markers = " or ".join(f"{form.marker} ({form.name})" for form in known)
+    expected = f"expected {markers} in it" if path.is_dir() else f"expected a folder with {markers}"
+    raise InputError(path, "folder", expected)
+
+
+def open_recording(
+    path: Path,
+    target_mesh: Path | None = None,
+    kinds: Collection[RecordingKind] = ALL_KINDS,
+) -> Recording:
+    """Open a recording; of depth frames ``target_mesh`` replaces the mesh it names.
+
+    ``kinds`` are those that can be made use of: a folder may hold several. Raises `InputError`
+    when the path is missing, of no known format of these kinds, or invalid.
+    """
+    return format_of(path, kinds).open(path, target_mesh)
 
 
 def open_sequence(path: Path, target_mesh: Path | None = None) -> Sequence:
-    """Open a depth sequence; ``target_mesh`` replaces the mesh it names.
-
-    Raises `InputError` when the folder is missing, of no known format, or invalid.
-    """
-    known = " or ".join(f"{form.markers[0]} ({form.name})" for form in FORMATS)
-    if not path.is_dir():
-        raise InputError(path, "folder", f"expected a folder with {known}")
-    for form in FORMATS:
-        if any((path / marker).is_file() for marker in form.markers):
-            return form.open(path, target_mesh)
-    raise InputError(path, "folder", f"expected {known} in it")
+    """Open a recording of depth frames: see `open_recording`."""
+    found = open_recording(path, target_mesh, (RecordingKind.DEPTH,))
+    assert isinstance(found, Sequence)
+    return found

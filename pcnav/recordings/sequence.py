@@ -4,11 +4,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
+from pcnav.recordings.recording import RecordingKind
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,13 @@ class InitialPrior:
 
 class Sequence(ABC):
     """A depth sequence that is read frame by frame: memory does not grow with its length."""
+
+    kind: ClassVar[RecordingKind] = RecordingKind.DEPTH
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.info.name
 
     @property
     @abstractmethod

@@ -69,7 +69,7 @@ def read_tracks(path: Path) -> Tracks:
         TrackFrame(float(t), R, features[rows], pixels[rows])
         for t, R, rows in zip(times_s, attitudes, frames, strict=True)
     )
-    return Tracks(folder.resolve().name, rig, orbit, seen)
+    return Tracks(folder.resolve().name, rig, orbit, seen, folder)
 
 
 def read_truth_features(folder: Path) -> dict[int, FloatArray] | None:

@@ -40,7 +40,7 @@ def test_images_in_the_order_of_their_names(tmp_path: Path) -> None:
     assert is_image_sequence(folder) and not is_monocular_recording(folder)
     images = open_images(folder)
     assert images.camera == CAMERA and images.name == "seq"
-    read = list(images.read())
+    read = list(images)
     assert [time_s for time_s, _, _ in read] == [0.0, 0.5, 1.0, 1.5]
     assert [int(image[0, 0]) for _, _, image in read] == [0, 20, 40, 60]
     assert all(np.array_equal(R, np.eye(3)) for _, R, _ in read)
@@ -60,7 +60,7 @@ def test_colour_and_16_bit_images_are_made_grey(tmp_path: Path) -> None:
     folder = folder_of(tmp_path / "seq", 2)
     Image.fromarray(np.full((48, 64, 3), 100, np.uint8)).save(folder / "000.png")
     Image.fromarray(np.full((48, 64), 100 * 257, np.uint16)).save(folder / "001.png")
-    assert [int(image[0, 0]) for _, _, image in open_images(folder).read()] == [100, 100]
+    assert [int(image[0, 0]) for _, _, image in open_images(folder)] == [100, 100]
 
 
 def test_without_any_time_images_are_a_second_apart_and_it_is_said(
@@ -93,10 +93,10 @@ def test_bad_pictures_are_refused_by_name(tmp_path: Path) -> None:
     folder = folder_of(tmp_path / "seq")
     Image.fromarray(np.zeros((10, 10), np.uint8)).save(folder / "002.png")
     with pytest.raises(InputError, match=r"002\.png: image size: expected 64 x 48"):
-        list(open_images(folder).read())
+        list(open_images(folder))
     (folder / "002.png").write_bytes(b"no image")
     with pytest.raises(InputError, match=r"002\.png"):
-        list(open_images(folder).read())
+        list(open_images(folder))
 
 
 def test_a_video(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_a_video(tmp_path: Path) -> None:
     writer.release()
     write_camera_file(path.with_suffix(".toml"), CameraFacts(CAMERA, 0.2, None, None))
     assert is_image_sequence(path)
-    read = list(open_images(path).read())
+    read = list(open_images(path))
     assert [time_s for time_s, _, _ in read] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8])
     assert [float(image.mean()) for _, _, image in read] == pytest.approx(
         [0.0, 40.0, 80.0, 120.0, 160.0], abs=3.0
@@ -128,7 +128,7 @@ def test_distortion_is_taken_out(tmp_path: Path) -> None:
     Image.fromarray(image).save(folder / "000.png")
     facts = CameraFacts(CAMERA, 0.2, (-0.5, 0.0, 0.0, 0.0, 0.0), 1.0)
     write_camera_file(folder / "camera.toml", facts)
-    ((_, _, straight),) = open_images(folder).read()
+    ((_, _, straight),) = open_images(folder)
     column = np.average(np.arange(64), weights=straight.sum(axis=0).astype(float))
     # A barrel draws points inwards: x (1 + k1 x^2) = 0.215 undone moves it out by 0.5 px.
     assert column > 52.5 + 0.3

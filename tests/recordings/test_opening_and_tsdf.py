@@ -11,8 +11,9 @@ from PIL import Image
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_fault
 from pcnav.recordings.bop import BopSequence
-from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.opening import open_recording, open_sequence
 from pcnav.recordings.poses import nearest_rotation
+from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.tsdf_fusion import TsdfFusionSequence
 
 ROTATION = exp_rotation(np.array([0.3, -0.2, 0.9]))
@@ -119,3 +120,17 @@ def test_real_recording(
     image.write_bytes((kinect / image.name).read_bytes()[:50_000])
     with pytest.raises(InputError, match="ends early"):
         open_sequence(tmp_path / "cut").frame(4)
+
+
+def test_kinds_are_told(tmp_path: Path, scene: Path) -> None:
+    (scene / "attitudes.csv").write_text("time_s,q_x,q_y,q_z,q_w\n0,0,0,0,1\n1,,,,\n")
+    attitudes = open_recording(scene)
+    assert attitudes.kind is RecordingKind.ATTITUDES
+    assert [frame.R_world_body is None for frame in attitudes] == [False, True]
+    depth = open_recording(scene, kinds=[RecordingKind.DEPTH])
+    assert isinstance(depth, BopSequence) and depth.kind is RecordingKind.DEPTH
+    assert (depth.path, len(list(depth))) == (scene, len(depth))
+    with pytest.raises(InputError, match=r"expected tracks\.csv \(stereo tracks\) in it"):
+        open_recording(scene, kinds=[RecordingKind.STEREO_TRACKS])
+    with pytest.raises(InputError, match="target_mesh: expected none"):
+        open_recording(scene, tmp_path / "some.stl")

@@ -99,7 +99,7 @@ def test_a_scenario_is_written_and_read_back(tmp_path: Path) -> None:
     images = open_images(out)
     assert images.R_cam_world == pytest.approx(moves.R_cam_world, abs=1e-12)
     # The same picture comes back, and it shows the target.
-    shown = [image for _, _, image in images.read()]
+    shown = [image for _, _, image in images]
     again = [image for _, _, image in render_images(renderer, moves, 0)]
     assert all(np.array_equal(a, b) for a, b in zip(shown, again, strict=True))
     assert (shown[0] > 40).sum() > 500

@@ -55,7 +55,7 @@ def open_source(recording: Path, pipeline: Pipeline) -> ImageSource:
             folder=recording.parent if recording.is_file() else recording,
             camera=images.camera,
             pixel_sigma_px=table.pixel_sigma_px,
-            frames=track_features(images.read(), images.camera, table),
+            frames=track_features(images, images.camera, table),
             count=len(images.times_s),
             is_images=True,
         )
