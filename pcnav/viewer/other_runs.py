@@ -1,33 +1,45 @@
-"""Runs on feature tracks, on images of one camera and on attitudes, told as a story."""
+"""Runs on feature tracks, on images of one camera and on attitudes, told as a story.
 
+Each is compared with its truth by the evaluation of its own pipeline: the axes of its body are not
+those of the truth.
+"""
+
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pcnav.config.features import EstimatorKind
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, rotation_from_xyzw
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.dynamics.state import INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
+from pcnav.estimators.image_motion.source import is_seen_by_one_camera
+from pcnav.evaluation.attitude_metrics import attitude_errors
+from pcnav.evaluation.feature_metrics import evaluate_features
+from pcnav.evaluation.image_metrics import evaluate_images
+from pcnav.evaluation.track_errors import TrackErrors
 from pcnav.files.csv_table import CsvTable, read_csv
 from pcnav.recordings.attitude_file import ATTITUDE_FILE
 from pcnav.recordings.monocular import read_camera_attitudes
 from pcnav.recordings.track_files import read_tracks
-from pcnav.recordings.truth import read_truth
-from pcnav.runs.attitude_results import ATTITUDE_STATES_COLUMNS
+from pcnav.recordings.truth import Truth, read_truth
+from pcnav.runs.attitude_results import ATTITUDE_STATES_COLUMNS, AttitudeTrack
 from pcnav.runs.feature_results import (
     FEATURE_COLUMNS,
     FEATURES_FILE,
     STATES_COLUMNS,
+    FeatureTrack,
     with_known_mass_centre,
 )
-from pcnav.runs.image_results import IMAGE_STATES_COLUMNS
+from pcnav.runs.image_results import IMAGE_STATES_COLUMNS, ImageTrack
 from pcnav.runs.results import POSES_FILE, STATES_FILE, Track, read_poses
-from pcnav.viewer.story import RunKind, Story, judged
+from pcnav.viewer.story import Evaluation, RunKind, Story
 
 _QUATERNION = ("q_x", "q_y", "q_z", "q_w")
-_IDENTITY = np.eye(4)[None]
 _SHOWN_AT_M = 4.0
 """A target whose distance nobody knows is drawn so far in front of the camera."""
 
@@ -55,16 +67,43 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
         inlier_ratio=np.full(n, np.nan),
         n_rectangles=table.counts("n_used"),
     )
-    recording = None if pipeline.sequence is None else Path(pipeline.sequence)
-    on_disk = recording is not None and recording.is_dir()
-    notes = () if on_disk else (f"the recording is not at {recording}: no truth",)
-    orbit, truth = KeplerOrbit(pipeline.orbit.mean_motion_rad_s), None
-    if on_disk and recording is not None:
-        orbit, truth = read_tracks(recording).orbit, read_truth(recording)
+    recording, truth, notes = _truth_of(pipeline)
+    orbit = KeplerOrbit(pipeline.orbit.mean_motion_rad_s)
+    if recording is not None:
+        orbit = read_tracks(recording).orbit
+    principal = pipeline.estimator.kind is EstimatorKind.PRINCIPAL_AXES
+    of_run = FeatureTrack(
+        time_s=time_s,
+        r_hill=r_hill,
+        v_hill=track.v_hill,
+        R_world_body=track.R_world_body,
+        omega_body=track.omega_body,
+        inertia_ratios=track.inertia_ratios,
+        covariance=_diagonal(numbers[:, 18:35]),
+        T_rig_body=track.T_cam_model,
+        points=({},) * n,
+        status=track.status,
+        nis=track.nis,
+        nis_dof=track.nis_dof,
+        n_features=table.counts("n_features"),
+        n_used=track.n_rectangles,
+        n_rejected=table.counts("n_rejected"),
+        notes={},
+        last_points={},
+        frames_seen={},
+        frames_rejected={},
+    )
+
+    def errors(known: Truth) -> FloatArray | None:
+        found = evaluate_features(of_run, known, None, principal)[1]
+        if found is None:
+            return None
+        return np.insert(found.state, [COM_MODEL.start] * 3, np.nan, axis=1)
+
     points = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS).numbers(("x_m", "y_m", "z_m"))
     return replace(
         feature_story(folder.name, track, orbit),
-        evaluation=judged(track, truth, _IDENTITY),
+        evaluation=_evaluation(errors, truth),
         notes=notes,
         points_body=points[np.isfinite(points).all(axis=1)],
     )
@@ -81,7 +120,35 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
         omega_body=table.numbers(("w_x_rad_s", "w_y_rad_s", "w_z_rad_s")),
         n_rectangles=table.counts("agreeing"),
     )
-    return image_story(folder.name, track)
+    _, truth, notes = _truth_of(pipeline)
+    none = np.zeros(len(R), dtype=np.intp)
+    of_run = ImageTrack(
+        time_s=track.time_s,
+        R_world_body=R,
+        omega_body=track.omega_body,
+        covariance=_diagonal(sd[:, THETA_BODY]),
+        status=track.status,
+        outcome=table.words("outcome"),
+        is_first=np.zeros(len(R), dtype=np.bool_),
+        segment=table.counts("segment"),
+        reference=(None,) * len(R),
+        n_features=none,
+        n_matches=none,
+        n_agreeing=none,
+    )
+
+    def errors(known: Truth) -> FloatArray | None:
+        found = evaluate_images(of_run, known)[1]
+        if found is None:
+            return None
+        state = np.full((len(R), STATE_SIZE), np.nan)
+        # Where the axes are defined there is no error by construction.
+        state[:, THETA_BODY] = np.where(found.defines_axes[:, None], np.nan, found.theta_body)
+        state[:, OMEGA_BODY] = found.omega_body
+        return state
+
+    story = image_story(folder.name, track)
+    return replace(story, evaluation=_evaluation(errors, truth), notes=(*story.notes, *notes))
 
 
 def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
@@ -101,7 +168,59 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
         nis_dof=table.counts("nis_dof"),
         n_rectangles=np.isfinite(_column(table, "sd_measured_rad")).astype(np.intp),
     )
-    return attitude_story(folder.name, track)
+    story = attitude_story(folder.name, track)
+    if is_seen_by_one_camera(Path(pipeline.sequence or "")):
+        # Its body axes are the camera's at a frame that the result folder does not tell.
+        return story
+    _, truth, notes = _truth_of(pipeline)
+    of_run = AttitudeTrack(
+        time_s=track.time_s,
+        R_world_body=R,
+        omega_body=track.omega_body,
+        inertia_ratios=track.inertia_ratios,
+        covariance=_diagonal(numbers[:, 12:23]),
+        status=track.status,
+        nis=track.nis,
+        measured_sd=_column(table, "sd_measured_rad"),
+    )
+
+    def errors(known: Truth) -> FloatArray | None:
+        state, found = np.full((len(R), STATE_SIZE), np.nan), attitude_errors(of_run, known)
+        state[:, THETA_BODY], state[:, OMEGA_BODY] = found[:, 0:3], found[:, 3:6]
+        state[:, INERTIA_RATIOS] = found[:, 6:11]
+        return state
+
+    return replace(story, evaluation=_evaluation(errors, truth), notes=(*story.notes, *notes))
+
+
+def _truth_of(pipeline: Pipeline) -> tuple[Path | None, Truth | None, tuple[str, ...]]:
+    """The folder of a recording and its truth, or a note that it is gone."""
+    recording = Path(pipeline.sequence or "")
+    folder = recording.parent if recording.is_file() else recording
+    if pipeline.sequence is None or not folder.is_dir():
+        return None, None, (f"the recording is not at {pipeline.sequence}: no truth",)
+    return folder, read_truth(folder), ()
+
+
+def _evaluation(
+    errors: Callable[[Truth], FloatArray | None], truth: Truth | None
+) -> Evaluation | None:
+    """A run against its truth; None where there is none, or nothing to compare it with."""
+    if truth is None:
+        return None
+    try:
+        state = errors(truth)
+    except InputError:
+        return None
+    if state is None:
+        return None
+    no_pose = np.full((len(state), 3), np.nan)
+    return Evaluation(TrackErrors(no_pose, no_pose, state), None)
+
+
+def _diagonal(sd: FloatArray) -> FloatArray:
+    """(n, k, k) covariances of standard deviations (n, k): only the errors are asked for."""
+    return sd[:, :, None] ** 2 * np.eye(sd.shape[1])
 
 
 def feature_story(name: str, track: Track, orbit: KeplerOrbit) -> Story:
