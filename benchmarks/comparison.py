@@ -19,7 +19,7 @@ from benchmarks.peers import (
     peer_threads,
 )
 from pcnav.estimators.peers.icp import SAMPLES, START_SHIFT_FRACTION, START_TURN_DEG
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable
 
 FILTERED_BAR = 0.5
 """Most that pcnav's filtered error may be of the best ICP peer's."""

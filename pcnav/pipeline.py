@@ -20,12 +20,12 @@ from pcnav.estimators.depth.views import FrameView
 from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_known
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import observability_of_depth, tables_for_report
+from pcnav.files.text_table import TextTable
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.truth import read_truth
 from pcnav.report.depth_report import ReportContent, write_report
 from pcnav.report.overlay import frame_picture
-from pcnav.report.text_table import TextTable
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.result_writer import ResultWriter
 from pcnav.runs.results import (

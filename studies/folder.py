@@ -9,8 +9,8 @@ from rich.table import Table
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.files.new_folder import new_folder
+from pcnav.files.text_table import TextTable
 from pcnav.report import page
-from pcnav.report.text_table import TextTable
 from pcnav.runs.provenance import library_versions, pipeline_toml
 
 INDEX_FILE = "index.html"

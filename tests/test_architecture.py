@@ -13,8 +13,6 @@ ROOMS = (
 """In the order of the data flow: a room imports from itself and from those before it."""
 
 TO_MEND = {
-    ("evaluation/observability/report.py", "report"),
-    ("evaluation/observability/sources.py", "report"),
     ("runs/attitude_results.py", "estimators"),
     ("runs/image_results.py", "estimators"),
 }

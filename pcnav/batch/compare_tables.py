@@ -8,8 +8,7 @@ import numpy as np
 from pcnav.batch.changes import VERDICTS, JudgedChange
 from pcnav.batch.compare import Comparison
 from pcnav.batch.formats import metric_label
-from pcnav.report.summary import display_unit, number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, display_unit, number
 
 _HEADER = ("where", "metric", "old", "new", "worse by", "interval", "runs", "verdict")
 

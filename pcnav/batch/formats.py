@@ -12,8 +12,7 @@ from pcnav.batch.pivot import PivotTable, Values
 from pcnav.batch.row_heads import row_heads
 from pcnav.batch.samples import Window
 from pcnav.batch.statistics import Bounds, CellStatistics, Estimate
-from pcnav.report.summary import display_unit, number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, display_unit, number
 
 NONE = "-"
 _UNITLESS = ("1", "")

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from pcnav.batch.figures import Drawing
 from pcnav.batch.samples import Window
+from pcnav.files.text_table import TextTable
 from pcnav.report import page
-from pcnav.report.text_table import TextTable
 
 _MAX_FAILURES = 50
 """Told on the page; the file of failures has all."""

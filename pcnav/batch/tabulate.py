@@ -32,8 +32,7 @@ from pcnav.batch.store import RunStore
 from pcnav.core.errors import InputError
 from pcnav.estimators.peers.interface import FirstPose
 from pcnav.files.new_folder import new_folder
-from pcnav.report.summary import display_unit, number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, display_unit, number
 
 TABLES_FOLDER = "tables"
 """Inside the folder of a batch."""

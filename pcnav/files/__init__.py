@@ -1,1 +1,1 @@
-"""Files that are whole or not there, and tables of numbers in them."""
+"""Files that are whole or not there, tables of numbers in them, and tables that people read."""

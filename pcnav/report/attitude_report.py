@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, OMEGA, SIZE, THETA
 from pcnav.evaluation.metrics import Metrics
+from pcnav.files.text_table import TextTable, number
 from pcnav.report import page
 from pcnav.report.depth_report import (
     headline,
@@ -20,8 +21,7 @@ from pcnav.report.depth_report import (
 )
 from pcnav.report.envelope import envelope
 from pcnav.report.figures import ALERT, LINE, add_legend, component_figure, stacked_axes
-from pcnav.report.summary import number, run_facts
-from pcnav.report.text_table import TextTable
+from pcnav.report.summary import run_facts
 from pcnav.runs.attitude_results import AttitudeTrack
 
 _DEGREES = float(np.rad2deg(1.0))

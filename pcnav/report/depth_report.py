@@ -27,6 +27,7 @@ from pcnav.evaluation.knowledge import (
     StateKnowledge,
 )
 from pcnav.evaluation.metrics import Consistency, Metrics
+from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report import page
 from pcnav.report.figures import (
     component_figure,
@@ -38,8 +39,7 @@ from pcnav.report.figures import (
     svg_bytes,
 )
 from pcnav.report.status import status_section
-from pcnav.report.summary import ERROR_HEADINGS, display_unit, error_row, number, run_facts
-from pcnav.report.text_table import TextTable
+from pcnav.report.summary import ERROR_HEADINGS, error_row, run_facts
 from pcnav.runs.results import ACCEPTED, Track
 
 _BLOCK_TITLES = {

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.evaluation.feature_metrics import FeatureErrors
 from pcnav.evaluation.metrics import Metrics
+from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report import page
 from pcnav.report.depth_report import (
     headline,
@@ -34,8 +35,7 @@ from pcnav.report.figures import (
     time_spans,
 )
 from pcnav.report.status import status_section
-from pcnav.report.summary import display_unit, number, run_facts
-from pcnav.report.text_table import TextTable
+from pcnav.report.summary import run_facts
 from pcnav.runs.feature_results import (
     ERROR_SIZE,
     INERTIA_RATIOS,

@@ -21,8 +21,8 @@ from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.evaluation.track_errors import TrackErrors
+from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import BUCKETS, envelope
-from pcnav.report.summary import display_unit
 from pcnav.runs.results import ACCEPTED, Track
 
 INK, MUTED, GRID = "#1f2937", "#6b7280", "#e5e7eb"

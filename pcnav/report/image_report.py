@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from pcnav.core.arrays import FloatArray
 from pcnav.evaluation.image_metrics import ImageErrors
 from pcnav.evaluation.metrics import Metrics
+from pcnav.files.text_table import TextTable, number
 from pcnav.report import page
 from pcnav.report.depth_report import (
     headline,
@@ -33,8 +34,7 @@ from pcnav.report.figures import (
     style_axes,
 )
 from pcnav.report.status import STATUS_COLOURS
-from pcnav.report.summary import number, run_facts
-from pcnav.report.text_table import TextTable
+from pcnav.report.summary import run_facts
 from pcnav.runs.image_results import ImageTrack
 
 _XYZ = ("x", "y", "z")

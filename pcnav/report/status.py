@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from pcnav.core.arrays import FloatArray
 from pcnav.evaluation.metrics import chi_square_bounds
+from pcnav.files.text_table import number
 from pcnav.report import page
 from pcnav.report.envelope import envelope
 from pcnav.report.figures import (
@@ -23,7 +24,6 @@ from pcnav.report.figures import (
     svg_bytes,
     time_spans,
 )
-from pcnav.report.summary import number
 from pcnav.runs.results import NIS_WINDOW_FRAMES, Track
 
 STATUS_COLOURS = {

@@ -1,6 +1,5 @@
 """Metrics as people read them: numbers with units, and the table a command prints at its end."""
 
-import math
 from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
@@ -9,13 +8,10 @@ from rich.table import Table
 
 from pcnav.evaluation.knowledge import FROM_DATA, PRIOR_ONLY, RunKnowledge
 from pcnav.evaluation.metrics import Consistency, Metrics, QuantityErrors
-
-_MISSING = "-"
+from pcnav.files.text_table import MISSING, display_unit, number
 
 ERROR_HEADINGS = ("RMS whole", "RMS 2nd half", "RMS last 3rd", "median", "95 %", "max")
 """Median, 95 % point and maximum are those of the last third of the run."""
-
-_THOUSANDTH = {"m": "mm", "m/s": "mm/s"}
 
 
 @dataclass(frozen=True)
@@ -46,23 +42,6 @@ def error_row(quantity: QuantityErrors) -> ErrorRow:
     return ErrorRow(quantity.title, unit, texts, median=number(scale * settled.median))
 
 
-def display_unit(unit: str, typical: float) -> tuple[float, str]:
-    """Factor and unit to show a quantity in: thousandths when it is below a tenth of its unit."""
-    if unit in _THOUSANDTH and typical < 0.1:
-        return 1e3, _THOUSANDTH[unit]
-    return 1.0, unit
-
-
-def number(value: float) -> str:
-    """Three significant digits without an exponent where that stays readable."""
-    if not math.isfinite(value):
-        return _MISSING
-    if value == 0.0 or 1e-4 <= abs(value) < 1e6:
-        decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
-        return f"{value:.{max(decimals, 0)}f}"
-    return f"{value:.2e}"
-
-
 def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[tuple[str, str]]:
     """What a run says of itself, as pairs of a name and a value with its unit.
 
@@ -73,7 +52,7 @@ def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[t
         ("frames with an estimate", _estimates(metrics)),
     ]
     statuses = [f"{name} {share:.1%}" for name, share in metrics.status_share.items()]
-    facts.append(("status", ", ".join(statuses) or _MISSING))
+    facts.append(("status", ", ".join(statuses) or MISSING))
     facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
     if knowledge is not None:
         facts.append((FROM_DATA, knowledge_text(knowledge)))
@@ -93,7 +72,7 @@ def knowledge_text(knowledge: RunKnowledge) -> str:
 def consistency_text(values: Consistency) -> str:
     """The mean, its bounds and the share of frames inside theirs."""
     if not values.frames:
-        return _MISSING
+        return MISSING
     bounds = f"{values.lower:.3f} to {values.upper:.3f}"
     inside = f"{values.share_inside:.1%} of {values.frames} frames inside their own 95 %"
     return f"{values.mean_per_degree:.3f} (95 %: {bounds}); {inside}"

@@ -8,8 +8,8 @@ import numpy as np
 from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import envelope
-from pcnav.report.summary import display_unit
 from pcnav.viewer.story import Story
 
 _BUCKETS = 400

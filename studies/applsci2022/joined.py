@@ -18,8 +18,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
 )
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.evaluation.metrics import squared_normalised_errors
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.images import TrackFaults
 
 from ..folder import Chapter

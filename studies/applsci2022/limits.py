@@ -11,8 +11,7 @@ from pcnav.core.spatial import exp_rotation
 from pcnav.estimators.image_motion.refinement import motion_gain
 from pcnav.estimators.image_motion.relative import measure
 from pcnav.estimators.image_motion.translation import Known, RelativeView, translation
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter
 from . import paper

@@ -8,8 +8,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.estimators.image_motion.rates import continuous_xyzw, rotation_history
 from pcnav.estimators.image_motion.relative import Outcome
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.images import TrackFaults
 
 from ..folder import Chapter, Study, StudyFigure

@@ -17,8 +17,7 @@ from pcnav.evaluation.observability.information import expected_knowledge, time_
 from pcnav.evaluation.observability.rank import ObservabilityRank
 from pcnav.evaluation.observability.subjects import attitude_subject
 from pcnav.evaluation.observability.told import ROTATION
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter
 from . import paper

@@ -5,8 +5,7 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, OMEGA, THETA
 from pcnav.evaluation.observability.told import ROTATION
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, StudyFigure
 from ..plots import band_figure

@@ -13,8 +13,8 @@ from pcnav.evaluation.observability.attitude import (
     rank_in_words,
 )
 from pcnav.evaluation.observability.rank import ObservabilityRank
+from pcnav.files.text_table import TextTable
 from pcnav.report.figures import CATEGORIES, INK, add_legend, style_axes, svg_bytes
-from pcnav.report.text_table import TextTable
 
 from ..folder import Chapter, StudyFigure
 from . import paper

@@ -6,8 +6,7 @@ from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import run_all
 from pcnav.config.pipeline_file import BodyTable, Pipeline, ScenarioTable
 from pcnav.dynamics.rigid_body import ratios_from_inertia
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
 from ..progress import OnProgress, Progress

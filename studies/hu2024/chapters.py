@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter
 from ..tracking.bars import MeanSquared, mean_squared

@@ -3,8 +3,7 @@
 from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, run_seed, runs_of
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
 from ..progress import OnProgress, Progress

@@ -3,8 +3,7 @@
 import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, StudyFigure
 from .campaign import CaseResult

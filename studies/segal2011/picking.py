@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, IntArray
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter
 from . import paper

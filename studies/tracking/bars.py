@@ -8,7 +8,7 @@ from scipy.stats import binomtest
 
 from pcnav.core.arrays import FloatArray
 from pcnav.evaluation.metrics import chi_square_bounds
-from pcnav.report.summary import number
+from pcnav.files.text_table import number
 
 NONE = "-"
 """Stands in a table where there is no number."""

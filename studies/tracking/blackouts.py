@@ -10,8 +10,7 @@ from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 

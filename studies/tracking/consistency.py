@@ -20,9 +20,8 @@ from pcnav.dynamics.state import (
 )
 from pcnav.evaluation.bound import bound_of
 from pcnav.evaluation.metrics import chi_square_bounds
+from pcnav.files.text_table import TextTable, number
 from pcnav.recordings.sequence import Frame
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 

@@ -13,8 +13,7 @@ from pcnav.batch.runs import Run, runs_of
 from pcnav.config.pipeline_file import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 from pcnav.target.satellite import Rectangle, Target

@@ -9,8 +9,7 @@ import numpy as np
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.runs import Run, runs_of
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.runs.status import Status
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene

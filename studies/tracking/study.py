@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from pcnav.batch.cluster import EVERY_CORE, Workers
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable
 from pcnav.simulation.random_truth import satellite
 
 from ..folder import Chapter, Study

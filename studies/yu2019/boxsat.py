@@ -30,10 +30,9 @@ from pcnav.dynamics.state import (
 from pcnav.estimators.depth.single_frame import single_frame_pose
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.files.text_table import TextTable, number
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame, SequenceInfo
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.scenario import pinhole_camera, true_motion
 from pcnav.target.rendering import DepthRenderer

@@ -7,10 +7,9 @@ import numpy as np
 from scipy.stats import binom
 
 from pcnav.core.arrays import FloatArray
+from pcnav.files.text_table import TextTable, number
 from pcnav.perception.planes import ransac_plane
 from pcnav.perception.rectangles import distribution
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
 
 from ..folder import Chapter
 from ..progress import Progress

@@ -18,8 +18,7 @@ from pcnav.dynamics.state import (
     THETA_BODY,
     V_HILL,
 )
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.scenario import true_motion
 
 from ..folder import Chapter, StudyFigure

@@ -11,11 +11,10 @@ from pcnav.batch.engine import run_all
 from pcnav.config.pipeline_file import NoiseTable, PerceptionMode, PerceptionTable, Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
+from pcnav.files.text_table import TextTable, number
 from pcnav.perception.association import as_rectangle
 from pcnav.perception.perceive import perceive
 from pcnav.recordings.sequence import Frame
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.scenario import pinhole_camera
 from pcnav.target.catalogue import Rectangle

@@ -9,8 +9,7 @@ from pcnav.batch.engine import run_all
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.scenario import TrueMotion, true_motion
 
 from ..folder import Chapter, StudyFigure

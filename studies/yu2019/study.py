@@ -6,8 +6,7 @@ from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core.errors import InputError
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
 from ..progress import OnProgress, Progress

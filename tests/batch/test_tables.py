@@ -28,7 +28,7 @@ from pcnav.batch.store import RunStore, new_store
 from pcnav.batch.sweeps import sweeps
 from pcnav.batch.tabulate import KeptRecords, tabulate
 from pcnav.core.errors import InputError
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable
 from tests.batch.made_up import cases, record, records, some_runs
 
 Pcnav = Callable[..., tuple[int, str, str]]

@@ -23,6 +23,7 @@ from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.evaluation.knowledge import what_is_known
 from pcnav.evaluation.metrics import evaluate
+from pcnav.files.text_table import number
 from pcnav.report import depth_report as report
 from pcnav.report import status
 from pcnav.report.depth_report import ReportContent, report_html, write_report
@@ -30,7 +31,6 @@ from pcnav.report.envelope import envelope
 from pcnav.report.figures import component_figure, outcome_figure, svg_bytes
 from pcnav.report.overlay import frame_picture, visible_pieces
 from pcnav.report.status import STATUS_COLOURS, status_figure, status_section, window_nis_bounds
-from pcnav.report.summary import number
 from pcnav.runs.result_writer import ResultWriter
 from pcnav.runs.results import (
     ACCEPTED,

@@ -8,7 +8,7 @@ import pytest
 from pcnav.batch.cluster import Workers
 from pcnav.config.pipeline_file import read_pipeline
 from pcnav.core.errors import InputError
-from pcnav.report.text_table import TextTable
+from pcnav.files.text_table import TextTable
 from studies import run_study
 from studies.folder import study_folder
 

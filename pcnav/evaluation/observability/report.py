@@ -29,9 +29,8 @@ from pcnav.evaluation.observability.information import (
 )
 from pcnav.evaluation.observability.rank import ObservabilityRank
 from pcnav.evaluation.observability.told import Told
+from pcnav.files.text_table import TextTable, number
 from pcnav.filtering.error_state import ManifoldState
-from pcnav.report.summary import number
-from pcnav.report.text_table import TextTable
 
 S = TypeVar("S", bound=ManifoldState)
 

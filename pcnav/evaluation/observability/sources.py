@@ -31,11 +31,11 @@ from pcnav.evaluation.observability.subjects import (
     principal_subject,
 )
 from pcnav.files.csv_table import read_csv
+from pcnav.files.text_table import TextTable
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.track_files import read_tracks
 from pcnav.recordings.tracks import Tracks
-from pcnav.report.text_table import TextTable
 from pcnav.runs.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS
 from pcnav.runs.image_results import SD_COLUMNS as IMAGE_SD_COLUMNS
 from pcnav.runs.image_results import ImageTrack

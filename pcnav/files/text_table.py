@@ -1,7 +1,8 @@
-"""A table of finished text: one value that becomes CSV, Markdown, LaTeX or a terminal's table."""
+"""Numbers as people read them, and a table of them as CSV, Markdown, LaTeX or in a terminal."""
 
 import csv
 import io
+import math
 import re
 from dataclasses import dataclass
 
@@ -20,6 +21,9 @@ _LATEX = {
 }
 _MAX_FLOAT = 40
 """Rows that fit on one page; a longer table has to break across pages."""
+_THOUSANDTH = {"m": "mm", "m/s": "mm/s"}
+MISSING = "-"
+"""Where there is no number."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,23 @@ class TextTable:
         for row in self.rows:
             table.add_row(*(escape(text) for text in row))
         return table
+
+
+def display_unit(unit: str, typical: float) -> tuple[float, str]:
+    """Factor and unit to show a quantity in: thousandths when it is below a tenth of its unit."""
+    if unit in _THOUSANDTH and typical < 0.1:
+        return 1e3, _THOUSANDTH[unit]
+    return 1.0, unit
+
+
+def number(value: float) -> str:
+    """Three significant digits without an exponent where that stays readable."""
+    if not math.isfinite(value):
+        return MISSING
+    if value == 0.0 or 1e-4 <= abs(value) < 1e6:
+        decimals = 2 - math.floor(math.log10(abs(value))) if value else 0
+        return f"{value:.{max(decimals, 0)}f}"
+    return f"{value:.2e}"
 
 
 def latex_text(text: str) -> str:
