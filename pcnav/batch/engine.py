@@ -59,15 +59,24 @@ def run_all(
     which ends all others, and `InputError` when a cluster cannot be used.
     """
     found: dict[int, Result] = {}
+    with closing(results(function, items, workers)) as ended:
+        for k, result in ended:
+            found[k] = result
+            on_done()
+    return [found[k] for k in range(len(items))]
+
+
+def results(
+    function: Callable[[Item], Result], items: Sequence[Item], workers: Workers
+) -> Generator[tuple[int, Result], None, None]:
+    """As `run_all`, index and result in the order in which the runs end; to be closed."""
     with closing(outcomes(function, items, workers, here())) as ended:
         for k, outcome in ended:
             if isinstance(outcome, Failure):
                 failed = RunError(f"{items[k]}: {outcome.summary}")
                 failed.add_note(outcome.details)
                 raise failed
-            found[k] = outcome
-            on_done()
-    return [found[k] for k in range(len(items))]
+            yield k, outcome
 
 
 def outcomes(

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import run_seed
+from pcnav.batch.monte_carlo import run_seed
 from pcnav.config.images import ImageMotionTable, MatchSolver, Reference, Smoothing
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import log_rotation

@@ -6,7 +6,7 @@ import numpy as np
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import run_seed
+from pcnav.batch.monte_carlo import run_seed
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.core import chi_square
 from pcnav.core.arrays import FloatArray

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.batch.runs import run_seed
+from pcnav.batch.monte_carlo import run_seed
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.core import chi_square
 from pcnav.core.arrays import FloatArray

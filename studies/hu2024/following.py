@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.batch.runs import Run
+from pcnav.batch.monte_carlo import Run
 from pcnav.config.features import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, log_rotation
@@ -100,9 +100,9 @@ class JudgedRun:
         return np.asarray(np.linalg.norm(self.error[:, where], axis=1))
 
 
-def run_case(run: Run) -> JudgedRun:
+def run_case(run: Run[str]) -> JudgedRun:
     """One run: truth, tracks and noise are the seed's."""
-    return judge(cases()[run.case], paper.scenario(), run.seed)
+    return judge(cases()[run.case.settings], paper.scenario(), run.seed)
 
 
 def judge(case: Case, scenario: FeatureScenario, seed: int) -> JudgedRun:

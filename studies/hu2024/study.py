@@ -2,7 +2,7 @@
 
 from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import Run, run_seed, runs_of
+from pcnav.batch.monte_carlo import Case, Run, run_seed, runs_of
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
@@ -61,16 +61,17 @@ def _batches(count: int) -> list[IdentificationBatch]:
     ]
 
 
-def _planned(count: int) -> list[Run]:
+def _planned(count: int) -> list[Run[str]]:
     """The filter's runs; all cases meet the same points and noise as far as they go."""
 
-    def some(per: int) -> int:
-        return max(_FEWEST, count // per)
+    def some(per: int, *names: str) -> list[Run[str]]:
+        cases = [Case(name, name) for name in names]
+        return runs_of(paper.NAME, cases, max(_FEWEST, count // per))
 
     return [
-        *runs_of(paper.NAME, ["matched"], some(_PER_FILTER_RUN)),
-        *runs_of(paper.NAME, ["wrong matches", "pixels used twice"], some(_PER_FAULT_RUN)),
-        *runs_of(paper.NAME, ["unique axes", "free axes"], some(_PER_FIGURE_RUN)),
+        *some(_PER_FILTER_RUN, "matched"),
+        *some(_PER_FAULT_RUN, "wrong matches", "pixels used twice"),
+        *some(_PER_FIGURE_RUN, "unique axes", "free axes"),
     ]
 
 

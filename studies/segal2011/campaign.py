@@ -7,7 +7,7 @@ import numpy as np
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import run_seed
+from pcnav.batch.monte_carlo import run_seed
 from pcnav.config.features import InertiaBankTable
 from pcnav.core.arrays import FloatArray, IntArray
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import Run, runs_of
+from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS
 from pcnav.files.text_table import TextTable, number
@@ -106,17 +106,17 @@ def run_blackout(duration_s: int, seed: int, phases: Phases | None = None) -> Bl
     return Blackout(duration_s, seed, phases, run)
 
 
-def _run(run: Run, phases: Phases) -> Blackout:
-    return run_blackout(int(run.case.split()[0]), run.seed, phases)
+def _run(run: Run[int], phases: Phases) -> Blackout:
+    return run_blackout(run.case.settings, run.seed, phases)
 
 
-def planned_blackouts(count: int) -> list[Run]:
+def planned_blackouts(count: int) -> list[Run[int]]:
     """So many runs of every duration."""
-    return runs_of(NAME, [f"{duration} s" for duration in DURATIONS_S], count)
+    return runs_of(NAME, [Case(f"{duration} s", duration) for duration in DURATIONS_S], count)
 
 
 def blackout_chapter(
-    runs: list[Run], phases: Phases, workers: Workers, progress: Progress
+    runs: list[Run[int]], phases: Phases, workers: Workers, progress: Progress
 ) -> BlackoutResult:
     """Run the blackouts and lay them out."""
     seen = phases.before + phases.after

@@ -7,7 +7,7 @@ import numpy as np
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import Run, runs_of
+from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import (
     COM_MODEL,
@@ -101,17 +101,17 @@ def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:
     return ConsistencyRun(seed, run, np.diagonal(bound, axis1=1, axis2=2).copy())
 
 
-def _run(run: Run, frames: int) -> ConsistencyRun:
+def _run(run: Run[None], frames: int) -> ConsistencyRun:
     return run_consistency(run.seed, frames)
 
 
-def planned_runs(count: int) -> list[Run]:
+def planned_runs(count: int) -> list[Run[None]]:
     """So many runs."""
-    return runs_of(NAME, (NAME,), count)
+    return runs_of(NAME, [Case(NAME, None)], count)
 
 
 def consistency_chapter(
-    runs: list[Run], frames: int, workers: Workers, progress: Progress
+    runs: list[Run[None]], frames: int, workers: Workers, progress: Progress
 ) -> ConsistencyResult:
     """Run the Monte Carlo and lay it out."""
     found = run_all(partial(_run, frames=frames), runs, workers, lambda: progress.add(frames))

@@ -9,7 +9,7 @@ import trimesh
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import Run, runs_of
+from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.config.pipeline_file import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
@@ -160,17 +160,17 @@ def run_fault(fault: str, seed: int, frames: int = FRAMES) -> FaultRun:
     return FaultRun(fault, seed, follow(Scene.of(truth, wrong.reshape(of.target)), of.target))
 
 
-def _run(run: Run, frames: int) -> FaultRun:
-    return run_fault(run.case, run.seed, frames)
+def _run(run: Run[str], frames: int) -> FaultRun:
+    return run_fault(run.case.settings, run.seed, frames)
 
 
-def planned_faults(count: int) -> list[Run]:
+def planned_faults(count: int) -> list[Run[str]]:
     """So many runs of every fault, on the same truths."""
-    return runs_of(NAME, tuple(FAULTS), count)
+    return runs_of(NAME, [Case(fault, fault) for fault in FAULTS], count)
 
 
 def fault_chapter(
-    runs: list[Run], frames: int, workers: Workers, progress: Progress
+    runs: list[Run[str]], frames: int, workers: Workers, progress: Progress
 ) -> FaultResult:
     """Run the faults and lay them out."""
     found = run_all(partial(_run, frames=frames), runs, workers, lambda: progress.add(frames))

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.batch.runs import Run, runs_of
+from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.files.text_table import TextTable, number
 from pcnav.runs.status import Status
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
@@ -100,12 +100,12 @@ def run_start(name: str, seed: int) -> Start:
     )
 
 
-def planned_starts(count: int) -> list[Run]:
+def planned_starts(count: int) -> list[Run[str]]:
     """So many starts of every satellite."""
-    return runs_of(NAME, SATELLITES, count)
+    return runs_of(NAME, [Case(name, name) for name in SATELLITES], count)
 
 
-def start_chapter(runs: list[Run], workers: Workers, progress: Progress) -> StartResult:
+def start_chapter(runs: list[Run[str]], workers: Workers, progress: Progress) -> StartResult:
     """Run the starts and lay them out."""
     starts = run_all(_run, runs, workers, lambda: progress.add(FRAMES))
     of = {name: [start for start in starts if start.satellite == name] for name in SATELLITES}
@@ -128,8 +128,8 @@ def start_chapter(runs: list[Run], workers: Workers, progress: Progress) -> Star
     return StartResult(chapter, bars, tuple(starts))
 
 
-def _run(run: Run) -> Start:
-    return run_start(run.case, run.seed)
+def _run(run: Run[str]) -> Start:
+    return run_start(run.case.settings, run.seed)
 
 
 def _count(starts: list[Start], outcome: Outcome) -> int:

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import RunError, run_all
-from pcnav.batch.runs import Run, run_seed, runs_of
+from pcnav.batch.engine import run_all
 from pcnav.batch.store import RunStore, new_store, open_store
 from pcnav.batch.stored import run_stored
 from pcnav.core.errors import InputError
@@ -55,20 +54,6 @@ def store(tmp_path: Path) -> RunStore:
     return new_store(tmp_path / "out", GRID, RUNS)
 
 
-def test_seeds_are_the_same_on_every_machine_and_differ_by_name_and_index() -> None:
-    assert run_seed("cold starts", 0) == 1457920327
-    seeds = {run_seed(name, k) for name in ("cold starts", "faults") for k in range(500)}
-    assert len(seeds) == 1000
-
-
-def test_cases_meet_the_same_truths() -> None:
-    runs = runs_of("faults", ("none", "outliers"), 3)
-    assert [run.case for run in runs] == ["none"] * 3 + ["outliers"] * 3
-    assert [run.seed for run in runs[:3]] == [run.seed for run in runs[3:]]
-    assert len({run.seed for run in runs}) == 3
-    assert str(runs[4]) == f"outliers, run 1 (seed {runs[1].seed})"
-
-
 def test_workers_that_cannot_be_meant_are_refused() -> None:
     for jobs, scheduler, expected in (
         (0, None, "expected at least 1, got 0"),
@@ -86,21 +71,6 @@ def test_results_keep_the_order_of_the_items_and_each_is_counted() -> None:
     assert run_all(math.sqrt, squares, HERE, lambda: counted.append(1)) == [0, 1, 2, 3, 4, 5]
     assert len(counted) == 6
     assert run_all(math.sqrt, []) == []
-
-
-def test_a_failing_run_is_named_and_ends_the_batch() -> None:
-    def fail_on_the_second(run: Run) -> int:
-        if run.index == 1:
-            raise ValueError("no such pose")
-        return run.index
-
-    runs, counted = runs_of("faults", ("none",), 3), []
-    with pytest.raises(
-        RunError, match=r"none, run 1 \(seed \d+\): ValueError: no such p"
-    ) as caught:
-        run_all(fail_on_the_second, runs, HERE, lambda: counted.append(1))
-    assert len(counted) == 1
-    assert "fail_on_the_second" in "".join(caught.value.__notes__)
 
 
 def test_processes_work_on_one_thread_each(

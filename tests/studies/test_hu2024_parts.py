@@ -45,7 +45,7 @@ def test_settings_are_those_of_print():
     assert all(end - start == 20.0 for start, end in paper.blackouts_s())
     assert paper.settings(1.0).angular_acceleration_psd_rad2_s3 == 2.5e-5
     assert len(_batches(500)) == 16
-    assert [run.case for run in _planned(500)].count("matched") == 100
+    assert [run.case.name for run in _planned(500)].count("matched") == 100
 
 
 def test_a_truth_without_disturbance_is_free():
