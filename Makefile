@@ -9,7 +9,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 # Processes of the test run.
 WORKERS ?= 2
 RUNS ?= runs
-STUDIES := yu2019 tracking hu2024 segal2011 applsci2022 deng2024
+STUDIES := $(patsubst studies/%/study.py,%,$(wildcard studies/*/study.py))
 TYPED := $(wildcard pcnav studies benchmarks tests)
 LINTED := $(wildcard pcnav studies benchmarks meshes tests)
 STAMP := $(VENV)/.installed

@@ -3,7 +3,7 @@
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
+from pkgutil import iter_modules
 from typing import Annotated
 
 import typer
@@ -11,11 +11,20 @@ import typer
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
 
+_STUDIES = "pcnav.studies" if find_spec("pcnav.studies") else "studies"
+"""They stand on the package: inside a wheel, or beside it in a checkout. They are found by name, so
+that nothing in the package depends on them."""
+
+
+def _names() -> str:
+    """The studies there are: every folder among them is one."""
+    found = find_spec(_STUDIES)
+    places = found.submodule_search_locations if found else ()
+    return ", ".join(sorted(module.name for module in iter_modules(places) if module.ispkg))
+
 
 def study(
-    name: Annotated[
-        str, typer.Argument(help="applsci2022, deng2024, hu2024, segal2011, tracking or yu2019")
-    ],
+    name: Annotated[str, typer.Argument(help=_names())],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of tables and figures.")],
     runs: Annotated[
         int | None, typer.Option(help="Monte Carlo runs, instead of the study's own number.")
@@ -34,7 +43,7 @@ def study(
 
     workers = Workers(jobs, scheduler)
     with progress(f"study {name}") as advance:
-        summary = studies().run_study(
+        summary = import_module(_STUDIES).run_study(
             name, out, runs=runs, workers=workers, overwrite=overwrite, on_progress=advance
         )
     # Numbers cut short would be worse than lines that wrap.
@@ -42,11 +51,3 @@ def study(
     for table in summary.tables:
         console.print(table)
     typer.echo(f"tables and figures: {summary.page}")
-
-
-def studies() -> ModuleType:
-    """The studies, which stand on the package: inside a wheel, or beside it in a checkout.
-
-    They are found by name, so that nothing in the package depends on them.
-    """
-    return import_module("pcnav.studies" if find_spec("pcnav.studies") else "studies")

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config.images import ImageMotionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.image_motion.chain import run_chain
@@ -12,7 +11,8 @@ from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.images import TrackFaults
 
 from ..folder import Chapter, Study, StudyFigure
-from ..progress import OnProgress, Progress
+from ..progress import Progress
+from ..work import Work
 from . import campaign, joined, paper
 from .campaign import CaseErrors, run_cases, work_of
 from .figures import comparison_figure, curves_figure, feature_figure, path_figure, track_figure
@@ -27,25 +27,21 @@ _QUICK_S = 12.0
 _SEED = 1
 
 
-def study_applsci2022(
-    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
-) -> Study:
+def study(runs: int, work: Work) -> Study:
     """Rebuild Figs. 5-9 and measure what the paper leaves open.
 
-    ``workers`` is what the runs are spread over. Raises `InputError` without the extra `images`,
-    `RunError` when a run fails.
+    Raises `InputError` without the extra `images`, `RunError` when a run fails.
     """
-    count = RUNS if runs is None else runs
-    duration_s = _QUICK_S if count < _QUICK_RUNS else paper.DURATION_S
+    duration_s = _QUICK_S if runs < _QUICK_RUNS else paper.DURATION_S
     noise = campaign.noise_cases(duration_s)
     faults = campaign.fault_cases(duration_s)
     intervals = campaign.interval_cases(duration_s)
     cases = [*noise, *faults, *intervals]
-    arc_s = joined.DURATION_S if count >= _QUICK_RUNS else 0.1 * joined.DURATION_S
-    tasks = joined.joined_tasks(count, arc_s)
-    work = work_of(cases, count) + joined.joined_frames(tasks)
-    progress = Progress(work, on_progress)
-    found = run_cases(cases, count, workers, progress)
+    arc_s = joined.DURATION_S if runs >= _QUICK_RUNS else 0.1 * joined.DURATION_S
+    tasks = joined.joined_tasks(runs, arc_s)
+    units = work_of(cases, runs) + joined.joined_frames(tasks)
+    progress = Progress(units, work.on_progress)
+    found = run_cases(cases, runs, work.workers, progress)
     by_noise = found[: len(noise)]
     by_fault = found[len(noise) : len(noise) + len(faults)]
     at_one = [each for each in by_noise if each.case.faults.pixel_sigma_px == 0.1]
@@ -60,12 +56,12 @@ def study_applsci2022(
             _noise_chapter(by_noise),
             _fault_chapter(by_fault),
             _interval_chapter(by_interval),
-            joined.joined_chapter(tasks, workers, progress),
+            joined.joined_chapter(tasks, work.workers, progress),
             limits_chapter(),
         ),
         summary_keys=("noise", "faults", "intervals", "inertia_from_images"),
         pipelines={},
-        runs=count,
+        runs=runs,
     )
 
 

@@ -8,7 +8,7 @@ from pcnav.evaluation.observability.told import ROTATION
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, StudyFigure
-from ..plots import band_figure
+from ..panels import Panel, Scale, curves_of, panels_figure
 from . import paper
 from .consistency import CaseResult
 from .curves import Row, truth_figure
@@ -118,14 +118,22 @@ def consistency_chapter(results: list[CaseResult]) -> Chapter:
     )
     first = results[0]
     fitted = {r.case.name: r.mean_nees for r in results if r.case.whole_arc_start}
-    figure = band_figure(
+    times_s = first.case.motion.times_s
+    bounds = np.full((2, len(times_s)), np.array(first.bounds)[:, None])
+    figure = panels_figure(
         "nees",
         "NEES per state",
         "Of the filters that start with a fit of the whole arc.",
-        first.case.motion.times_s,
-        fitted,
-        first.bounds,
-        "NEES per state",
+        times_s,
+        [
+            Panel(
+                "NEES per state",
+                curves_of(fitted),
+                Scale.FROM_ZERO,
+                bands={"95 % bounds": (bounds[0], bounds[1])},
+            )
+        ],
+        row_in=2.3,
     )
     text = (
         "The inertia enters the motion nonlinearly and is hardly known at first: a filter that "

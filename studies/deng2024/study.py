@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import run_all
 from pcnav.config.pipeline_file import BodyTable, Pipeline, ScenarioTable
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
-from ..progress import OnProgress, Progress
+from ..progress import Progress
+from ..work import Work
 from . import paper
 from .arcs import ARC_S, arc_cases, arc_chapter
 from .chapters import consistency_chapter, filter_chapter, spin_chapter
@@ -27,18 +27,15 @@ _PARTS = 3
 """Units of work beside the Monte Carlo cases."""
 
 
-def study_deng2024(
-    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
-) -> Study:
+def study(runs: int, work: Work) -> Study:
     """Rebuild ranks (21), (23) and Figs. 2-6.
 
-    ``workers`` is what the runs are spread over. Raises `RunError` when a run fails.
+    Raises `RunError` when a run fails.
     """
-    count = RUNS if runs is None else runs
-    duration_s = paper.DURATION_S if count >= _MIN_FOR_LONG else _QUICK_S
-    cases = monte_carlo_cases(count, duration_s)
-    progress = Progress(len(cases) + _PARTS, on_progress)
-    results = run_all(run_case, cases, workers, lambda: progress.add(1))
+    duration_s = paper.DURATION_S if runs >= _MIN_FOR_LONG else _QUICK_S
+    cases = monte_carlo_cases(runs, duration_s)
+    progress = Progress(len(cases) + _PARTS, work.on_progress)
+    results = run_all(run_case, cases, work.workers, lambda: progress.add(1))
     ranks = rank_cases()
     progress.add(1)
     nutation, spin = paper.nutation(duration_s), paper.spin(duration_s)
@@ -62,7 +59,7 @@ def study_deng2024(
         ),
         summary_keys=("verdict", "ranks", "arcs"),
         pipelines={"deng2024": _pipeline(duration_s)},
-        runs=count,
+        runs=runs,
     )
 
 

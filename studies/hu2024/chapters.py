@@ -9,7 +9,7 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter
-from ..tracking.bars import MeanSquared, mean_squared
+from ..statistics import MeanSquared, mean_squared
 from . import paper
 from .figures import Errors, errors_figure, nees_figure, rmse_figure
 from .following import BLOCKS, JudgedRun

@@ -1,12 +1,12 @@
 """The study of Hu 2024 as a list of verbs: identify, follow, compare, repeat, disturb."""
 
-from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import Case, Run, run_seed, runs_of
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
-from ..progress import OnProgress, Progress
+from ..progress import Progress
+from ..work import Work
 from . import paper
 from .chapters import (
     Consistency,
@@ -21,6 +21,7 @@ from .chapters import (
 from .following import BLOCKS, JudgedRun, run_case
 from .identification import IdentificationBatch, IdentificationErrors, Method, run_identification
 
+RUNS = paper.IDENTIFICATION_RUNS
 _BATCH = 125
 """Identification runs at once."""
 _BATCH_UNITS = 5.0
@@ -30,26 +31,25 @@ _PER_FILTER_RUN, _PER_FIGURE_RUN, _PER_FAULT_RUN = 5, 50, 25
 _FEWEST = 2
 
 
-def study_hu2024(runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE) -> Study:
+def study(runs: int, work: Work) -> Study:
     """Rebuild Figs. 5-11.
 
     ``runs`` are those of every noise level of Fig. 5, a fifth of them test the filter's
-    consistency. ``workers`` is what the runs are spread over. Raises `InputError` when the shipped
-    pipeline is missing or bad, `RunError` when a run fails.
+    consistency. Raises `InputError` when the shipped pipeline is missing or bad, `RunError` when a
+    run fails.
     """
-    count = paper.IDENTIFICATION_RUNS if runs is None else runs
-    batches = _batches(count)
-    planned = _planned(count)
-    work = _BATCH_UNITS * count * len(paper.LEVELS_RAD) / _BATCH
-    progress = Progress(round(work) + len(planned), on_progress)
-    share = work / len(batches)
+    batches = _batches(runs)
+    planned = _planned(runs)
+    units = _BATCH_UNITS * runs * len(paper.LEVELS_RAD) / _BATCH
+    progress = Progress(round(units) + len(planned), work.on_progress)
+    share = units / len(batches)
     # The longest work first, so that no core waits for the last of it.
-    identified = run_all(run_identification, batches, workers, lambda: progress.add(share))
-    judged = run_all(run_case, planned, workers, lambda: progress.add(1.0))
+    identified = run_all(run_identification, batches, work.workers, lambda: progress.add(share))
+    judged = run_all(run_case, planned, work.workers, lambda: progress.add(1.0))
     by_case: dict[str, list[JudgedRun]] = {}
     for run in judged:
         by_case.setdefault(run.case, []).append(run)
-    return _study(identified, by_case, count)
+    return _study(identified, by_case, runs)
 
 
 def _batches(count: int) -> list[IdentificationBatch]:

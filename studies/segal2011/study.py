@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core.arrays import FloatArray, IntArray
@@ -10,7 +9,8 @@ from pcnav.core.errors import InputError
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
-from ..progress import OnProgress, Progress
+from ..progress import Progress
+from ..work import Work
 from . import campaign, paper
 from .campaign import Case, CaseResult, run_cases, work_of
 from .chapters import ATTITUDE, bank_chapter, coupling_chapter, estimates_of, plain_chapter
@@ -30,27 +30,23 @@ _WITH_TRUTH: IntArray = np.arange(1, 6)
 _SHARE_DRAWS = 20_000
 
 
-def study_segal2011(
-    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
-) -> Study:
+def study(runs: int, work: Work) -> Study:
     """Rebuild Figs. 2-6.
 
-    ``workers`` is what the runs are spread over. Raises `InputError` when the shipped pipeline is
-    missing or bad, `RunError` when a run fails.
+    Raises `InputError` when the shipped pipeline is missing or bad, `RunError` when a run fails.
     """
-    count = RUNS if runs is None else runs
     pipeline = _pipeline()
-    few = max(_FEWEST, count // _PLAIN_SHARE)
-    quick = count < _QUICK_RUNS
+    few = max(_FEWEST, runs // _PLAIN_SHARE)
+    quick = runs < _QUICK_RUNS
     motion = paper.true_motion(duration_s=_QUICK_S if quick else paper.DURATION_S)
     cases = [
-        Case("physical draws", count, campaign.drawn_and_truth, motion, blend=paper.HYPOTHESES),
-        Case("draws as printed", count, campaign.drawn_as_printed, motion, blend=paper.HYPOTHESES),
+        Case("physical draws", runs, campaign.drawn_and_truth, motion, blend=paper.HYPOTHESES),
+        Case("draws as printed", runs, campaign.drawn_as_printed, motion, blend=paper.HYPOTHESES),
         *campaign.coupling_cases(few, motion),
         *campaign.motion_cases(few, motion),
     ]
-    progress = Progress(work_of(cases), on_progress)
-    results = run_cases(cases, workers, progress)
+    progress = Progress(work_of(cases), work.on_progress)
+    results = run_cases(cases, work.workers, progress)
     physical, printed, (plain, no_arm), others = results[0], results[1], results[2:4], results[4:]
     picks = [picks_of("as printed", physical, _WITH_TRUTH, _TRUTH)]
     last: IntArray = np.arange(5)
@@ -75,7 +71,7 @@ def study_segal2011(
         ),
         summary_keys=("verdict", "picking"),
         pipelines={"segal2011": pipeline},
-        runs=count,
+        runs=runs,
     )
 
 

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, field
 
-from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.files.text_table import TextTable
 from pcnav.simulation.random_truth import satellite
 
 from ..folder import Chapter, Study
-from ..progress import OnProgress, Progress
+from ..progress import Progress
+from ..work import Work
 from . import consistency, faults, starts
 from .bars import Bar
 from .blackouts import BlackoutResult, Phases, blackout_chapter, planned_blackouts
@@ -37,28 +37,25 @@ _QUICK = Lengths(consistency=16, faults=8, blackout=Phases(before=8, after=6))
 """With fewer runs than `_QUICK_RUNS`: a look at the machinery."""
 
 
-def study_tracking(
-    runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE
-) -> Study:
+def study(runs: int, work: Work) -> Study:
     """Measure the tracker on simulated sequences and judge it by its bars.
 
-    ``workers`` is what the runs are spread over. Raises `InputError` when a shipped satellite or
-    pipeline is missing or bad, `RunError` when a run fails.
+    Raises `InputError` when a shipped satellite or pipeline is missing or bad, `RunError` when a
+    run fails.
     """
-    count = RUNS if runs is None else runs
-    lengths = _QUICK if count < _QUICK_RUNS else Lengths()
-    cold = planned_starts(_STARTS_PER_RUN * count)
-    dark = planned_blackouts(max(_FEWEST, count // _RUNS_PER_BLACKOUT))
-    repeated = planned_runs(count)
-    disturbed = planned_faults(max(_FEWEST, count // _RUNS_PER_FAULT))
+    lengths = _QUICK if runs < _QUICK_RUNS else Lengths()
+    cold = planned_starts(_STARTS_PER_RUN * runs)
+    dark = planned_blackouts(max(_FEWEST, runs // _RUNS_PER_BLACKOUT))
+    repeated = planned_runs(runs)
+    disturbed = planned_faults(max(_FEWEST, runs // _RUNS_PER_FAULT))
     seen = lengths.blackout.before + lengths.blackout.after
-    work = starts.FRAMES * len(cold) + seen * len(dark)
-    work += lengths.consistency * len(repeated) + lengths.faults * len(disturbed)
-    progress = Progress(work, on_progress)
-    started = start_chapter(cold, workers, progress)
-    blackouts = blackout_chapter(dark, lengths.blackout, workers, progress)
-    consistent = consistency_chapter(repeated, lengths.consistency, workers, progress)
-    faulty = fault_chapter(disturbed, lengths.faults, workers, progress)
+    units = starts.FRAMES * len(cold) + seen * len(dark)
+    units += lengths.consistency * len(repeated) + lengths.faults * len(disturbed)
+    progress = Progress(units, work.on_progress)
+    started = start_chapter(cold, work.workers, progress)
+    blackouts = blackout_chapter(dark, lengths.blackout, work.workers, progress)
+    consistent = consistency_chapter(repeated, lengths.consistency, work.workers, progress)
+    faulty = fault_chapter(disturbed, lengths.faults, work.workers, progress)
     bars = (*started.bars, *blackouts.bars, *consistent.bars, *faulty.bars)
     return Study(
         title="The tracker against its bars",
@@ -74,7 +71,7 @@ def study_tracking(
         ),
         summary_keys=("verdict",),
         pipelines={name: satellite(name).pipeline for name in starts.SATELLITES},
-        runs=count,
+        runs=runs,
     )
 
 

@@ -8,7 +8,6 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core import chi_square
-from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -22,8 +21,9 @@ from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.scenario import true_motion
 
 from ..folder import Chapter, StudyFigure
-from ..plots import Series, band_figure, series_figure
+from ..panels import Panel, error_panel, mean_squared_panel, panels_figure
 from ..progress import Progress
+from ..statistics import mean_squared_over_time
 from . import paper
 from .filter_run import BLOCKS, FilterRun, disturbed_motion, model_of, run_filter, shortened
 
@@ -251,25 +251,26 @@ def _settled_mean(run: FilterRun, name: str) -> float:
 
 def _figures(run: FilterRun) -> tuple[StudyFigure, ...]:
     figures = []
-    settled = float(run.time_s[-1]) / 3.0
+    settled = len(run.time_s) // 3
     for each in PRINTED:
-        series = [
-            Series(
+        panels = [
+            error_panel(
                 f"{axis}, {each.unit}",
                 each.scale * run.errors[:, each.block][:, k],
-                each.values[k],
                 each.scale * run.sd[:, each.block][:, k],
+                each.values[k],
+                settled,
             )
             for k, axis in enumerate(_AXES)
         ]
         key = each.figure.lower().replace(". ", "_")
         title = f"{each.figure}: {each.name} errors, printed spin"
         caption = "The axes span the last two thirds of the run; dashed: printed maxima."
-        figures.append(series_figure(key, title, caption, run.time_s, series, settled))
+        figures.append(panels_figure(key, title, caption, run.time_s, panels))
     ratios = "Fig. 16: inertia ratio errors, printed spin"
     caption = "Iyy, Izz and Ixy cannot be observed in this spin; what moves them is noise."
     figures.append(
-        series_figure("fig_16_spin", ratios, caption, run.time_s, _ratio_series(run), 0.2 * settled)
+        panels_figure("fig_16_spin", ratios, caption, run.time_s, _ratio_panels(run, settled // 5))
     )
     return tuple(figures)
 
@@ -277,32 +278,31 @@ def _figures(run: FilterRun) -> tuple[StudyFigure, ...]:
 def _ratio_figure(run: FilterRun) -> StudyFigure:
     title = "Fig. 16 in a tumble: inertia ratio errors"
     caption = "The same satellite at (0.5, -0.8, 1) deg/s; the axes span the time after 100 s."
-    settled = min(100.0, 0.3 * float(run.time_s[-1]))
-    return series_figure("fig_16_tumble", title, caption, run.time_s, _ratio_series(run), settled)
+    settled = int(np.searchsorted(run.time_s, min(100.0, 0.3 * float(run.time_s[-1]))))
+    panels = _ratio_panels(run, settled)
+    return panels_figure("fig_16_tumble", title, caption, run.time_s, panels)
 
 
-def _ratio_series(run: FilterRun) -> list[Series]:
+def _ratio_panels(run: FilterRun, settled_from: int) -> list[Panel]:
     start = INERTIA_RATIOS.start
     return [
-        Series(name, run.errors[:, start + k], None, run.sd[:, start + k])
+        error_panel(name, run.errors[:, start + k], run.sd[:, start + k], None, settled_from)
         for k, name in enumerate(_RATIOS)
     ]
 
 
 def _nees_figure(runs: list[FilterRun]) -> StudyFigure:
-    degrees = len(runs) * STATE_SIZE
-    low, high = np.asarray(chi_square.quantile([0.025, 0.975], degrees)) / degrees
-    mean: FloatArray = np.mean([run.nees["all"] for run in runs], axis=0)
-    return band_figure(
+    nees = np.stack([run.nees["all"][1:] for run in runs])
+    judged = mean_squared_over_time(STATE_SIZE * nees, STATE_SIZE)
+    return panels_figure(
         "nees",
         "Consistency of the filter, disturbed tumble",
         f"Mean over {len(runs)} runs of the whole state's NEES per degree of freedom. It starts "
         "too high: the first seconds are linearised at rates and ratios far from the truth, and "
         "what they seemed to say of the ratios stays in the covariance.",
         runs[0].nees_time_s[1:],
-        {"all 20 states": mean[1:]},
-        (float(low), float(high)),
-        "NEES per degree of freedom",
+        [mean_squared_panel("NEES per degree of freedom", judged)],
+        row_in=2.3,
     )
 
 

@@ -6,7 +6,7 @@ from pcnav.batch.cluster import Workers
 from pcnav.config.pipeline_file import PerceptionMode, Pipeline
 
 from ..folder import Chapter, StudyFigure
-from ..plots import Series, series_figure
+from ..panels import error_panel, panels_figure
 from ..progress import Progress
 from .boxsat import SequenceErrors, pose_errors, pose_table, sequence_errors, sequence_table
 from .panel import PanelErrors, panel_errors, panel_table
@@ -50,15 +50,18 @@ def _figure(sequence: SequenceErrors) -> StudyFigure:
     known = sequence.pose_m == sequence.pose_m
     time_s = sequence.time_s[known]
     errors = 1e3 * sequence.errors[known, 6:9]
-    series = [Series("model origin, mm", 1e3 * sequence.pose_m[known], None)]
-    series += [Series(f"mass centre {a}, mm", errors[:, k], None) for k, a in enumerate("xyz")]
+    half = len(time_s) // 2
+    panels = [error_panel("model origin, mm", 1e3 * sequence.pose_m[known], settled_from=half)]
+    panels += [
+        error_panel(f"mass centre {a}, mm", errors[:, k], settled_from=half)
+        for k, a in enumerate("xyz")
+    ]
     key = f"boxsat_{1e3 * sequence.noise_m:03.0f}mm"
     title = f"Whole satellite, range noise {sequence.noise_m:g} m, area-weighted"
     caption = (
         "Pose in the camera (norm of the error) and mass centre; the second half sets the axes."
     )
-    settled = float(time_s[0] + 0.5 * (time_s[-1] - time_s[0]))
-    return series_figure(key, title, caption, time_s, series, settled)
+    return panels_figure(key, title, caption, time_s, panels)
 
 
 _TEXT = (

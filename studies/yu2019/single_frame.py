@@ -13,7 +13,7 @@ from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.scenario import TrueMotion, true_motion
 
 from ..folder import Chapter, StudyFigure
-from ..plots import Series, series_figure
+from ..panels import Curve, Panel, Scale, error_panel, panels_figure
 from ..progress import Progress
 from . import paper
 from .clouds import Spread, centroid_sd, rotation_sd
@@ -266,34 +266,44 @@ def _bound_table() -> TextTable:
 def _figures(motion: TrueMotion, errors: FrameErrors) -> tuple[StudyFigure, ...]:
     time_s = motion.times_s
     return (
-        series_figure(
+        panels_figure(
             "fig_08",
             "Fig. 8: position errors",
             "Single frames, even cloud. Dashed: printed maxima.",
             time_s,
             [
-                Series(f"{a}, mm", 1e3 * errors.position_m[:, k], 1e3 * paper.FIG_8_POSITION_M[k])
+                error_panel(
+                    f"{a}, mm",
+                    1e3 * errors.position_m[:, k],
+                    printed=1e3 * paper.FIG_8_POSITION_M[k],
+                )
                 for k, a in enumerate(_AXES)
             ],
         ),
-        series_figure(
+        panels_figure(
             "fig_09",
             "Fig. 9: attitude errors, ambiguity not solved",
             "Rotation vector in camera axes. A wrong case is a turn by 180 degrees.",
             time_s,
             [
-                Series(f"{a}, deg", np.rad2deg(errors.raw_attitude_rad[:, k]), None, dots=True)
+                Panel(
+                    f"{a}, deg",
+                    [Curve("error", np.rad2deg(errors.raw_attitude_rad[:, k]), style=".")],
+                    Scale.ABOUT_ZERO,
+                )
                 for k, a in enumerate(_AXES)
             ],
         ),
-        series_figure(
+        panels_figure(
             "fig_10",
             "Fig. 10: attitude errors, ambiguity solved",
             "The same frames. Dashed: printed maxima.",
             time_s,
             [
-                Series(
-                    f"{a}, deg", np.rad2deg(errors.attitude_rad[:, k]), paper.FIG_10_ATTITUDE_DEG[k]
+                error_panel(
+                    f"{a}, deg",
+                    np.rad2deg(errors.attitude_rad[:, k]),
+                    printed=paper.FIG_10_ATTITUDE_DEG[k],
                 )
                 for k, a in enumerate(_AXES)
             ],

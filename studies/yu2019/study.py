@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter, Study
-from ..progress import OnProgress, Progress
+from ..progress import Progress
+from ..work import Work
 from . import paper
 from .extraction import ExtractionResult, extraction_tables, extraction_units
 from .filtering import PRINTED, FilterResult, filter_chapter
@@ -27,23 +27,21 @@ _QUICK_BOXSAT_FRAMES = 2
 _PIPELINES = ("yu2019", "yu2019_tumble", "yu2019_boxsat")
 
 
-def study_yu2019(runs: int | None, on_progress: OnProgress, workers: Workers = EVERY_CORE) -> Study:
+def study(runs: int, work: Work) -> Study:
     """Rebuild Tables 1-4 and Figs. 8-16, and run the same method on ray-cast frames.
 
-    ``workers`` is what the runs are spread over. Raises `InputError` when a pipeline is missing or
-    bad, `RunError` when a run fails.
+    Raises `InputError` when a pipeline is missing or bad, `RunError` when a run fails.
     """
-    count = RUNS if runs is None else runs
     printed, tumble, boxsat = (_pipeline(name) for name in _PIPELINES)
-    frames = _QUICK_FRAMES if count < _QUICK_RUNS else None
+    frames = _QUICK_FRAMES if runs < _QUICK_RUNS else None
     if frames is not None:
         boxsat = _cut(boxsat, _QUICK_BOXSAT_FRAMES)
-    progress = Progress(_units(count, frames, printed, tumble, boxsat), on_progress)
-    extraction = extraction_tables(count, printed.seed, progress)
-    single = single_frame_chapter(count, printed, workers, progress)
-    disturbed = max(2, count // _RUNS_PER_DISTURBED)
-    filtered = filter_chapter(disturbed, printed, tumble, frames, workers, progress)
-    ray_cast = ray_cast_chapter(count, printed, boxsat, workers, progress)
+    progress = Progress(_units(runs, frames, printed, tumble, boxsat), work.on_progress)
+    extraction = extraction_tables(runs, printed.seed, progress)
+    single = single_frame_chapter(runs, printed, work.workers, progress)
+    disturbed = max(2, runs // _RUNS_PER_DISTURBED)
+    filtered = filter_chapter(disturbed, printed, tumble, frames, work.workers, progress)
+    ray_cast = ray_cast_chapter(runs, printed, boxsat, work.workers, progress)
     verdict = _verdict(extraction, single, filtered, ray_cast, complete=frames is None)
     return Study(
         title="Yu, Zhao and Zhang 2019, rebuilt",
@@ -59,7 +57,7 @@ def study_yu2019(runs: int | None, on_progress: OnProgress, workers: Workers = E
         ),
         summary_keys=("verdict",),
         pipelines=dict(zip(_PIPELINES, (printed, tumble, boxsat), strict=True)),
-        runs=count,
+        runs=runs,
     )
 
 

@@ -9,6 +9,8 @@ from studies import STUDIES
 from studies.applsci2022 import campaign, limits, paper
 from studies.applsci2022.campaign import Case, Task, run_task
 from studies.applsci2022.scene import nutation, tracks_of
+from studies.applsci2022.study import study as make_study
+from studies.work import Work
 
 pytest.importorskip("poselib", reason="the extra `images` is not installed")
 
@@ -75,7 +77,7 @@ def test_the_study_is_registered() -> None:
 @pytest.mark.study
 def test_a_quick_study() -> None:
     done: list[tuple[int, int]] = []
-    study = STUDIES["applsci2022"](2, lambda *at: done.append(at), Workers())
+    study = make_study(2, Work(Workers(), lambda *at: done.append(at)))
     assert done[-1][0] == done[-1][1]
     assert {table.key for chapter in study.chapters for table in chapter.tables} == {
         *("noise", "faults", "intervals", "accuracy", "degenerate", "translation"),

@@ -8,12 +8,14 @@ from studies.deng2024 import arcs, consistency, paper
 from studies.deng2024.chapters import consistency_chapter, filter_chapter, spin_chapter
 from studies.deng2024.filters import continuous, fitted_run, measured, printed_run
 from studies.deng2024.ranks import rank_chapter
-from studies.deng2024.study import monte_carlo_cases, study_deng2024
+from studies.deng2024.study import monte_carlo_cases
+from studies.deng2024.study import study as make_study
+from studies.work import Work
 
 
 @pytest.fixture(scope="module")
 def study():
-    return study_deng2024(2, lambda done, total: None, Workers(jobs=1))
+    return make_study(2, Work(Workers(jobs=1)))
 
 
 def test_the_printed_motions():

@@ -25,7 +25,8 @@ from studies.hu2024.identification import (
     Method,
     run_identification,
 )
-from studies.hu2024.study import _batches, _planned, study_hu2024
+from studies.hu2024.study import _batches, _planned, study
+from studies.work import Work
 
 
 def short(duration_s: float):
@@ -149,6 +150,6 @@ def test_wrong_matches_are_counted():
 
 @pytest.mark.study
 def test_the_whole_study_in_small():
-    study = study_hu2024(2, lambda done, total: None)
-    assert study.chapters[0].title == "What is shown"
-    assert len(study.summary_keys) == 2
+    made = study(2, Work())
+    assert made.chapters[0].title == "What is shown"
+    assert len(made.summary_keys) == 2

@@ -1,0 +1,124 @@
+"""Tables of the studies: records become cells, claims become a verdict."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import TypeVar
+
+import numpy as np
+
+from pcnav.files.text_table import TextTable, number
+
+from .statistics import MeanSquared
+
+Record = TypeVar("Record")
+
+NONE = "-"
+"""Stands in a table where there is no number."""
+
+
+def cell(value: object) -> str:
+    """A value as a table shows it.
+
+    Text as it is, counts in full, other numbers to three digits, yes or no, several values with
+    strokes between them; ``-`` for None, nan and an empty text.
+    """
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, Integral):
+        return str(int(value))
+    if isinstance(value, Real):
+        return number(float(value))
+    if isinstance(value, tuple | list | np.ndarray):
+        return " / ".join(cell(each) for each in value)
+    return NONE if value is None or value == "" else str(value)
+
+
+def table(
+    key: str,
+    title: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    note: str = "",
+    text_columns: int = 1,
+) -> TextTable:
+    """A table of rows of values. One without rows says so in its only row."""
+    texts = tuple(tuple(cell(value) for value in row) for row in rows)
+    empty = ("none", *[NONE] * (len(header) - 1))
+    return TextTable(key, title, tuple(header), texts or (empty,), note, text_columns)
+
+
+def table_of(
+    key: str,
+    title: str,
+    records: Iterable[Record],
+    columns: Mapping[str, Callable[[Record], object]],
+    note: str = "",
+    text_columns: int = 1,
+) -> TextTable:
+    """A table with a row for every record; each column is a heading, with unit, and its value."""
+    rows = ([value(record) for value in columns.values()] for record in records)
+    return table(key, title, tuple(columns), rows, note, text_columns)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One line of a verdict: what was expected, what was found, and whether that will do."""
+
+    source: str
+    """Chapter or figure that it is of."""
+    quantity: str
+    expected: object
+    ours: object
+    """Both as cells of a table."""
+    met: bool
+
+
+def at_most(source: str, quantity: str, ours: float, bound: float) -> Claim:
+    """A number that must not exceed a bound."""
+    return Claim(source, quantity, f"<= {bound:g}", ours, bool(ours <= bound))
+
+
+def below(source: str, quantity: str, ours: float, bound: float) -> Claim:
+    """A number that must stay below a bound."""
+    return Claim(source, quantity, f"< {bound:g}", ours, bool(ours < bound))
+
+
+def never(source: str, quantity: str, count: int) -> Claim:
+    """Something that must not happen."""
+    return Claim(source, quantity, 0, count, count == 0)
+
+
+def always(source: str, quantity: str, count: int, total: int) -> Claim:
+    """Something that must be so in every run."""
+    return Claim(source, quantity, "all", f"{count} of {total}", count == total)
+
+
+def inside(source: str, quantity: str, judged: MeanSquared) -> Claim:
+    """A mean of squared normalised errors that must be inside its bounds."""
+    return Claim(source, quantity, judged.bounds, judged.mean, judged.verdict == "inside")
+
+
+def as_printed(source: str, quantity: str, printed: float, ours: float) -> Claim:
+    """A number that must be no larger than the printed one."""
+    return Claim(source, quantity, printed, ours, bool(ours <= printed))
+
+
+def verdict(
+    title: str,
+    claims: Sequence[Claim],
+    source: str | None,
+    expected: str,
+    note: str = "",
+    text_columns: int = 2,
+) -> TextTable:
+    """The table of all claims, whose first and third columns are called as given.
+
+    Without a name for the source there is no such column.
+    """
+    header = ("quantity", expected, "ours", "met")
+    rows = [(claim.quantity, claim.expected, claim.ours, claim.met) for claim in claims]
+    if source is None:
+        return table("verdict", title, header, rows, note, text_columns)
+    sourced = [(claim.source, *row) for claim, row in zip(claims, rows, strict=True)]
+    return table("verdict", title, (source, *header), sourced, note, text_columns)
