@@ -43,9 +43,9 @@ def depth_run(
     def work(advance: Advance, view: "LiveView | None") -> Done:
         def on_start(opened: Sequence, target: Target, as_run: Pipeline) -> None:
             if view is not None:
-                from pcnav.viewer.live_rows import starting_depth_story
+                from pcnav.viewer.live_rows import starting_depth_run
 
-                view.expect(starting_depth_story(out.name, opened, target, as_run))
+                view.expect(starting_depth_run(out.name, opened, target, as_run))
 
         def on_estimate(estimate: FrameEstimate, total: int) -> None:
             if view is not None:
@@ -79,9 +79,9 @@ def tracks_run(
     def work(advance: Advance, view: "LiveView | None") -> Done:
         tracks = None if view is None else read_tracks(recording)
         if view is not None and tracks is not None:
-            from pcnav.viewer.live_rows import starting_feature_story
+            from pcnav.viewer.live_rows import starting_feature_run
 
-            view.expect(starting_feature_story(out.name, tracks))
+            view.expect(starting_feature_run(out.name, tracks))
 
         def on_estimate(estimate: FeatureEstimate, done: int, total: int) -> None:
             if view is not None and tracks is not None:
@@ -110,9 +110,9 @@ def images_run(recording: Path, pipeline: Pipeline, out: Path, overwrite: bool) 
     def work(advance: Advance, view: "LiveView | None") -> Done:
         measured: set[int] = set()
         if view is not None:
-            from pcnav.viewer.live_rows import starting_image_story
+            from pcnav.viewer.live_rows import starting_image_run
 
-            view.expect(starting_image_story(out.name))
+            view.expect(starting_image_run(out.name))
 
         def on_frame(frame: ChainFrame, done: int, total: int) -> None:
             if view is not None:
@@ -133,9 +133,9 @@ def attitudes_run(recording: Path, pipeline: Pipeline, out: Path, overwrite: boo
 
     def work(advance: Advance, view: "LiveView | None") -> Done:
         if view is not None:
-            from pcnav.viewer.live_rows import starting_attitude_story
+            from pcnav.viewer.live_rows import starting_attitude_run
 
-            view.expect(starting_attitude_story(out.name))
+            view.expect(starting_attitude_run(out.name))
 
         def on_frame(frame: AttitudeFrame, done: int, total: int) -> None:
             if view is not None:

@@ -12,12 +12,11 @@ from pcnav.cli.progress import progress
 from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
+    from pcnav.viewer.loaded_run import LoadedRun
     from pcnav.viewer.server import LocalServer
-    from pcnav.viewer.story import Story
 
 _LOOPBACK = "127.0.0.1"
 _MAX_RUNS = 2
-_SUFFIXES = {"html": (".html", ".htm"), "png": (".png",), "recording": (".viser",)}
 
 
 def view(
@@ -72,9 +71,9 @@ def view(
     tell_address(server, host, port)
     try:
         from pcnav.viewer.app import show
-        from pcnav.viewer.source import FinishedRuns
+        from pcnav.viewer.loaded_run import FinishedRuns
 
-        show(server, FinishedRuns(_told(runs)), frame)
+        show(server, FinishedRuns(_loaded(runs)), frame)
     except BaseException:
         server.stop()
         raise
@@ -92,15 +91,15 @@ def _refuse_foreign(host: str) -> None:
         raise InputError("pcnav view", "--host", expected) from error
 
 
-def _told(runs: list[Path]) -> "tuple[Story, ...]":
+def _loaded(runs: list[Path]) -> "tuple[LoadedRun, ...]":
     """Read the runs, and say what should be known before looking at them."""
-    from pcnav.viewer.story import load_story
+    from pcnav.viewer.loaded_run import load_run
 
-    stories = tuple(load_story(run) for run in runs)
-    for story in stories:
-        for note in story.notes:
-            typer.echo(f"{story.name}: {note}")
-    return stories
+    loaded = tuple(load_run(run) for run in runs)
+    for run in loaded:
+        for note in run.notes:
+            typer.echo(f"{run.name}: {note}")
+    return loaded
 
 
 def tell_address(server: "LocalServer", host: str, asked_port: int) -> None:
@@ -121,23 +120,34 @@ def serve_until_interrupted(server: "LocalServer") -> None:
 
 
 def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwrite: bool) -> None:
-    from pcnav.viewer.export import export, refuse_existing, shown_frame
+    from pcnav.viewer.export import (
+        SUFFIXES,
+        Share,
+        exported,
+        refuse_existing,
+        shown_frame,
+        write_whole,
+    )
+    from pcnav.viewer.render_options import RenderOptions
 
     for kind, path in asked.items():
-        if path.suffix.lower() not in _SUFFIXES[kind]:
-            raise InputError(path, f"--{kind}", f"expected a name ending in {_SUFFIXES[kind][0]}")
+        suffixes = SUFFIXES[Share[kind.upper()]]
+        if path.suffix.lower() not in suffixes:
+            raise InputError(path, f"--{kind}", f"expected a name ending in {suffixes[0]}")
         refuse_existing(path, overwrite)
-    stories = _told(runs)
-    at = shown_frame(stories[0], frame)
+    loaded = _loaded(runs)
+    at = shown_frame(loaded[0], frame)
     with progress("view") as advance:
         for kind, path in asked.items():
-            size = export(kind, stories, at, path, advance)
-            typer.echo(f"{kind}: {path} ({size / 1e6:.1f} MB)")
+            share = Share[kind.upper()]
+            content = exported(share, loaded, at, RenderOptions(), on_frame=advance)
+            write_whole(path, content)
+            typer.echo(f"{kind}: {path} ({len(content) / 1e6:.1f} MB)")
 
 
 def _play(recording: Path, host: str, port: int) -> None:
     """Show a recording."""
-    from pcnav.viewer.playback import serve_recording
+    from pcnav.viewer.server import serve_recording
 
     server = serve_recording(recording, host, port)
     typer.echo(f"view: http://{host}:{server.server_port}  (Ctrl-C ends it)")

@@ -4,9 +4,9 @@ import threading
 
 import viser
 
+from pcnav.viewer.loaded_run import Source
 from pcnav.viewer.server import LocalServer, label_of
 from pcnav.viewer.session import Session
-from pcnav.viewer.source import Source
 
 
 def serve(
@@ -16,7 +16,7 @@ def serve(
 
     A taken port moves up: read ``server.get_port()``. The caller keeps the process alive.
     """
-    server = LocalServer(host, port, label_of([story.name for story in source.edition.stories]))
+    server = LocalServer(host, port, label_of([loaded.name for loaded in source.snapshot.runs]))
     show(server, source, first_frame)
     return server
 

@@ -8,9 +8,10 @@ import viser
 
 from pcnav.viewer.clock import speeds
 from pcnav.viewer.events import Kind
+from pcnav.viewer.export import Share
 from pcnav.viewer.frames import ColourBy
-from pcnav.viewer.look import DEFAULT_LAYERS, Layer, Look
-from pcnav.viewer.source import Edition
+from pcnav.viewer.loaded_run import Snapshot
+from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 
 _ANY_EVENT = "any event"
 _MAGNIFIED: dict[str, float | None] = {
@@ -31,14 +32,6 @@ class Camera(StrEnum):
     FOLLOW = "follow"
 
 
-class Share(StrEnum):
-    """What can be downloaded."""
-
-    PNG = "PNG of this view"
-    HTML = "HTML of this frame"
-    RECORDING = "recording (.viser)"
-
-
 class Shown(Protocol):
     """What the controls act on."""
 
@@ -48,7 +41,7 @@ class Shown(Protocol):
     def play(self, wanted: bool) -> None: ...
     @property
     def is_playing(self) -> bool: ...
-    def change_look(self) -> None: ...
+    def redraw(self) -> None: ...
     def change_speed(self) -> None: ...
     def look_from(self, camera: Camera) -> None: ...
     def share(self, share: Share) -> None: ...
@@ -57,22 +50,22 @@ class Shown(Protocol):
 class Controls:
     """The main panel of one browser."""
 
-    def __init__(self, gui: viser.GuiApi, edition: Edition, shown: Shown) -> None:
+    def __init__(self, gui: viser.GuiApi, snapshot: Snapshot, shown: Shown) -> None:
         self._gui, self._shown = gui, shown
-        first = edition.stories[0]
+        first = snapshot.runs[0]
         self._frames = len(first.track)
-        self._notes = gui.add_html(_notes_html(edition))
-        self._add_time(gui, edition)
-        self._add_look(gui, first.frames is not None)
-        self._checkboxes = self._add_layers(gui, edition)
+        self._notes = gui.add_html(_notes_html(snapshot))
+        self._add_time(gui, snapshot)
+        self._add_colours(gui, first.frames is not None)
+        self._checkboxes = self._add_layers(gui, snapshot)
         self._add_share(gui)
 
     # Read by the session.
 
     @property
-    def look(self) -> Look:
+    def options(self) -> RenderOptions:
         """How a frame is to be drawn."""
-        return Look(
+        return RenderOptions(
             layers=frozenset(layer for layer, box in self._checkboxes.items() if box.value),
             colour_by=ColourBy(self._colour.value),
             magnified=_MAGNIFIED[self._magnified.value],
@@ -103,13 +96,13 @@ class Controls:
         """The user looks at a frame of their own choice."""
         self._newest.value = False  # type: ignore[misc]
 
-    def refresh(self, edition: Edition) -> None:
+    def refresh(self, snapshot: Snapshot) -> None:
         """There are more frames, or the run has ended."""
-        first = edition.stories[0]
+        first = snapshot.runs[0]
         self._frames, self._speeds = len(first.track), dict(speeds(first.track.time_s))
         self._slider.max = max(self._frames - 1, 1)
-        self._newest.visible = edition.is_live
-        self._notes.content = _notes_html(edition)
+        self._newest.visible = snapshot.is_live
+        self._notes.content = _notes_html(snapshot)
 
     def show_legend(self, html: str) -> None:
         """Say what the colours of the points mean."""
@@ -119,13 +112,13 @@ class Controls:
         """One line below the controls of time."""
         self._told.content = _line(text)
 
-    def _add_time(self, gui: viser.GuiApi, edition: Edition) -> None:
-        first = edition.stories[0]
+    def _add_time(self, gui: viser.GuiApi, snapshot: Snapshot) -> None:
+        first = snapshot.runs[0]
         self._slider = gui.add_slider(
             "frame", min=0, max=max(self._frames - 1, 1), step=1, initial_value=0
         )
         self._newest = gui.add_checkbox(
-            "newest frame", initial_value=edition.is_live, visible=edition.is_live
+            "newest frame", initial_value=snapshot.is_live, visible=snapshot.is_live
         )
         self._play = gui.add_button("Play")
         steps = gui.add_button_group("step", (_FIRST, _BACK, _ON, _LAST))
@@ -159,7 +152,7 @@ class Controls:
 
         self._speed.on_update(lambda _: self._shown.change_speed())
 
-    def _add_look(self, gui: viser.GuiApi, has_frames: bool) -> None:
+    def _add_colours(self, gui: viser.GuiApi, has_frames: bool) -> None:
         self._colour = gui.add_dropdown(
             "points by",
             tuple(str(by) for by in ColourBy),
@@ -171,18 +164,18 @@ class Controls:
             "3σ drawn", tuple(_MAGNIFIED), initial_value="enlarged to be seen"
         )
         camera = gui.add_button_group("look from", tuple(str(each) for each in Camera))
-        self._colour.on_update(lambda _: self._shown.change_look())
-        self._magnified.on_update(lambda _: self._shown.change_look())
+        self._colour.on_update(lambda _: self._shown.redraw())
+        self._magnified.on_update(lambda _: self._shown.redraw())
         camera.on_click(lambda _: self._shown.look_from(Camera(camera.value)))
 
     def _add_layers(
-        self, gui: viser.GuiApi, edition: Edition
+        self, gui: viser.GuiApi, snapshot: Snapshot
     ) -> dict[Layer, viser.GuiCheckboxHandle]:
         boxes = {}
         with gui.add_folder("Layers"):
-            for layer in available_layers(edition):
+            for layer in available_layers(snapshot):
                 boxes[layer] = gui.add_checkbox(str(layer), initial_value=layer in DEFAULT_LAYERS)
-                boxes[layer].on_update(lambda _: self._shown.change_look())
+                boxes[layer].on_update(lambda _: self._shown.redraw())
         return boxes
 
     def _add_share(self, gui: viser.GuiApi) -> None:
@@ -194,9 +187,9 @@ class Controls:
         gui.add_button(str(share)).on_click(lambda _: self._shown.share(share))
 
 
-def available_layers(edition: Edition) -> tuple[Layer, ...]:
+def available_layers(snapshot: Snapshot) -> tuple[Layer, ...]:
     """The layers that a run has anything for."""
-    first = edition.stories[0]
+    first = snapshot.runs[0]
     absent: set[Layer] = set()
     if first.frames is None:
         absent |= {Layer.POINTS, Layer.SENSOR}
@@ -204,7 +197,7 @@ def available_layers(edition: Edition) -> tuple[Layer, ...]:
         absent |= {Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH}
     told = first.evaluation is not None and first.evaluation.T_cam_model is not None
     # What a run that goes on knows of the truth is seen when it has ended.
-    if first.target is None or not (told or edition.is_live):
+    if first.target is None or not (told or snapshot.is_live):
         absent.add(Layer.TRUTH)
     if not first.has_mass_centre:
         absent.add(Layer.COM)
@@ -219,9 +212,9 @@ def _counted(events: tuple[object, ...]) -> str:
     return "1 event" if len(events) == 1 else f"{len(events) or 'no'} events"
 
 
-def _notes_html(edition: Edition) -> str:
-    notes = [note for story in edition.stories for note in story.notes]
-    if edition.is_live:
+def _notes_html(snapshot: Snapshot) -> str:
+    notes = [note for loaded in snapshot.runs for note in loaded.notes]
+    if snapshot.is_live:
         notes.append("live: the run goes on")
     return "".join(
         f"<div style='font-size:12px;padding:4px 10px;color:#ffc43c'>{escape(note)}</div>"

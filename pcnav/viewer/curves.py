@@ -10,7 +10,7 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
 from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import envelope
-from pcnav.viewer.story import Story
+from pcnav.viewer.loaded_run import LoadedRun
 
 _BUCKETS = 400
 """Long series are drawn by the extremes of so many spans of time."""
@@ -66,77 +66,77 @@ class ChartGroup:
     remark: str = ""
 
 
-def groups_of(story: Story) -> dict[str, Callable[[], ChartGroup]]:
+def groups_of(loaded: LoadedRun) -> dict[str, Callable[[], ChartGroup]]:
     """The groups of plots that a run has, by name, made when asked for."""
     groups: dict[str, Callable[[], ChartGroup]] = {}
-    if story.has_position:
-        groups["position"] = lambda: _position(story)
-    groups["attitude"] = lambda: _attitude(story)
-    groups["rate"] = lambda: _components(story, "rate", OMEGA_BODY, _AXES, "deg/s")
-    if story.has_mass_centre:
-        groups["mass centre"] = lambda: _components(story, "mass centre", COM_MODEL, _AXES, "m")
-    if story.has_inertia:
-        groups["inertia ratios"] = lambda: _inertia(story)
-    groups["consistency"] = lambda: _consistency(story)
+    if loaded.has_position:
+        groups["position"] = lambda: _position(loaded)
+    groups["attitude"] = lambda: _attitude(loaded)
+    groups["rate"] = lambda: _components(loaded, "rate", OMEGA_BODY, _AXES, "deg/s")
+    if loaded.has_mass_centre:
+        groups["mass centre"] = lambda: _components(loaded, "mass centre", COM_MODEL, _AXES, "m")
+    if loaded.has_inertia:
+        groups["inertia ratios"] = lambda: _inertia(loaded)
+    groups["consistency"] = lambda: _consistency(loaded)
     return groups
 
 
 _AXES = ("x", "y", "z")
 _RATIOS = ("Iyy / Ixx", "Izz / Ixx", "Ixy / Ixx", "Ixz / Ixx", "Iyz / Ixx")
 _RATIO_COLUMNS = ("i_yy", "i_zz", "i_xy", "i_xz", "i_yz")
-_VALUES: dict[str, Callable[[Story], FloatArray]] = {
-    "rate": lambda story: np.rad2deg(story.track.omega_body),
-    "mass centre": lambda story: story.track.com_model,
-    "inertia ratios": lambda story: story.track.inertia_ratios,
+_VALUES: dict[str, Callable[[LoadedRun], FloatArray]] = {
+    "rate": lambda loaded: np.rad2deg(loaded.track.omega_body),
+    "mass centre": lambda loaded: loaded.track.com_model,
+    "inertia ratios": lambda loaded: loaded.track.inertia_ratios,
 }
 
 
-def _position(story: Story) -> ChartGroup:
-    track = story.track
-    error = _state_error(story, R_HILL)
+def _position(loaded: LoadedRun) -> ChartGroup:
+    track = loaded.track
+    error = _state_error(loaded, R_HILL)
     if error is None:
-        return _group(story, "position, hill axes", track.r_hill, track.sd[:, R_HILL], _AXES, "m")
+        return _group(loaded, "position, hill axes", track.r_hill, track.sd[:, R_HILL], _AXES, "m")
     return _group(
-        story, "position, hill axes", error, track.sd[:, R_HILL], _AXES, "m", is_error=True
+        loaded, "position, hill axes", error, track.sd[:, R_HILL], _AXES, "m", is_error=True
     )
 
 
-def _attitude(story: Story) -> ChartGroup:
-    sd = np.rad2deg(story.track.sd[:, THETA_BODY])
-    error = _state_error(story, THETA_BODY)
-    if error is None and story.evaluation is not None:
-        error = story.evaluation.errors.theta_model_rad
+def _attitude(loaded: LoadedRun) -> ChartGroup:
+    sd = np.rad2deg(loaded.track.sd[:, THETA_BODY])
+    error = _state_error(loaded, THETA_BODY)
+    if error is None and loaded.evaluation is not None:
+        error = loaded.evaluation.errors.theta_model_rad
     if error is not None:
         return _group(
-            story, "attitude, body axes", np.rad2deg(error), sd, _AXES, "deg", is_error=True
+            loaded, "attitude, body axes", np.rad2deg(error), sd, _AXES, "deg", is_error=True
         )
     # An attitude has no value per axis; its three standard deviations do.
-    return _group(story, "attitude, 3 sigma", 3.0 * sd, None, _AXES, "deg")
+    return _group(loaded, "attitude, 3 sigma", 3.0 * sd, None, _AXES, "deg")
 
 
 def _components(
-    story: Story, title: str, block: slice, names: tuple[str, ...], unit: str
+    loaded: LoadedRun, title: str, block: slice, names: tuple[str, ...], unit: str
 ) -> ChartGroup:
     scale = 180.0 / np.pi if unit == "deg/s" else 1.0
-    sd = scale * story.track.sd[:, block]
-    error = _state_error(story, block)
+    sd = scale * loaded.track.sd[:, block]
+    error = _state_error(loaded, block)
     if error is not None:
-        return _group(story, title, scale * error, sd, names, unit, is_error=True)
-    return _group(story, title, _VALUES[title](story), sd, names, unit)
+        return _group(loaded, title, scale * error, sd, names, unit, is_error=True)
+    return _group(loaded, title, _VALUES[title](loaded), sd, names, unit)
 
 
-def _inertia(story: Story) -> ChartGroup:
-    group = _components(story, "inertia ratios", INERTIA_RATIOS, _RATIOS, "1")
+def _inertia(loaded: LoadedRun) -> ChartGroup:
+    group = _components(loaded, "inertia ratios", INERTIA_RATIOS, _RATIOS, "1")
     charts: list[Chart] = []
     known_names: list[str] = []
     prior_names: list[str] = []
     for chart, column, name in zip(group.charts, _RATIO_COLUMNS, _RATIOS, strict=True):
-        verdict = story.verdicts.get(column)
+        verdict = loaded.verdicts.get(column)
         if verdict is None:
             charts.append(chart)
             continue
         (known_names if verdict.from_data else prior_names).append(name.split(" ")[0])
-        sd = story.track.sd[:, INERTIA_RATIOS][:, _RATIO_COLUMNS.index(column)]
+        sd = loaded.track.sd[:, INERTIA_RATIOS][:, _RATIO_COLUMNS.index(column)]
         known = (sd <= _KNOWN_FROM * verdict.prior_sd) & verdict.from_data
         charts.append(
             Chart(
@@ -149,15 +149,15 @@ def _inertia(story: Story) -> ChartGroup:
             )
         )
     remark = ""
-    if story.verdicts:
+    if loaded.verdicts:
         parts = [f"known from data: {', '.join(known_names) or 'none'}"]
         parts.append(f"prior only: {', '.join(prior_names) or 'none'}")
         remark = "; ".join(parts)
     return ChartGroup(group.title, tuple(charts), remark)
 
 
-def _consistency(story: Story) -> ChartGroup:
-    track = story.track
+def _consistency(loaded: LoadedRun) -> ChartGroup:
+    track = loaded.track
     used = np.isfinite(track.nis) & (track.nis_dof > 0)
     ratio = np.full(len(track), np.nan)
     ratio[used] = track.nis[used] / chi_square.quantile(_CONFIDENCE, track.nis_dof[used])
@@ -175,12 +175,12 @@ def _consistency(story: Story) -> ChartGroup:
     if np.isfinite(track.inlier_ratio).any():
         charts.append(Chart("inlier ratio, %", track.time_s, Curve(100.0 * track.inlier_ratio)))
     counts = track.n_rectangles.astype(np.float64)
-    charts.append(Chart(f"{story.counted} used, count", track.time_s, Curve(counts)))
+    charts.append(Chart(f"{loaded.counted} used, count", track.time_s, Curve(counts)))
     return ChartGroup("consistency", tuple(charts))
 
 
 def _group(
-    story: Story,
+    loaded: LoadedRun,
     title: str,
     values: FloatArray,
     sd: FloatArray | None,
@@ -189,7 +189,7 @@ def _group(
     *,
     is_error: bool = False,
 ) -> ChartGroup:
-    time_s = story.track.time_s
+    time_s = loaded.track.time_s
     scale, unit = _shown_unit(values, unit, time_s) if is_error else (1.0, unit)
     what = "error " if is_error else ""
     suffix = "" if unit == "1" else f", {unit}"
@@ -220,11 +220,11 @@ def linear_range(time_s: FloatArray, bound: FloatArray) -> float | None:
     return float(10.0 ** np.ceil(np.log10(np.median(last))))
 
 
-def _state_error(story: Story, block: slice) -> FloatArray | None:
+def _state_error(loaded: LoadedRun, block: slice) -> FloatArray | None:
     """(n, k) true minus estimated; None where the truth does not know it."""
-    if story.evaluation is None:
+    if loaded.evaluation is None:
         return None
-    error = story.evaluation.errors.state[:, block]
+    error = loaded.evaluation.errors.state[:, block]
     return error if np.isfinite(error).any() else None
 
 

@@ -1,20 +1,21 @@
-"""The view without its server: a page of one frame, and a recording that plays."""
+"""What is shown as a file: a picture, a page of one frame, a recording that plays."""
 
 import secrets
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 import viser
 
 from pcnav.core.errors import InputError
-from pcnav.viewer.browser import opened_page, settled_png
-from pcnav.viewer.layers import StoryLayers, shot_of, thinned
-from pcnav.viewer.look import Look, vector
+from pcnav.viewer.browser import opened_page, picture_png, settled_png
+from pcnav.viewer.layers import RunLayers, shot_of
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import RUNS
+from pcnav.viewer.render_options import RenderOptions, vector
 from pcnav.viewer.server import UP, LocalServer
-from pcnav.viewer.story import Story
 
 MAX_RECORDED_FRAMES = 300
 RECORDED_HZ = 20.0
@@ -25,83 +26,91 @@ _CAMERA_FOV_RAD = float(np.radians(40.0))
 OnFrame = Callable[[int, int], None]
 
 
-def scene_html(stories: tuple[Story, ...], frame: int, look: Look) -> bytes:
+class Share(StrEnum):
+    """A kind of file."""
+
+    PNG = "PNG of this view"
+    HTML = "HTML of this frame"
+    RECORDING = "recording (.viser)"
+
+
+SUFFIXES = {
+    Share.PNG: (".png",),
+    Share.HTML: (".html", ".htm"),
+    Share.RECORDING: (".viser",),
+}
+"""Of the files of each kind; the first is what pcnav gives them."""
+
+
+def exported(
+    share: Share,
+    runs: tuple[LoadedRun, ...],
+    frame: int,
+    options: RenderOptions,
+    client: viser.ClientHandle | None = None,
+    on_frame: OnFrame | None = None,
+) -> bytes:
+    """The content of a file of some kind.
+
+    The picture is that of a ``client``'s view, else of a browser without a window. ``on_frame`` is
+    told how many frames of a recording are done, and of how many.
+    """
+    if share is Share.HTML:
+        return scene_html(runs, frame, options)
+    if share is Share.RECORDING:
+        return recording(runs, options, on_frame)
+    if client is not None:
+        return picture_png(client, client.camera.image_width, client.camera.image_height)
+    with _still(runs, frame, options) as server, opened_page(server, *_PICTURE_SIZE) as page:
+        return settled_png(page, *_PICTURE_SIZE)
+
+
+def file_name(share: Share, runs: tuple[LoadedRun, ...], frame: int) -> str:
+    """What a downloaded file is called."""
+    stem = "-".join(loaded.name for loaded in runs)
+    return f"{stem}{'' if share is Share.RECORDING else f'-{frame}'}{SUFFIXES[share][0]}"
+
+
+def scene_html(runs: tuple[LoadedRun, ...], frame: int, options: RenderOptions) -> bytes:
     """A page of its own that shows one frame and can be turned; it opens without a network."""
-    server = _quiet_server(stories, frame)
-    try:
-        layers = StoryLayers(server.scene, stories, RUNS)
-        layers.show(frame, shot_of(stories[0], frame), look)
-        _caption(server.scene, stories, frame)
-        html = server.get_scene_serializer().as_html(dark_mode=True)
-        return html.encode("utf-8")
-    finally:
-        server.stop()
+    with _still(runs, frame, options) as server:
+        return server.get_scene_serializer().as_html(dark_mode=True).encode("utf-8")
 
 
-def recorded_frames(story: Story) -> tuple[int, ...]:
+def recorded_frames(loaded: LoadedRun) -> tuple[int, ...]:
     """The frames of a recording: all of them, or so many evenly spread ones."""
-    count = len(story.track)
+    count = len(loaded.track)
     step = max(1, -(-count // MAX_RECORDED_FRAMES))
     return tuple(range(0, count, step))
 
 
-def recording(stories: tuple[Story, ...], look: Look, on_frame: OnFrame | None = None) -> bytes:
+def recording(
+    runs: tuple[LoadedRun, ...], options: RenderOptions, on_frame: OnFrame | None = None
+) -> bytes:
     """A .viser recording of a run, 20 frames a second, clouds thinned to 4000 points."""
-    frames = recorded_frames(stories[0])
-    known = np.flatnonzero(stories[0].track.has_estimate)
-    server = _quiet_server(stories, int(known[0]) if known.size else 0)
-    try:
-        layers = StoryLayers(server.scene, stories, RUNS)
-        caption = _caption(server.scene, stories, 0)
+    frames = recorded_frames(runs[0])
+    with _scene(runs, runs[0].first_frame) as (server, layers, caption):
         serializer = server.get_scene_serializer()
         for done, frame in enumerate(frames, start=1):
-            shot = shot_of(stories[0], frame)
-            thin = None if shot is None else thinned(shot, _MAX_RECORDED_POINTS)
-            layers.show(frame, thin, look)
-            caption.text = _told(stories, frame)
+            shot = shot_of(runs[0], frame)
+            thin = None if shot is None else shot.thinned(_MAX_RECORDED_POINTS)
+            layers.show(frame, thin, options)
+            caption.text = _title(runs, frame)
             serializer.insert_sleep(1.0 / RECORDED_HZ)
             if on_frame is not None:
                 on_frame(done, len(frames))
         return serializer.serialize()
-    finally:
-        server.stop()
 
 
-def shown_frame(story: Story, asked: int | None) -> int:
+def shown_frame(loaded: LoadedRun, asked: int | None) -> int:
     """The frame asked for, else the first with an estimate. Raises `InputError` beyond the run."""
-    count = len(story.track)
+    count = len(loaded.track)
     if asked is not None and asked >= count:
         expected = f"expected a frame below {count}, got {asked}"
-        raise InputError(story.name, "--frame", expected)
+        raise InputError(loaded.name, "--frame", expected)
     if not count:
-        raise InputError(story.name, "frames", "expected at least one frame")
-    known = np.flatnonzero(story.track.has_estimate)
-    return asked if asked is not None else int(known[0]) if known.size else 0
-
-
-def export(kind: str, stories: tuple[Story, ...], frame: int, path: Path, on_frame: OnFrame) -> int:
-    """Write a file of one kind: html, png or recording; its size in bytes."""
-    makers: dict[str, Callable[[], bytes]] = {
-        "html": lambda: scene_html(stories, frame, Look()),
-        "png": lambda: scene_png(stories, frame),
-        "recording": lambda: recording(stories, Look(), on_frame),
-    }
-    content = makers[kind]()
-    write_whole(path, content)
-    return len(content)
-
-
-def scene_png(stories: tuple[Story, ...], frame: int) -> bytes:
-    """A picture of one frame, drawn by a browser without a window."""
-    server = _quiet_server(stories, frame)
-    try:
-        layers = StoryLayers(server.scene, stories, RUNS)
-        layers.show(frame, shot_of(stories[0], frame), Look())
-        _caption(server.scene, stories, frame)
-        with opened_page(server, *_PICTURE_SIZE) as client:
-            return settled_png(client, *_PICTURE_SIZE)
-    finally:
-        server.stop()
+        raise InputError(loaded.name, "frames", "expected at least one frame")
+    return loaded.first_frame if asked is None else asked
 
 
 def refuse_existing(path: Path, overwrite: bool) -> None:
@@ -126,25 +135,38 @@ def write_whole(path: Path, content: bytes) -> None:
             part.unlink()
 
 
-def _quiet_server(stories: tuple[Story, ...], frame: int) -> LocalServer:
-    """A server for its scene alone, on a free port of this machine; it is stopped right after."""
-    server = LocalServer("127.0.0.1", 0, stories[0].name)
-    position, centre = stories[0].viewpoint(frame)
-    camera = server.initial_camera
-    camera.position, camera.look_at = vector(position), vector(centre)
-    camera.up, camera.fov = UP, _CAMERA_FOV_RAD
-    return server
+@contextmanager
+def _still(
+    runs: tuple[LoadedRun, ...], frame: int, options: RenderOptions
+) -> Iterator[LocalServer]:
+    """A scene in which a frame is drawn."""
+    with _scene(runs, frame) as (server, layers, _):
+        layers.show(frame, shot_of(runs[0], frame), options)
+        yield server
 
 
-def _caption(scene: viser.SceneApi, stories: tuple[Story, ...], frame: int) -> viser.LabelHandle:
-    centre = stories[0].centre(frame)
-    above = centre - np.array([0.0, 0.55 * stories[0].size_m, 0.0])
-    return scene.add_label(
-        "/caption", _told(stories, frame), position=vector(above), anchor="center-center"
-    )
+@contextmanager
+def _scene(
+    runs: tuple[LoadedRun, ...], frame: int
+) -> Iterator[tuple[LocalServer, RunLayers, viser.LabelHandle]]:
+    """A server for its scene alone, seen as a frame is, on a free port of this machine."""
+    server = LocalServer("127.0.0.1", 0, runs[0].name)
+    try:
+        position, centre = runs[0].viewpoint(frame)
+        camera = server.initial_camera
+        camera.position, camera.look_at = vector(position), vector(centre)
+        camera.up, camera.fov = UP, _CAMERA_FOV_RAD
+        layers = RunLayers(server.scene, runs, RUNS)
+        above = vector(centre - np.array([0.0, 0.55 * runs[0].size_m, 0.0]))
+        caption = server.scene.add_label(
+            "/caption", _title(runs, frame), position=above, anchor="center-center"
+        )
+        yield server, layers, caption
+    finally:
+        server.stop()
 
 
-def _told(stories: tuple[Story, ...], frame: int) -> str:
-    names = " and ".join(story.name for story in stories)
-    track = stories[0].track
+def _title(runs: tuple[LoadedRun, ...], frame: int) -> str:
+    names = " and ".join(loaded.name for loaded in runs)
+    track = runs[0].track
     return f"{names}: frame {frame}, {track.time_s[frame]:.2f} s, {track.status[frame]}"

@@ -2,7 +2,7 @@
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -70,6 +70,12 @@ class Shot:
         if by is ColourBy.RECTANGLE and self.rectangles is not None:
             return self.rectangles
         return self.planes
+
+    def thinned(self, most: int) -> "Shot":
+        """The same frame with no more than so many points, evenly left out."""
+        step = max(1, -(-len(self.points) // most))
+        rows, columns = self.shown
+        return replace(self, points=self.points[::step], shown=(rows[::step], columns[::step]))
 
 
 class FrameStore:

@@ -4,8 +4,6 @@ The scene is the camera frame of the chaser: x right, y down, z forward, metres.
 once; a frame then changes only what differs from the one before.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 import viser
@@ -16,9 +14,9 @@ from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.runs.results import ACCEPTED, RectangleRecord
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.glyphs import closed
-from pcnav.viewer.look import Layer, Look, line_colour, vector, wxyz_of
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
-from pcnav.viewer.story import Story
+from pcnav.viewer.render_options import Layer, RenderOptions, line_colour, vector, wxyz_of
 from pcnav.viewer.target_layer import TargetLayer
 
 _MAX_NAMES = 16
@@ -42,9 +40,9 @@ class SensorLayer:
             receive_shadow=False,
         )
 
-    def show(self, look: Look) -> None:
+    def show(self, options: RenderOptions) -> None:
         """Draw or hide it."""
-        self._frustum.visible = Layer.SENSOR in look.layers
+        self._frustum.visible = Layer.SENSOR in options.layers
 
 
 def vertical_fov(camera: PinholeCamera) -> float:
@@ -83,11 +81,13 @@ class CloudLayer:
             precision="float32",
         )
 
-    def show(self, shot: Shot | None, T_model_cam: FloatArray, look: Look, scale_m: float) -> None:
+    def show(
+        self, shot: Shot | None, T_model_cam: FloatArray, options: RenderOptions, scale_m: float
+    ) -> None:
         """Draw a frame, or nothing where there is none."""
-        visible = shot is not None and Layer.POINTS in look.layers and len(shot.points) > 0
+        visible = shot is not None and Layer.POINTS in options.layers and len(shot.points) > 0
         if shot is not None and visible:
-            colours = shot.colours(look.colour_by, scale_m)
+            colours = shot.colours(options.colour_by, scale_m)
             self._points.points = _moved(T_model_cam, shot.points)
             self._points.colors = np.broadcast_to(colours, shot.points.shape)
         self._points.visible = visible
@@ -123,14 +123,14 @@ class RectangleLayer:
         ]
 
     def show(
-        self, records: tuple[RectangleRecord, ...], T_model_cam: FloatArray, look: Look
+        self, records: tuple[RectangleRecord, ...], T_model_cam: FloatArray, options: RenderOptions
     ) -> None:
         """Draw those that have a pose."""
         placed = [record for record in records if np.isfinite(record.T_cam_rect).all()]
         named: list[tuple[str, FloatArray]] = []
         for layer, lines in self._lines.items():
             of_layer = [r for r in placed if (r.outcome == ACCEPTED) is (layer is Layer.ACCEPTED)]
-            lines.visible = layer in look.layers and bool(of_layer)
+            lines.visible = layer in options.layers and bool(of_layer)
             if not lines.visible:
                 continue
             outlines = np.concatenate([_outline(r) for r in of_layer])
@@ -140,7 +140,7 @@ class RectangleLayer:
                 np.array(line_colour(colour), np.uint8), lines.points.shape
             )
             named += [(_told(r), (T_model_cam @ r.T_cam_rect)[:3, 3]) for r in of_layer]
-        if Layer.NAMES not in look.layers:
+        if Layer.NAMES not in options.layers:
             named = []
         for k, label in enumerate(self._names):
             label.visible = k < len(named)
@@ -165,45 +165,45 @@ def _told(record: RectangleRecord) -> str:
     )
 
 
-class StoryLayers:
+class RunLayers:
     """All layers of one or two runs in one scene. The cloud and rectangles are the first run's."""
 
     def __init__(
-        self, scene: viser.SceneApi, stories: tuple[Story, ...], colours: tuple[Rgb, ...]
+        self, scene: viser.SceneApi, runs: tuple[LoadedRun, ...], colours: tuple[Rgb, ...]
     ) -> None:
-        first = stories[0]
-        self._stories = stories
+        first = runs[0]
+        self._runs = runs
         camera = first.frames.camera() if first.frames is not None else None
         self._sensor = None if camera is None else SensorLayer(scene, camera, first.size_m)
         self._measured = scene.add_frame("/run_1/measured", show_axes=False)
         self._cloud = CloudLayer(scene, "/run_1/measured", _point_size_m(first, camera))
         self._rectangles = RectangleLayer(scene, "/run_1/measured")
         self._targets = [
-            TargetLayer(scene, f"/run_{k + 1}", story, colour, is_first=k == 0)
-            for k, (story, colour) in enumerate(zip(stories, colours, strict=False))
+            TargetLayer(scene, f"/run_{k + 1}", loaded, colour, is_first=k == 0)
+            for k, (loaded, colour) in enumerate(zip(runs, colours, strict=False))
         ]
 
-    def show(self, frame: int, shot: Shot | None, look: Look) -> None:
+    def show(self, frame: int, shot: Shot | None, options: RenderOptions) -> None:
         """Draw a frame of the first run, and those of the others that are nearest in time."""
-        first = self._stories[0]
+        first = self._runs[0]
         time_s = float(first.track.time_s[frame])
         if self._sensor is not None:
-            self._sensor.show(look)
+            self._sensor.show(options)
         known = bool(first.track.has_estimate[frame])
         T = first.track.T_cam_model[frame] if known else np.eye(4)
         self._measured.wxyz, self._measured.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
         T_model_cam = invert_transform(T)
         scale_m = 1.0 if first.frames is None else first.frames.scale_m
-        self._cloud.show(shot, T_model_cam, look, scale_m)
-        self._rectangles.show(first.records.get(time_s, ()), T_model_cam, look)
-        for k, (target, story) in enumerate(zip(self._targets, self._stories, strict=True)):
-            target.show(frame if k == 0 else story.nearest_frame(time_s), look)
+        self._cloud.show(shot, T_model_cam, options, scale_m)
+        self._rectangles.show(first.records.get(time_s, ()), T_model_cam, options)
+        for k, (target, loaded) in enumerate(zip(self._targets, self._runs, strict=True)):
+            target.show(frame if k == 0 else loaded.nearest_frame(time_s), options)
 
-    def go_on(self, stories: tuple[Story, ...]) -> None:
+    def go_on(self, runs: tuple[LoadedRun, ...]) -> None:
         """Draw later states of the same runs from now on."""
-        self._stories = stories
-        for target, story in zip(self._targets, stories, strict=True):
-            target.go_on(story)
+        self._runs = runs
+        for target, loaded in zip(self._targets, runs, strict=True):
+            target.go_on(loaded)
 
     def refresh_trails(self) -> None:
         """Draw the trails as far as the runs have come."""
@@ -211,24 +211,17 @@ class StoryLayers:
             target.refresh_trail()
 
 
-def _point_size_m(story: Story, camera: PinholeCamera | None) -> float:
+def _point_size_m(loaded: LoadedRun, camera: PinholeCamera | None) -> float:
     """So large that neighbouring pixels touch; larger points would be drawn over each other."""
     if camera is None:
-        return 0.006 * story.size_m
-    return _PIXELS_ACROSS * float(np.linalg.norm(story.centre(0))) / camera.fx
+        return 0.006 * loaded.size_m
+    return _PIXELS_ACROSS * float(np.linalg.norm(loaded.centre(0))) / camera.fx
 
 
-def shot_of(story: Story, frame: int) -> Shot | None:
+def shot_of(loaded: LoadedRun, frame: int) -> Shot | None:
     """The depth frame of a row of a run, compared with the model where there is an estimate."""
-    if story.frames is None or not len(story.track):
+    if loaded.frames is None or not len(loaded.track):
         return None
-    known = bool(story.track.has_estimate[frame])
-    pose = story.track.T_cam_model[frame] if known else None
-    return story.frames.get(frame, float(story.track.time_s[frame]), pose)
-
-
-def thinned(shot: Shot, most: int) -> Shot:
-    """The same frame with no more than so many points, evenly left out."""
-    step = max(1, -(-len(shot.points) // most))
-    rows, columns = shot.shown
-    return replace(shot, points=shot.points[::step], shown=(rows[::step], columns[::step]))
+    known = bool(loaded.track.has_estimate[frame])
+    pose = loaded.track.T_cam_model[frame] if known else None
+    return loaded.frames.get(frame, float(loaded.track.time_s[frame]), pose)

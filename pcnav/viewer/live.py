@@ -12,9 +12,8 @@ from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.dynamics.state import STATE_SIZE
 from pcnav.runs.results import RectangleRecord, Track
 from pcnav.viewer.app import serve
+from pcnav.viewer.loaded_run import LoadedRun, Snapshot, load_run
 from pcnav.viewer.server import LOOPBACK, LocalServer
-from pcnav.viewer.source import Edition
-from pcnav.viewer.story import Story, load_story
 
 _FIELDS: dict[str, tuple[int, ...]] = {
     "time_s": (),
@@ -53,20 +52,20 @@ class LiveRun:
     """The source of a run that goes on: what it is given costs the run next to nothing.
 
     About 700 bytes of numbers a frame are kept, and the records of its rectangles. The newest
-    frames are there for whoever asks; nobody is waited for. ``story`` tells what is known before
+    frames are there for whoever asks; nobody is waited for. ``loaded`` tells what is known before
     the first frame; its track and records are made here.
     """
 
-    def __init__(self, story: Story) -> None:
+    def __init__(self, loaded: LoadedRun) -> None:
         self._rows = {
             field: np.full((_FIRST_ROWS, *shape), np.nan) for field, shape in _FIELDS.items()
         }
         self._status: list[str] = []
         self._records: dict[float, tuple[RectangleRecord, ...]] = {}
         self._lock = threading.Lock()
-        self._finished: Edition | None = None
-        self._empty = replace(story, track=empty_track(), records=self._records)
-        self._newest = Edition((self._empty,), 0, is_live=True)
+        self._finished: Snapshot | None = None
+        self._empty = replace(loaded, track=empty_track(), records=self._records)
+        self._newest = Snapshot((self._empty,), 0, is_live=True)
 
     def add(self, row: LiveRow) -> None:
         """Take in a frame; called by the run."""
@@ -80,25 +79,25 @@ class LiveRun:
             self._records[row.time_s] = row.records
             self._status.append(row.status)
 
-    def finish(self, story: Story) -> None:
+    def finish(self, loaded: LoadedRun) -> None:
         """The run has ended: from now on its result folder is shown."""
-        self._finished = Edition((story,), len(self._status) + 1, is_live=False)
+        self._finished = Snapshot((loaded,), len(self._status) + 1, is_live=False)
 
     @property
-    def edition(self) -> Edition:
+    def snapshot(self) -> Snapshot:
         """All frames so far."""
         if self._finished is not None:
             return self._finished
         with self._lock:
             n = len(self._status)
             if self._newest.number != n:
-                story = replace(
+                loaded = replace(
                     self._empty,
                     track=self._track(n),
                     position_covariance=self._rows["position_covariance"][:n],
                     com_covariance=self._rows["com_covariance"][:n],
                 )
-                self._newest = Edition((story,), n, is_live=True)
+                self._newest = Snapshot((loaded,), n, is_live=True)
             return self._newest
 
     def _grow(self) -> None:
@@ -157,9 +156,9 @@ class LiveView:
         self._run: LiveRun | None = None
         self._server: LocalServer | None = None
 
-    def expect(self, story: Story) -> None:
+    def expect(self, loaded: LoadedRun) -> None:
         """What is known of the run before its first frame; see `LiveRun`."""
-        self._run = LiveRun(story)
+        self._run = LiveRun(loaded)
 
     def add(self, row: LiveRow) -> None:
         """Show a frame."""
@@ -169,16 +168,16 @@ class LiveView:
         self._served(self._run)
 
     @property
-    def edition(self) -> Edition:
+    def snapshot(self) -> Snapshot:
         """What is shown."""
         if self._run is None:
             raise RuntimeError("nothing is shown before expect()")
-        return self._run.edition
+        return self._run.snapshot
 
-    def finish(self, story: Story) -> LocalServer:
+    def finish(self, loaded: LoadedRun) -> LocalServer:
         """From now on the result folder is shown; the caller keeps the process alive for it."""
-        run = self._run or LiveRun(story)
-        run.finish(story)
+        run = self._run or LiveRun(loaded)
+        run.finish(loaded)
         return self._served(run)
 
     def stop(self) -> None:
@@ -204,7 +203,7 @@ def run_live(
     view = LiveView(port, on_served)
     try:
         summary = work(view)
-        server = view.finish(load_story(summary.folder))
+        server = view.finish(load_run(summary.folder))
     except BaseException:
         view.stop()
         raise

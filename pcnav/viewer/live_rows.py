@@ -27,15 +27,15 @@ from pcnav.runs.results import FrameEstimate
 from pcnav.target.satellite import Target, load_target
 from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.live import LiveRow, empty_track
-from pcnav.viewer.other_runs import attitude_story, feature_story, image_story, shown_pose
-from pcnav.viewer.story import Story
+from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.other_runs import attitude_run, feature_run, image_run, shown_pose
 
 _Values = Mapping[str, FloatArray | float]
 
 
-def starting_depth_story(
+def starting_depth_run(
     name: str, sequence: Sequence, target: Target, pipeline: Pipeline
-) -> Story:
+) -> LoadedRun:
     """Of a run on depth frames that begins.
 
     The sequence is opened and the target loaded anew: readers and ray caster of the run are not
@@ -43,7 +43,7 @@ def starting_depth_story(
     """
     own_target = load_target(target.mesh_path)
     own_sequence = open_sequence(sequence.path, target.mesh_path)
-    return Story(
+    return LoadedRun(
         name=name,
         track=empty_track(),
         counted="rectangles",
@@ -56,19 +56,19 @@ def starting_depth_story(
     )
 
 
-def starting_feature_story(name: str, tracks: Tracks) -> Story:
+def starting_feature_run(name: str, tracks: Tracks) -> LoadedRun:
     """Of a run on stereo tracks that begins."""
-    return feature_story(name, empty_track(), tracks.orbit)
+    return feature_run(name, empty_track(), tracks.orbit)
 
 
-def starting_image_story(name: str) -> Story:
+def starting_image_run(name: str) -> LoadedRun:
     """Of a run on images of one camera that begins."""
-    return image_story(name, empty_track())
+    return image_run(name, empty_track())
 
 
-def starting_attitude_story(name: str) -> Story:
+def starting_attitude_run(name: str) -> LoadedRun:
     """Of a run on attitudes that begins."""
-    return attitude_story(name, empty_track())
+    return attitude_run(name, empty_track())
 
 
 def depth_row(estimate: FrameEstimate) -> LiveRow:

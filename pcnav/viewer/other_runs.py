@@ -1,4 +1,4 @@
-"""Runs on feature tracks, on images of one camera and on attitudes, told as a story.
+"""Runs on feature tracks, on images of one camera and on attitudes, told as a loaded.
 
 Each is compared with its truth by the evaluation of its own pipeline: the axes of its body are not
 those of the truth.
@@ -37,14 +37,14 @@ from pcnav.runs.feature_results import (
 )
 from pcnav.runs.image_results import IMAGE_STATES_COLUMNS, ImageTrack
 from pcnav.runs.results import POSES_FILE, STATES_FILE, Track, read_poses
-from pcnav.viewer.story import Evaluation, RunKind, Story
+from pcnav.viewer.loaded_run import Evaluation, LoadedRun, RunKind
 
 _QUATERNION = ("q_x", "q_y", "q_z", "q_w")
 _SHOWN_AT_M = 4.0
 """A target whose distance nobody knows is drawn so far in front of the camera."""
 
 
-def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
+def _feature_run(folder: Path, pipeline: Pipeline) -> LoadedRun:
     """Stereo feature tracks: no mesh and no rectangles, but points that were estimated."""
     table = read_csv(folder / STATES_FILE, STATES_COLUMNS, ("status",))
     numbers = table.numbers(STATES_COLUMNS[1 : STATES_COLUMNS.index("status")])
@@ -102,14 +102,14 @@ def _feature_story(folder: Path, pipeline: Pipeline) -> Story:
 
     points = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS).numbers(("x_m", "y_m", "z_m"))
     return replace(
-        feature_story(folder.name, track, orbit),
+        feature_run(folder.name, track, orbit),
         evaluation=_evaluation(errors, truth),
         notes=notes,
         points_body=points[np.isfinite(points).all(axis=1)],
     )
 
 
-def _image_story(folder: Path, pipeline: Pipeline) -> Story:
+def _image_run(folder: Path, pipeline: Pipeline) -> LoadedRun:
     """Images of one camera: attitude and rate, at a distance that nobody knows."""
     table = read_csv(folder / STATES_FILE, IMAGE_STATES_COLUMNS, ("status", "outcome"))
     R = _rotations(table.numbers(_QUATERNION))
@@ -147,11 +147,11 @@ def _image_story(folder: Path, pipeline: Pipeline) -> Story:
         state[:, OMEGA_BODY] = found.omega_body
         return state
 
-    story = image_story(folder.name, track)
-    return replace(story, evaluation=_evaluation(errors, truth), notes=(*story.notes, *notes))
+    loaded = image_run(folder.name, track)
+    return replace(loaded, evaluation=_evaluation(errors, truth), notes=(*loaded.notes, *notes))
 
 
-def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
+def _attitude_run(folder: Path, pipeline: Pipeline) -> LoadedRun:
     """Attitudes, recorded or of images: rotation and inertia, at a distance that nobody knows."""
     table = read_csv(folder / STATES_FILE, ATTITUDE_STATES_COLUMNS, ("status",))
     names = ATTITUDE_STATES_COLUMNS[1 : ATTITUDE_STATES_COLUMNS.index("status")]
@@ -168,10 +168,10 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
         nis_dof=table.counts("nis_dof"),
         n_rectangles=np.isfinite(_column(table, "sd_measured_rad")).astype(np.intp),
     )
-    story = attitude_story(folder.name, track)
+    loaded = attitude_run(folder.name, track)
     if is_seen_by_one_camera(Path(pipeline.sequence or "")):
         # Its body axes are the camera's at a frame that the result folder does not tell.
-        return story
+        return loaded
     _, truth, notes = _truth_of(pipeline)
     of_run = AttitudeTrack(
         time_s=track.time_s,
@@ -190,7 +190,7 @@ def _attitude_story(folder: Path, pipeline: Pipeline) -> Story:
         state[:, INERTIA_RATIOS] = found[:, 6:11]
         return state
 
-    return replace(story, evaluation=_evaluation(errors, truth), notes=(*story.notes, *notes))
+    return replace(loaded, evaluation=_evaluation(errors, truth), notes=(*loaded.notes, *notes))
 
 
 def _truth_of(pipeline: Pipeline) -> tuple[Path | None, Truth | None, tuple[str, ...]]:
@@ -223,26 +223,26 @@ def _diagonal(sd: FloatArray) -> FloatArray:
     return sd[:, :, None] ** 2 * np.eye(sd.shape[1])
 
 
-def feature_story(name: str, track: Track, orbit: KeplerOrbit) -> Story:
+def feature_run(name: str, track: Track, orbit: KeplerOrbit) -> LoadedRun:
     """Of a run on stereo tracks, without its truth and points."""
-    return replace(_story(name, track, "features"), orbit=orbit)
+    return replace(_run(name, track, "features"), orbit=orbit)
 
 
-def image_story(name: str, track: Track) -> Story:
+def image_run(name: str, track: Track) -> LoadedRun:
     """Of a run on images of one camera."""
     note = "attitude and rate only: drawn at a distance that is not known"
-    story = _story(name, track, "matches")
-    return replace(story, notes=(note,), has_position=False, has_inertia=False)
+    loaded = _run(name, track, "matches")
+    return replace(loaded, notes=(note,), has_position=False, has_inertia=False)
 
 
-def attitude_story(name: str, track: Track) -> Story:
+def attitude_run(name: str, track: Track) -> LoadedRun:
     """Of a run on attitudes."""
     note = "rotation and inertia only: drawn as seen along the z axis of the world"
-    return replace(_story(name, track, "attitudes"), notes=(note,), has_position=False)
+    return replace(_run(name, track, "attitudes"), notes=(note,), has_position=False)
 
 
-def _story(name: str, track: Track, counted: str) -> Story:
-    return Story(
+def _run(name: str, track: Track, counted: str) -> LoadedRun:
+    return LoadedRun(
         name=name,
         track=track,
         counted=counted,
@@ -315,7 +315,7 @@ def _column(table: CsvTable, name: str) -> FloatArray:
 
 
 OTHER_KINDS = (
-    RunKind("n_features", _feature_story),
-    RunKind("reference", _image_story),
-    RunKind("sd_measured_rad", _attitude_story),
+    RunKind("n_features", _feature_run),
+    RunKind("reference", _image_run),
+    RunKind("sd_measured_rad", _attitude_run),
 )

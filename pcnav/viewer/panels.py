@@ -13,6 +13,7 @@ from pcnav.runs.results import ACCEPTED, RectangleRecord
 from pcnav.runs.status import Status
 from pcnav.viewer.colouring import depth_shades, label_colours, residual_colours
 from pcnav.viewer.frames import ColourBy, Shot
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import (
     ACCEPTED_COLOUR,
     PLAIN,
@@ -22,7 +23,6 @@ from pcnav.viewer.palette import (
     Rgb,
     hex_of,
 )
-from pcnav.viewer.story import Story
 
 _PICTURE_PX = 420
 _BORDER_PX = 8
@@ -36,9 +36,9 @@ _STATUS_COLOURS: dict[str, Rgb] = {
 _STYLE = "font-size:12px;line-height:1.45;padding:2px 10px"
 
 
-def facts_html(story: Story, frame: int, magnified: float | None) -> str:
+def facts_html(loaded: LoadedRun, frame: int, magnified: float | None) -> str:
     """Time, status and estimate of a frame with standard deviations."""
-    track = story.track
+    track = loaded.track
     status = track.status[frame]
     colour = hex_of(_STATUS_COLOURS.get(status, PLAIN))
     head = (
@@ -47,8 +47,8 @@ def facts_html(story: Story, frame: int, magnified: float | None) -> str:
     )
     rows = [("estimate", "none")]
     if track.has_estimate[frame]:
-        rows = _estimate_rows(story, frame)
-        drawn = magnified or story.magnification(frame)
+        rows = _estimate_rows(loaded, frame)
+        drawn = magnified or loaded.magnification(frame)
         rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
     cells = "".join(
         f"<tr><td style='opacity:.75;padding-right:10px;white-space:nowrap'>{name}</td>"
@@ -58,15 +58,15 @@ def facts_html(story: Story, frame: int, magnified: float | None) -> str:
     return f"<div style='{_STYLE}'>{head}<table style='border-spacing:0'>{cells}</table></div>"
 
 
-def _estimate_rows(story: Story, frame: int) -> list[tuple[str, str]]:
-    track = story.track
+def _estimate_rows(loaded: LoadedRun, frame: int) -> list[tuple[str, str]]:
+    track = loaded.track
     sd = track.sd[frame]
 
     def norm(values: FloatArray) -> float:
         return float(np.linalg.norm(values))
 
     rows = []
-    if story.has_position:
+    if loaded.has_position:
         rows.append(
             ("range", f"{norm(track.r_hill[frame]):.3f} m ± {1e3 * norm(sd[R_HILL]):.2f} mm")
         )
@@ -75,14 +75,14 @@ def _estimate_rows(story: Story, frame: int) -> list[tuple[str, str]]:
     rate_sd = np.rad2deg(norm(sd[OMEGA_BODY]))
     doubt = f" ± {rate_sd:.4f}" if np.isfinite(rate_sd) else ""
     rows.append(("rate", f"{rate:.4f}{doubt} deg/s"))
-    if story.has_mass_centre:
+    if loaded.has_mass_centre:
         com = ", ".join(f"{value:.3f}" for value in track.com_model[frame])
         rows.append(("mass centre", f"({com}) m ± {1e3 * norm(sd[COM_MODEL]):.2f} mm"))
-    if story.has_inertia:
+    if loaded.has_inertia:
         ratios = ", ".join(f"{value:.3f}" for value in track.inertia_ratios[frame])
         rows.append(("Iyy, Izz, Ixy, Ixz, Iyz over Ixx", f"{ratios} ± {_worst_ratio_sd(sd):.2g}"))
-    if story.evaluation is not None:
-        errors = story.evaluation.errors
+    if loaded.evaluation is not None:
+        errors = loaded.evaluation.errors
         position, angle = norm(errors.p_cam_m[frame]), norm(errors.theta_model_rad[frame])
         if np.isfinite(position) and np.isfinite(angle):
             told = f"{1e3 * position:.2f} mm, {np.rad2deg(angle):.4f} deg"
@@ -122,19 +122,19 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
     )
 
 
-def legend_html(story: Story, by: ColourBy, *, has_estimate: bool) -> str:
+def legend_html(loaded: LoadedRun, by: ColourBy, *, has_estimate: bool) -> str:
     """What the colours of the points mean: a bar with numbers for residuals, else words."""
     pink = f"<span style='color:{hex_of(UNEXPLAINED)}'>■</span>"
-    if story.target is None:
+    if loaded.target is None:
         return ""
-    if story.frames is None:
+    if loaded.frames is None:
         return f"<div style='{_STYLE}'>no depth frames on disk</div>"
     if by is ColourBy.PLAIN:
         text = "every return in one colour"
     elif not has_estimate:
         text = f"no estimate: planes found in the frame; {pink} none"
     elif by is ColourBy.RESIDUAL:
-        return _colour_bar(1e3 * story.frames.scale_m, pink)
+        return _colour_bar(1e3 * loaded.frames.scale_m, pink)
     else:
         what = "face of the model" if by is ColourBy.PLANE else "rectangle of the catalogue"
         text = f"a colour per {what}; {pink} not explained (over 3σ, or none)"

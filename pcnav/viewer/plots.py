@@ -1,7 +1,9 @@
 """The plots beside the scene, of one browser: one group at a time, with a cursor at its frame."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from html import escape
+from itertools import zip_longest
 
 import numpy as np
 import viser
@@ -9,8 +11,8 @@ from viser import uplot
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.viewer.curves import Chart, ChartGroup, groups_of
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
-from pcnav.viewer.story import Story
 
 _HEIGHT_OF_ALL_PX = 610
 _FRAME_PX = 24
@@ -37,23 +39,22 @@ class PlotsPanel:
         self,
         gui: viser.GuiApi,
         tab: viser.GuiTabHandle,
-        stories: tuple[Story, ...],
+        runs: tuple[LoadedRun, ...],
         time_s: float,
         on_choice: Callable[[], None],
     ) -> None:
-        self._gui, self._tab, self._stories = gui, tab, stories
-        names = tuple(groups_of(stories[0]))
+        self._gui, self._tab, self._runs = gui, tab, runs
         with tab:
-            self._choice = gui.add_dropdown("plots", names)
+            self._choice = gui.add_dropdown("plots", tuple(groups_of(runs[0])))
             self._key = gui.add_html("")
         self._plots: list[_Plot] = []
         self._time_s = time_s
         self._choice.on_update(lambda _: on_choice())
         self.draw_choice()
 
-    def go_on(self, stories: tuple[Story, ...], time_s: float) -> None:
+    def go_on(self, runs: tuple[LoadedRun, ...], time_s: float) -> None:
         """Draw the chosen group of later states of the same runs."""
-        self._stories, self._time_s = stories, time_s
+        self._runs, self._time_s = runs, time_s
         rows = self._rows()
         fits = len(rows) == len(self._plots)
         if not (fits and all(map(_Plot.takes, self._plots, rows, [time_s] * len(rows)))):
@@ -82,48 +83,32 @@ class PlotsPanel:
     def _rows(self) -> list[_Row]:
         """The plots from top to bottom: the charts of each and the colours of their runs."""
         name = self._choice.value
-        groups = [_made(groups_of(story).get(name)) for story in self._stories]
-        self._key.content = _key(self._stories, [group for group in groups if group is not None])
-        if not len(self._stories[0].track):
+        makers = [groups_of(loaded).get(name) for loaded in self._runs]
+        drawn = zip(makers, RUNS, strict=False)
+        groups = [(make(), colour) for make, colour in drawn if make is not None]
+        self._key.content = _key(self._runs, [group for group, _ in groups])
+        if not len(self._runs[0].track):
             return []
-        count = max(0 if group is None else len(group.charts) for group in groups)
-        return [
-            [
-                (group.charts[k], RUNS[run])
-                for run, group in enumerate(groups)
-                if group is not None and k < len(group.charts)
-            ]
-            for k in range(count)
-        ]
-
-
-def _made(make: Callable[[], ChartGroup] | None) -> ChartGroup | None:
-    return None if make is None else make()
+        charts = [[(chart, colour) for chart in group.charts] for group, colour in groups]
+        return [[each for each in row if each is not None] for row in zip_longest(*charts)]
 
 
 class _Plot:
-    """One uPlot chart.
-
-    Its cursor is a line of the data: three rows at the same time take it from the foot of the
-    plot to its top and back. All other series are carried over to these rows by interpolation.
-    """
+    """One uPlot chart."""
 
     def __init__(
         self, gui: viser.GuiApi, row: _Row, height: int, time_s: float, *, last: bool
     ) -> None:
-        self._columns, series, bands = _columns_of(row)
-        self._ends = self._ends_of_time()
-        label = row[0][0].label
-        scales, ticks = self._scales(row, height)
-        self._height, self._looks = height, (label, ticks, series)
+        self._height = height
+        self._drawing = drawing = _drawing_of(row, height)
         self._handle = gui.add_uplot(
-            data=self._with_cursor(time_s),
-            series=tuple(series),
-            bands=tuple(bands),
-            scales=scales,
+            data=drawing.with_cursor(time_s),
+            series=tuple(drawing.series),
+            bands=tuple(drawing.bands),
+            scales=drawing.scales,
             axes=(
                 _axis("time, s" if last else None, 36 if last else 20),
-                _value_axis(label, ticks),
+                _value_axis(drawing.label, drawing.ticks),
             ),
             legend={"show": False},
             cursor={"drag": {"x": True, "y": False}},
@@ -133,47 +118,48 @@ class _Plot:
 
     def takes(self, row: _Row, time_s: float) -> bool:
         """Show later data in the same lines; whether they fit, else the plot is to be removed."""
-        columns, series, _ = _columns_of(row)
-        self._columns = columns
-        self._ends = self._ends_of_time()
-        scales, ticks = self._scales(row, self._height)
-        if (row[0][0].label, ticks, series) != self._looks:
+        before, drawing = self._drawing, _drawing_of(row, self._height)
+        self._drawing = drawing
+        if (drawing.label, drawing.ticks, drawing.series) != (
+            before.label,
+            before.ticks,
+            before.series,
+        ):
             return False
-        self._handle.scales = scales
-        self._handle.data = self._with_cursor(time_s)
+        self._handle.scales = drawing.scales
+        self.move_cursor(time_s)
         return True
-
-    def _scales(self, row: _Row, height: int) -> tuple[dict[str, uplot.Scale], list[float]]:
-        """Scales by name, and the ticks of a logarithmic one."""
-        scales: dict[str, uplot.Scale] = {
-            "x": {"time": False, "range": self._range()},
-            _UNIT_SCALE: {"range": (0.0, 1.0)},
-        }
-        linear = [chart.linear_to for chart, _ in row if chart.linear_to is not None]
-        if not linear:
-            return scales, []
-        scales["y"] = {"distr": 4, "asinh": max(linear)}
-        largest = float(max(np.abs(values).max() for values in self._columns[1:]))
-        return scales, two_sided_ticks(max(linear), largest, height // _TICK_PX)
-
-    def _ends_of_time(self) -> tuple[float, float]:
-        return float(self._columns[0][0]), float(self._columns[0][-1])
 
     def move_cursor(self, time_s: float) -> None:
         """Move the line that marks the frame."""
-        self._handle.data = self._with_cursor(time_s)
+        self._handle.data = self._drawing.with_cursor(time_s)
 
     def remove(self) -> None:
         """Take it off the page."""
         self._handle.remove()
 
-    def _range(self) -> tuple[float, float]:
-        first, last = self._ends
-        return (first, last) if last > first else (first - 0.5, last + 0.5)
 
-    def _with_cursor(self, time_s: float) -> tuple[FloatArray, ...]:
-        x, *others = self._columns
-        time_s = min(max(time_s, self._ends[0]), self._ends[1])
+@dataclass(frozen=True)
+class _Drawing:
+    """What one plot draws: time and series of all runs on the times of all of them.
+
+    Its cursor is a line of the data: three rows at the same time take it from the foot of the
+    plot to its top and back. All other series are carried over to these rows by interpolation.
+    """
+
+    label: str
+    columns: list[FloatArray]
+    """Time first."""
+    series: list[uplot.Series]
+    bands: list[uplot.Band]
+    scales: dict[str, uplot.Scale]
+    ticks: list[float]
+    """Of a logarithmic axis; empty for a linear one."""
+
+    def with_cursor(self, time_s: float) -> tuple[FloatArray, ...]:
+        """The data of all series with the cursor at a time."""
+        x, *others = self.columns
+        time_s = min(max(time_s, float(x[0])), float(x[-1]))
         at = int(np.searchsorted(x, time_s, side="right"))
         data = [np.insert(x, at, (time_s, time_s, time_s))]
         for values in others:
@@ -185,73 +171,71 @@ class _Plot:
         return (*data, cursor)
 
 
-def _columns_of(
-    present: _Row,
-) -> tuple[list[FloatArray], list[uplot.Series], list[uplot.Band]]:
-    """Time and series of all runs on the times of all of them, and how they are drawn."""
-    times = [chart.time_s[chart.shown()] for chart, _ in present]
-    x = np.unique(np.concatenate([*times, *(_edges(chart) for chart, _ in present)]))
+def _drawing_of(row: _Row, height: int) -> _Drawing:
+    times = [chart.time_s[chart.shown()] for chart, _ in row]
+    x = np.unique(np.concatenate([*times, *(_edges(chart) for chart, _ in row)]))
     columns, series, bands = [x], [uplot.Series()], list[uplot.Band]()
 
-    def add(values: FloatArray, look: uplot.Series) -> None:
+    def add(values: FloatArray, line: uplot.Series) -> None:
         columns.append(values)
-        series.append(look)
+        series.append(line)
 
-    for chart, colour in present:
+    for chart, colour in row:
         at = chart.shown()
         time_s, curve = chart.time_s[at], chart.curve
-        if not curve.dots and not np.isfinite(curve.values).all():
+        if _lacks(chart):
             add(_steps(x, chart.time_s, ~np.isfinite(curve.values)), _shade(_BOUND))
         if chart.known is not None and chart.known.any():
             add(_steps(x, time_s, chart.known[at]), _shade(_KNOWN))
         if curve.high is not None and curve.low is not None:
-            edge = rgba_of(colour, 0.55)
-            look: uplot.Series = {
-                "scale": "y",
-                "stroke": edge,
-                "width": 1,
-                "points": {"show": False},
-            }
-            add(_carried(x, time_s, curve.high[at]), look)
-            add(_carried(x, time_s, curve.low[at]), look)
-            bands.append(
-                {"series": (len(series) - 2, len(series) - 1), "fill": rgba_of(colour, 0.16)}
-            )
-        line: uplot.Series = {
-            "scale": "y",
-            "stroke": hex_of(colour),
-            "width": 1.6,
-            "points": {"show": False},
-        }
-        if curve.dots:
-            line = {
-                "scale": "y",
-                "stroke": rgba_of(colour, 0.0),
-                "width": 0,
-                "points": {
-                    "show": True,
-                    "size": 4,
-                    "fill": hex_of(colour),
-                    "stroke": hex_of(colour),
-                },
-            }
+            edge = _line(rgba_of(colour, 0.55), 1)
+            add(_carried(x, time_s, curve.high[at]), edge)
+            add(_carried(x, time_s, curve.low[at]), edge)
+            both = (len(series) - 2, len(series) - 1)
+            bands.append({"series": both, "fill": rgba_of(colour, 0.16)})
+        line = _dots(colour) if curve.dots else _line(hex_of(colour), 1.6)
         add(_carried(x, time_s, curve.values[at]), line)
-    bound = present[0][0].bound
-    if bound is not None:
-        add(
-            np.full(len(x), bound),
-            {
-                "scale": "y",
-                "stroke": hex_of(_BOUND),
-                "width": 1.5,
-                "dash": (6, 4),
-                "points": {"show": False},
-            },
-        )
-    series.append(
-        {"scale": _UNIT_SCALE, "stroke": hex_of(_CURSOR), "width": 1.2, "points": {"show": False}}
-    )
-    return columns, series, bands
+    first = row[0][0]
+    if first.bound is not None:
+        add(np.full(len(x), first.bound), {**_line(hex_of(_BOUND), 1.5), "dash": (6, 4)})
+    series.append(_line(hex_of(_CURSOR), 1.2, _UNIT_SCALE))
+    linear = [chart.linear_to for chart, _ in row if chart.linear_to is not None]
+    scales, ticks = _scales(columns, max(linear, default=None), height)
+    return _Drawing(first.label, columns, series, bands, scales, ticks)
+
+
+def _scales(
+    columns: list[FloatArray], linear_to: float | None, height: int
+) -> tuple[dict[str, uplot.Scale], list[float]]:
+    """Scales by name, and the ticks of a logarithmic one."""
+    first, last = float(columns[0][0]), float(columns[0][-1])
+    scales: dict[str, uplot.Scale] = {
+        "x": {
+            "time": False,
+            "range": (first, last) if last > first else (first - 0.5, last + 0.5),
+        },
+        _UNIT_SCALE: {"range": (0.0, 1.0)},
+    }
+    if linear_to is None:
+        return scales, []
+    scales["y"] = {"distr": 4, "asinh": linear_to}
+    largest = float(max(np.abs(values).max() for values in columns[1:]))
+    return scales, two_sided_ticks(linear_to, largest, height // _TICK_PX)
+
+
+def _line(stroke: str, width: float, scale: str = "y") -> uplot.Series:
+    return {"scale": scale, "stroke": stroke, "width": width, "points": {"show": False}}
+
+
+def _dots(colour: Rgb) -> uplot.Series:
+    fill = hex_of(colour)
+    points: uplot.Series_Points = {"show": True, "size": 4, "fill": fill, "stroke": fill}
+    return {**_line(rgba_of(colour, 0.0), 0), "points": points}
+
+
+def _shade(colour: Rgb) -> uplot.Series:
+    fill = rgba_of(colour, 0.13)
+    return {"scale": _UNIT_SCALE, "width": 0, "fill": fill, "points": {"show": False}}
 
 
 def _edges(chart: Chart) -> FloatArray:
@@ -277,15 +261,6 @@ def _carried(x: FloatArray, time_s: FloatArray, values: FloatArray) -> FloatArra
 def _steps(x: FloatArray, time_s: FloatArray, wanted: BoolArray) -> FloatArray:
     """1 at the times that are wanted, 0 elsewhere."""
     return np.round(np.interp(x, time_s, wanted.astype(np.float64)))
-
-
-def _shade(colour: Rgb) -> uplot.Series:
-    return {
-        "scale": _UNIT_SCALE,
-        "width": 0,
-        "fill": rgba_of(colour, 0.13),
-        "points": {"show": False},
-    }
 
 
 def _axis(label: str | None, size: int) -> uplot.Axis:
@@ -331,7 +306,7 @@ def _lacks(chart: Chart) -> bool:
     return not chart.curve.dots and not bool(np.isfinite(chart.curve.values).all())
 
 
-def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
+def _key(runs: tuple[LoadedRun, ...], groups: list[ChartGroup]) -> str:
     """What the lines mean, as HTML."""
     parts = []
     if groups:
@@ -353,8 +328,8 @@ def _key(stories: tuple[Story, ...], groups: list[ChartGroup]) -> str:
         if first.bound is not None:
             parts.append(f"<span style='color:{hex_of(_BOUND)}'>- -</span> 95 % of frames below")
     names = "&emsp;".join(
-        f"<span style='color:{hex_of(RUNS[k])}'>━</span> {escape(story.name)}"
-        for k, story in enumerate(stories)
+        f"<span style='color:{hex_of(RUNS[k])}'>━</span> {escape(loaded.name)}"
+        for k, loaded in enumerate(runs)
     )
     parts.append(f"{names}&emsp;<span style='color:{hex_of(TRUTH)}'>│</span> this frame")
     lines = "".join(f"<div>{part}</div>" for part in parts)

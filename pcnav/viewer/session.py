@@ -10,17 +10,17 @@ import viser
 
 from pcnav.core.arrays import FloatArray
 from pcnav.viewer.clock import Playback
-from pcnav.viewer.controls import Camera, Controls, Share
+from pcnav.viewer.controls import Camera, Controls
 from pcnav.viewer.events import Kind, neighbour
+from pcnav.viewer.export import Share, exported, file_name
 from pcnav.viewer.frames import Shot
-from pcnav.viewer.layers import StoryLayers, shot_of, vertical_fov
-from pcnav.viewer.look import Look, vector
+from pcnav.viewer.layers import RunLayers, shot_of, vertical_fov
+from pcnav.viewer.loaded_run import LoadedRun, Snapshot, Source
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
+from pcnav.viewer.render_options import vector
 from pcnav.viewer.server import UP, drawing, has_shown_all
-from pcnav.viewer.source import Edition, Source
-from pcnav.viewer.story import Story
 
 _MAX_DRAWN_HZ = 30.0
 _CURSOR_HZ = 5.0
@@ -52,7 +52,7 @@ class Session:
 
     def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
         self._client, self._source = client, source
-        self._edition = source.edition
+        self._snapshot = source.snapshot
         self._wanted, self._drawn = 0, -1
         self._is_closed = False
         self._wake = threading.Condition()
@@ -64,10 +64,10 @@ class Session:
         self._details_frame = -1
         self._followed: FloatArray | None = None
         """The target's place that the camera was last carried along to."""
-        self._wanted = _start_frame(self._edition, first_frame)
+        self._wanted = _start_frame(self._snapshot, first_frame)
         with drawing(client):
-            self._layers = StoryLayers(client.scene, self._stories, RUNS)
-            self._controls = Controls(client.gui, self._edition, self)
+            self._layers = RunLayers(client.scene, self._runs, RUNS)
+            self._controls = Controls(client.gui, self._snapshot, self)
             self._build_panel()
             self._look_at_first()
             if len(self._first.track):
@@ -121,7 +121,7 @@ class Session:
         """Whether time runs."""
         return self._playback is not None
 
-    def change_look(self) -> None:
+    def redraw(self) -> None:
         """Draw the same frame anew."""
         with self._wake:
             self._redraw = True
@@ -145,16 +145,12 @@ class Session:
 
     def share(self, share: Share) -> None:
         """Let the browser download what it shows."""
-        from pcnav.viewer.sharing import made
-
         self._controls.tell(f"making {share} ...")
-        name, content = made(share, self._client, self._stories, self.shown_frame, self._look)
+        frame, options = self.shown_frame, self._controls.options
+        content = exported(share, self._runs, frame, options, self._client)
+        name = file_name(share, self._runs, frame)
         self._client.send_file_download(name, content, save_immediately=True)
         self._controls.tell(f"{name}: {len(content) / 1e6:.1f} MB")
-
-    @property
-    def _look(self) -> Look:
-        return self._controls.look
 
     @property
     def shown_frame(self) -> int:
@@ -170,8 +166,8 @@ class Session:
     # Drawing.
 
     @property
-    def _stories(self) -> tuple[Story, ...]:
-        return self._edition.stories
+    def _runs(self) -> tuple[LoadedRun, ...]:
+        return self._snapshot.runs
 
     @property
     def _wanted_s(self) -> float:
@@ -179,8 +175,8 @@ class Session:
         return float(times[min(self._wanted, len(times) - 1)]) if len(times) else 0.0
 
     @property
-    def _first(self) -> Story:
-        return self._edition.stories[0]
+    def _first(self) -> LoadedRun:
+        return self._snapshot.runs[0]
 
     def _playing_from(self, frame: int) -> Playback:
         time_s = float(self._first.track.time_s[frame])
@@ -218,7 +214,7 @@ class Session:
             playback = self._playback
             if playback is not None:
                 self._wanted = playback.frame_at(now_s, times)
-                ended = playback.has_ended(now_s, times) and not self._edition.is_live
+                ended = playback.has_ended(now_s, times) and not self._snapshot.is_live
             if ended:
                 self._playback = None
             redraw, self._redraw = self._redraw, False
@@ -257,13 +253,13 @@ class Session:
             self._page = self._asked_page()
 
     def _take_news(self) -> bool:
-        """Look at the source's newest edition from now on; whether it is a new one."""
-        edition = self._source.edition
-        if edition.number == self._edition.number:
+        """Look at the source's newest snapshot from now on; whether it is a new one."""
+        snapshot = self._source.snapshot
+        if snapshot.number == self._snapshot.number:
             return False
-        if self._edition.is_live and not edition.is_live:
-            self.change_look()
-        self._edition = edition
+        if self._snapshot.is_live and not snapshot.is_live:
+            self.redraw()
+        self._snapshot = snapshot
         with self._wake:
             if self._controls.follows_newest:
                 self._wanted = max(len(self._first.track) - 1, 0)
@@ -271,21 +267,21 @@ class Session:
 
     def _go_on(self, now_s: float) -> None:
         """Lengthen what is drawn of the whole run."""
-        self._controls.refresh(self._edition)
-        self._layers.go_on(self._stories)
-        if self._plots_paced.is_due(now_s) or not self._edition.is_live:
+        self._controls.refresh(self._snapshot)
+        self._layers.go_on(self._runs)
+        if self._plots_paced.is_due(now_s) or not self._snapshot.is_live:
             self._layers.refresh_trails()
-            self._plots.go_on(self._stories, self._wanted_s)
+            self._plots.go_on(self._runs, self._wanted_s)
 
     def _draw(self, now_s: float, frame: int, shot: Shot | None) -> None:
-        look = self._controls.look
-        self._layers.show(frame, shot, look)
+        options = self._controls.options
+        self._layers.show(frame, shot, options)
         self._follow(frame)
         at_rest = self._playback is None
         # Laying out a page anew costs a browser more than drawing the scene.
         if self._texts.is_due(now_s) or at_rest:
             self._controls.show_frame(frame)
-            self._facts.content = facts_html(self._first, frame, look.magnified)
+            self._facts.content = facts_html(self._first, frame, options.magnified)
         if self._cursor.is_due(now_s) or at_rest:
             self._plots.move_cursor(float(self._first.track.time_s[frame]))
         self._drawn = frame
@@ -293,16 +289,16 @@ class Session:
             self._draw_details(frame, shot)
 
     def _draw_details(self, frame: int, shot: Shot | None) -> None:
-        story, look = self._first, self._controls.look
-        time_s = float(story.track.time_s[frame])
-        records = story.records.get(time_s, ())
-        known = bool(story.track.has_estimate[frame])
-        self._controls.show_legend(legend_html(story, look.colour_by, has_estimate=known))
-        if story.target is not None:
+        loaded, options = self._first, self._controls.options
+        time_s = float(loaded.track.time_s[frame])
+        records = loaded.records.get(time_s, ())
+        known = bool(loaded.track.has_estimate[frame])
+        self._controls.show_legend(legend_html(loaded, options.colour_by, has_estimate=known))
+        if loaded.target is not None:
             self._measurements.content = measurements_html(records)
         self._image.visible = shot is not None
-        if shot is not None and story.frames is not None:
-            picture = frame_picture(shot, records, look.colour_by, story.frames.scale_m)
+        if shot is not None and loaded.frames is not None:
+            picture = frame_picture(shot, records, options.colour_by, loaded.frames.scale_m)
             self._image.image = picture
         self._plots.move_cursor(time_s)
         self._details_frame = frame
@@ -313,7 +309,7 @@ class Session:
         gui.main_panel.set_width(300)
         panel = gui.add_panel()
         self._plots = PlotsPanel(
-            gui, panel.add_tab("Plots"), self._stories, self._wanted_s, self.change_plots
+            gui, panel.add_tab("Plots"), self._runs, self._wanted_s, self.change_plots
         )
         with panel.add_tab("This frame"):
             self._facts = gui.add_html("")
@@ -327,13 +323,13 @@ class Session:
     # Cameras.
 
     def _look_from(self, camera: Camera) -> None:
-        story, handle = self._first, self._client.camera
-        position, centre = story.viewpoint(self._wanted)
+        loaded, handle = self._first, self._client.camera
+        position, centre = loaded.viewpoint(self._wanted)
         self._followed = None
         with drawing(self._client):
             handle.up_direction = UP
             if camera is Camera.CHASER:
-                eye = story.frames.camera() if story.frames is not None else None
+                eye = loaded.frames.camera() if loaded.frames is not None else None
                 handle.position = (0.0, 0.0, 0.0)
                 handle.look_at = (0.0, 0.0, max(float(centre[2]), 1.0))
                 handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
@@ -367,12 +363,9 @@ class Session:
             self._client.camera.position = np.asarray(self._client.camera.position) + shift
 
 
-def _start_frame(edition: Edition, asked: int | None) -> int:
-    track = edition.stories[0].track
-    last = max(len(track) - 1, 0)
-    if edition.is_live:
+def _start_frame(snapshot: Snapshot, asked: int | None) -> int:
+    first = snapshot.runs[0]
+    last = max(len(first.track) - 1, 0)
+    if snapshot.is_live:
         return last
-    if asked is not None:
-        return min(asked, last)
-    known = np.flatnonzero(track.has_estimate)
-    return int(known[0]) if known.size else 0
+    return first.first_frame if asked is None else min(asked, last)

@@ -14,9 +14,9 @@ from pcnav.viewer.glyphs import (
     sigma_ellipsoid,
     unit_cone,
 )
-from pcnav.viewer.look import Layer, Look, line_colour, vector, wxyz_of
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import ATTITUDE, MASS_CENTRE, MOMENTUM, POSITION, RATE, TRUTH, Rgb
-from pcnav.viewer.story import Story
+from pcnav.viewer.render_options import Layer, RenderOptions, line_colour, vector, wxyz_of
 
 _GHOST_SCALE = 1.012
 """The true mesh is drawn so much larger: it would be hidden by an estimate that is right."""
@@ -26,15 +26,15 @@ class TargetLayer:
     """The estimated target: mesh, axes, doubts and arrows; and the true one as a ghost."""
 
     def __init__(
-        self, scene: viser.SceneApi, root: str, story: Story, colour: Rgb, *, is_first: bool
+        self, scene: viser.SceneApi, root: str, loaded: LoadedRun, colour: Rgb, *, is_first: bool
     ) -> None:
-        self._story, self._size, self._is_first = story, story.size_m, is_first
+        self._run, self._size, self._is_first = loaded, loaded.size_m, is_first
         self._scene, self._root, self._colour = scene, root, colour
         self._model = scene.add_frame(f"{root}/model", show_axes=False)
         self._com = scene.add_frame(f"{root}/model/com", show_axes=False)
-        self._mesh = self._add_edges(f"{root}/model", colour) if story.target else None
+        self._mesh = self._add_edges(f"{root}/model", colour) if loaded.target else None
         self._ghost = scene.add_frame(f"{root}/truth", show_axes=False, visible=False)
-        if is_first and story.target is not None:
+        if is_first and loaded.target is not None:
             self._add_edges(f"{root}/truth", TRUTH, _GHOST_SCALE)
         self._add_points()
         com = f"{root}/model/com"
@@ -56,46 +56,46 @@ class TargetLayer:
         self._momentum, self._momentum_text = self._add_arrow(f"{com}/momentum", MOMENTUM)
         self._trail = self._add_trail()
 
-    def show(self, frame: int | None, look: Look) -> None:
+    def show(self, frame: int | None, options: RenderOptions) -> None:
         """Draw a frame of the run; nothing of it where it has no estimate."""
-        track = self._story.track
+        track = self._run.track
         known = frame is not None and bool(track.has_estimate[frame])
         self._model.visible = known
-        self._trail.visible = Layer.TRAIL in look.layers and self._story.has_position
-        position_shown = known and Layer.POSITION in look.layers and self._story.has_position
+        self._trail.visible = Layer.TRAIL in options.layers and self._run.has_position
+        position_shown = known and Layer.POSITION in options.layers and self._run.has_position
         self._position_spread.visible = position_shown
-        self._show_ghost(frame, look)
+        self._show_ghost(frame, options)
         if frame is None or not known:
             return
         T = track.T_cam_model[frame]
-        magnified = look.magnified or self._story.magnification(frame)
+        magnified = options.magnified or self._run.magnification(frame)
         self._model.wxyz, self._model.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
         self._com.position = vector(track.com_model[frame])
         if self._mesh is not None:
-            self._mesh.visible = Layer.MESH in look.layers
-        self._body.visible = Layer.BODY in look.layers and self._is_first
-        self._principal.visible = Layer.PRINCIPAL in look.layers and self._is_first
+            self._mesh.visible = Layer.MESH in options.layers
+        self._body.visible = Layer.BODY in options.layers and self._is_first
+        self._principal.visible = Layer.PRINCIPAL in options.layers and self._is_first
         if self._principal.visible:
             self._principal.wxyz = wxyz_of(principal_axes_model(track.inertia_ratios[frame]))
-        self._com_spread.visible = Layer.COM in look.layers and self._story.has_mass_centre
+        self._com_spread.visible = Layer.COM in options.layers and self._run.has_mass_centre
         if self._com_spread.visible:
-            spread = sigma_ellipsoid(self._story.com_spread_model(frame))
+            spread = sigma_ellipsoid(self._run.com_spread_model(frame))
             self._stretch(self._com_spread, spread, magnified)
         if position_shown:
-            spread = sigma_ellipsoid(self._story.position_spread_cam(frame))
+            spread = sigma_ellipsoid(self._run.position_spread_cam(frame))
             self._stretch(self._position_spread, spread, magnified)
             com_cam = T[:3, :3] @ track.com_model[frame] + T[:3, 3]
             self._position_spread.position = vector(com_cam)
-        self._cone.visible = Layer.ATTITUDE in look.layers
+        self._cone.visible = Layer.ATTITUDE in options.layers
         if self._cone.visible:
             sd, length = track.sd[frame, THETA_BODY], 0.5 * self._size
             self._cone.scale = vector(attitude_cone_scale(sd, length, magnified))
-        self._show_arrows(frame, look)
+        self._show_arrows(frame, options)
 
-    def go_on(self, story: Story) -> None:
+    def go_on(self, loaded: LoadedRun) -> None:
         """Draw a later state of the same run, which has more frames, from now on."""
-        found = self._story.points_body is None and story.points_body is not None
-        self._story = story
+        found = self._run.points_body is None and loaded.points_body is not None
+        self._run = loaded
         if found:
             self._add_points()
 
@@ -106,10 +106,10 @@ class TargetLayer:
         self._trail = self._add_trail()
         self._trail.visible = was_visible
 
-    def _show_ghost(self, frame: int | None, look: Look) -> None:
-        evaluation = self._story.evaluation
+    def _show_ghost(self, frame: int | None, options: RenderOptions) -> None:
+        evaluation = self._run.evaluation
         true = evaluation.T_cam_model if evaluation is not None else None
-        shown = frame is not None and true is not None and Layer.TRUTH in look.layers
+        shown = frame is not None and true is not None and Layer.TRUTH in options.layers
         if shown and frame is not None and true is not None:
             T = true[frame]
             shown = bool(np.isfinite(T).all())
@@ -117,8 +117,8 @@ class TargetLayer:
                 self._ghost.wxyz, self._ghost.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
         self._ghost.visible = shown and self._is_first
 
-    def _show_arrows(self, frame: int, look: Look) -> None:
-        track = self._story.track
+    def _show_arrows(self, frame: int, options: RenderOptions) -> None:
+        track = self._run.track
         omega = track.omega_body[frame]
         rate = float(np.linalg.norm(omega))
         moving = rate > 0.0 and bool(np.isfinite(omega).all())
@@ -129,7 +129,7 @@ class TargetLayer:
                 self._rate,
                 self._rate_text,
                 Layer.RATE,
-                length * rate / self._story.largest_rate * direction,
+                length * rate / self._run.largest_rate * direction,
                 f"ω {np.rad2deg(rate):.3f} deg/s",
             ),
             (
@@ -140,7 +140,7 @@ class TargetLayer:
                 "angular momentum",
             ),
         ):
-            shown = layer in look.layers and moving
+            shown = layer in options.layers and moving
             arrow.visible = shown
             text.visible = shown and self._is_first
             if shown:
@@ -149,7 +149,7 @@ class TargetLayer:
 
     def _add_edges(self, root: str, colour: Rgb, scale: float = 1.0) -> viser.LineSegmentsHandle:
         """A line drawing: surfaces one can see through cost a browser more than all the rest."""
-        target = self._story.target
+        target = self._run.target
         assert target is not None
         return self._scene.add_line_segments(
             f"{root}/edges",
@@ -162,14 +162,14 @@ class TargetLayer:
 
     def _add_points(self) -> None:
         """Points that were estimated of a target without a model."""
-        points = self._story.points_body
+        points = self._run.points_body
         if points is None or not len(points):
             return
         self._scene.add_point_cloud(
             f"{self._root}/model/features",
             points.astype(np.float32),
             self._colour,
-            point_size=0.012 * self._story.size_m,
+            point_size=0.012 * self._run.size_m,
             point_shape="circle",
             precision="float32",
         )
@@ -218,7 +218,7 @@ class TargetLayer:
         return arrow, text
 
     def _add_trail(self) -> viser.LineSegmentsHandle:
-        track = self._story.track
+        track = self._run.track
         known = track.has_estimate
         R, T = track.T_cam_model[known, :3, :3], track.T_cam_model[known]
         centres = np.einsum("nij,nj->ni", R, track.com_model[known]) + T[:, :3, 3]

@@ -10,10 +10,9 @@ from PIL import Image
 from playwright.sync_api import Locator, Page
 
 from pcnav.viewer.app import show
+from pcnav.viewer.loaded_run import FinishedRuns, load_run
 from pcnav.viewer.palette import LABELS, RUNS
 from pcnav.viewer.server import LOOPBACK, LocalServer
-from pcnav.viewer.source import FinishedRuns
-from pcnav.viewer.story import load_story
 from tests.browser.conftest import FRAMES, PATIENCE_MS, Opened, Served
 
 Serve = Callable[..., Served]
@@ -173,10 +172,10 @@ def test_an_exported_page_opens_offline(
     runs: tuple[Path, Path], tmp_path: Path, opened: Opened, report_folder: Path
 ) -> None:
     from pcnav.viewer.export import scene_html
-    from pcnav.viewer.look import Look
+    from pcnav.viewer.render_options import RenderOptions
 
     file = tmp_path / "frame.html"
-    file.write_bytes(scene_html((load_story(runs[0]),), 20, Look()))
+    file.write_bytes(scene_html((load_run(runs[0]),), 20, RenderOptions()))
     page = opened(file.as_uri(), offline=True)
     wait_until(page, lambda: cloud_pixels(page) > 5_000, "the cloud")
     page.screenshot(path=report_folder / "exported-1280x800.png")
@@ -205,7 +204,7 @@ def test_a_page_that_was_there_first_looks_at_the_target(
         page = opened(f"http://{LOOPBACK}:{server.get_port()}")
         # As long as it takes to read a run.
         wait_until(page, lambda: bool(server.get_clients()), "the page")
-        show(server, FinishedRuns((load_story(runs[0]),)))
+        show(server, FinishedRuns((load_run(runs[0]),)))
         ready(page)
     finally:
         server.stop()

@@ -8,7 +8,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
 from pcnav.simulation.recording import simulate
 from pcnav.target.satellite import load_target
-from pcnav.viewer.story import Story, load_story
+from pcnav.viewer.loaded_run import LoadedRun, load_run
 
 FRAMES = 12
 
@@ -39,6 +39,6 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Pa
 
 
 @pytest.fixture(scope="session")
-def story(run_folder: Path) -> Story:
+def loaded(run_folder: Path) -> LoadedRun:
     """The same, as the view has it."""
-    return load_story(run_folder)
+    return load_run(run_folder)

@@ -13,49 +13,49 @@ from pcnav.viewer.colouring import (
     residual_colours,
 )
 from pcnav.viewer.frames import ColourBy
-from pcnav.viewer.layers import shot_of, thinned
+from pcnav.viewer.layers import shot_of
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import RESIDUAL_STOPS, UNEXPLAINED
-from pcnav.viewer.story import Story
 from tests.viewer.conftest import FRAMES
 
 LAST = FRAMES - 1
 
 
-def test_returns_of_a_rectangle_lie_in_it(story: Story) -> None:
+def test_returns_of_a_rectangle_lie_in_it(loaded: LoadedRun) -> None:
     """Points said to show a rectangle are carried into its frame: within its sides, near z = 0."""
-    shot = shot_of(story, LAST)
+    shot = shot_of(loaded, LAST)
     assert shot is not None and shot.rectangles is not None
-    assert story.target is not None and story.frames is not None
+    assert loaded.target is not None and loaded.frames is not None
     p_cam = unproject(shot.frame.camera, shot.frame.depth_m)
-    T_model_cam = invert_transform(story.track.T_cam_model[LAST])
+    T_model_cam = invert_transform(loaded.track.T_cam_model[LAST])
     shown = np.unique(shot.rectangles[shot.rectangles >= 0])
     assert len(shown) >= 3
     for number in shown:
-        rectangle = story.target.rectangles[number]
+        rectangle = loaded.target.rectangles[number]
         p_model = transform_points(T_model_cam, p_cam[shot.rectangles == number])
         p_rect = transform_points(invert_transform(rectangle.T_model_rect), p_model)
         half = 0.5 * np.array([rectangle.width_m, rectangle.length_m])
         assert np.all(np.abs(p_rect[:, :2]) < half + 0.1)
         # The noise is along the ray, never longer than along the normal.
-        assert np.abs(p_rect[:, 2]).max() < EXPLAINED_SIGMA * story.frames.sigma_m + 1e-3
+        assert np.abs(p_rect[:, 2]).max() < EXPLAINED_SIGMA * loaded.frames.sigma_m + 1e-3
 
 
-def test_residuals_are_noise_at_the_estimate(story: Story) -> None:
-    shot = shot_of(story, LAST)
-    assert shot is not None and shot.residual_m is not None and story.frames is not None
+def test_residuals_are_noise_at_the_estimate(loaded: LoadedRun) -> None:
+    shot = shot_of(loaded, LAST)
+    assert shot is not None and shot.residual_m is not None and loaded.frames is not None
     known = shot.residual_m[np.isfinite(shot.residual_m)]
-    inner = known[np.abs(known) < 5.0 * story.frames.sigma_m]
+    inner = known[np.abs(known) < 5.0 * loaded.frames.sigma_m]
     assert len(inner) > 0.95 * len(known)
-    assert 0.7 < inner.std() / story.frames.sigma_m < 1.3
+    assert 0.7 < inner.std() / loaded.frames.sigma_m < 1.3
 
 
-def test_a_target_moved_back_is_behind_the_model(story: Story) -> None:
-    shot = shot_of(story, LAST)
-    assert shot is not None and story.target is not None
+def test_a_target_moved_back_is_behind_the_model(loaded: LoadedRun) -> None:
+    shot = shot_of(loaded, LAST)
+    assert shot is not None and loaded.target is not None
     from pcnav.target.rendering import DepthRenderer
 
-    rendered = DepthRenderer(story.target.mesh, shot.frame.camera).render(
-        story.track.T_cam_model[LAST]
+    rendered = DepthRenderer(loaded.target.mesh, shot.frame.camera).render(
+        loaded.track.T_cam_model[LAST]
     )
     moved = np.where(rendered.depth_m > 0.0, rendered.depth_m + np.float32(0.1), np.float32(0.0))
     residual = range_residual(moved.astype(np.float32), rendered)
@@ -65,24 +65,24 @@ def test_a_target_moved_back_is_behind_the_model(story: Story) -> None:
     assert seen.min() > 0.0999 and seen.max() < 0.105
 
 
-def test_frames_without_an_estimate_show_planes_of_their_own(story: Story) -> None:
-    assert not story.track.has_estimate[0]
-    shot = shot_of(story, 0)
+def test_frames_without_an_estimate_show_planes_of_their_own(loaded: LoadedRun) -> None:
+    assert not loaded.track.has_estimate[0]
+    shot = shot_of(loaded, 0)
     assert shot is not None and shot.rectangles is None and shot.residual_m is None
     assert len(np.unique(shot.planes[shot.planes >= 0])) >= 2
     for by in ColourBy:
         assert shot.colours(by, 0.1).shape[-1] == 3
 
 
-def test_flat_parts_of_the_mesh_are_told_apart(story: Story) -> None:
-    assert story.target is not None
-    mesh = story.target.mesh
-    names = face_names(mesh, story.target.rectangles)
+def test_flat_parts_of_the_mesh_are_told_apart(loaded: LoadedRun) -> None:
+    assert loaded.target is not None
+    mesh = loaded.target.mesh
+    names = face_names(mesh, loaded.target.rectangles)
     for number in np.unique(names.plane):
         normals = mesh.face_normals[names.plane == number]
         assert np.allclose(normals @ normals[0], 1.0, atol=1e-6)
     assert {int(k) for k in np.unique(names.rectangle)} - {-1} == set(
-        range(len(story.target.rectangles))
+        range(len(loaded.target.rectangles))
     )
 
 
@@ -107,10 +107,10 @@ def test_scales_end_at_round_numbers() -> None:
     assert [nice_ceiling(v) for v in (0.06, 0.0601, 1.0, 0.9)] == [0.075, 0.075, 1.0, 1.0]
 
 
-def test_a_thinned_frame_keeps_points_and_pixels_together(story: Story) -> None:
-    shot = shot_of(story, LAST)
+def test_a_thinned_frame_keeps_points_and_pixels_together(loaded: LoadedRun) -> None:
+    shot = shot_of(loaded, LAST)
     assert shot is not None
-    thin = thinned(shot, 100)
+    thin = shot.thinned(100)
     assert 50 < len(thin.points) <= 100
     whole = unproject(shot.frame.camera, shot.frame.depth_m)[thin.shown]
     assert np.allclose(thin.points, whole, atol=1e-5)

@@ -7,34 +7,34 @@ from pcnav.evaluation.metrics import evaluate
 from pcnav.recordings.truth import read_truth
 from pcnav.viewer.clock import Playback, speeds
 from pcnav.viewer.curves import Chart, Curve, groups_of, linear_range
+from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.plots import two_sided_ticks
-from pcnav.viewer.story import Story
 
 
-def test_every_group_has_plots_with_units(story: Story) -> None:
-    for name, make in groups_of(story).items():
+def test_every_group_has_plots_with_units(loaded: LoadedRun) -> None:
+    for name, make in groups_of(loaded).items():
         group = make()
         assert group.charts, name
         for chart in group.charts:
             assert "," in chart.label or "/" in chart.label or "%" in chart.label, chart.label
-            assert len(chart.curve.values) == len(chart.time_s) == len(story.track)
+            assert len(chart.curve.values) == len(chart.time_s) == len(loaded.track)
 
 
-def test_errors_are_those_of_the_evaluation(story: Story, run_folder: object) -> None:
+def test_errors_are_those_of_the_evaluation(loaded: LoadedRun, run_folder: object) -> None:
     from pathlib import Path
 
-    assert isinstance(run_folder, Path) and story.target is not None
+    assert isinstance(run_folder, Path) and loaded.target is not None
     truth = read_truth(run_folder.parent / "sequence")
-    errors = evaluate(story.track, truth, story.target.symmetry_transforms).errors
+    errors = evaluate(loaded.track, truth, loaded.target.symmetry_transforms).errors
     assert errors is not None
-    charts = groups_of(story)["mass centre"]().charts
+    charts = groups_of(loaded)["mass centre"]().charts
     assert all(chart.is_error for chart in charts)
     scale = 1e3 if charts[0].label.endswith("mm") else 1.0
     shown = np.column_stack([chart.curve.values for chart in charts])
     assert np.allclose(shown, scale * errors.state[:, 6:9], equal_nan=True)
     for k, chart in enumerate(charts):
         assert chart.curve.high is not None and chart.curve.low is not None
-        expected = 3.0 * scale * story.track.sd[:, 6 + k]
+        expected = 3.0 * scale * loaded.track.sd[:, 6 + k]
         assert np.allclose(chart.curve.high, expected, equal_nan=True)
         assert np.allclose(chart.curve.low, -expected, equal_nan=True)
 
@@ -47,13 +47,13 @@ def test_long_series_keep_their_peaks() -> None:
     assert {12_345, 67_890} <= set(at.tolist())
 
 
-def test_inertia_is_shaded_where_data_halved_the_doubt(story: Story) -> None:
+def test_inertia_is_shaded_where_data_halved_the_doubt(loaded: LoadedRun) -> None:
     for chart, name in zip(
-        groups_of(story)["inertia ratios"]().charts,
+        groups_of(loaded)["inertia ratios"]().charts,
         ("i_yy", "i_zz", "i_xy", "i_xz", "i_yz"),
         strict=True,
     ):
-        verdict = story.verdicts[name]
+        verdict = loaded.verdicts[name]
         assert chart.known is not None
         if not verdict.from_data:
             assert not chart.known.any()

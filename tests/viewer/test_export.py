@@ -16,37 +16,37 @@ from pcnav.viewer.export import (
     shown_frame,
     write_whole,
 )
-from pcnav.viewer.look import Look
-from pcnav.viewer.playback import recording_page
-from pcnav.viewer.story import Story
+from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.render_options import RenderOptions
+from pcnav.viewer.server import recording_page
 from tests.viewer.conftest import FRAMES
 
 
-def test_the_page_of_a_frame_holds_all_it_needs(story: Story) -> None:
-    html = scene_html((story,), FRAMES - 1, Look()).decode()
+def test_the_page_of_a_frame_holds_all_it_needs(loaded: LoadedRun) -> None:
+    html = scene_html((loaded,), FRAMES - 1, RenderOptions()).decode()
     assert "__VISER_EMBED_DATA__" in html
     tags = re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=[\"']?(https?:)", html)
     assert tags == []
 
 
-def test_a_recording_grows_with_its_frames_and_plays_in_a_page(story: Story) -> None:
+def test_a_recording_grows_with_its_frames_and_plays_in_a_page(loaded: LoadedRun) -> None:
     told: list[tuple[int, int]] = []
-    content = recording((story,), Look(), lambda done, total: told.append((done, total)))
+    content = recording((loaded,), RenderOptions(), lambda done, total: told.append((done, total)))
     assert told[-1] == (FRAMES, FRAMES)
     assert len(content) > 10_000
     page = recording_page(content).decode()
     assert page.count("__VISER_EMBED_DATA__=") == 1
 
 
-def test_long_runs_are_thinned_out(story: Story) -> None:
-    assert recorded_frames(story) == tuple(range(FRAMES))
+def test_long_runs_are_thinned_out(loaded: LoadedRun) -> None:
+    assert recorded_frames(loaded) == tuple(range(FRAMES))
 
 
-def test_a_frame_beyond_the_run_is_refused(story: Story) -> None:
-    assert shown_frame(story, 3) == 3
-    assert story.track.has_estimate[shown_frame(story, None)]
+def test_a_frame_beyond_the_run_is_refused(loaded: LoadedRun) -> None:
+    assert shown_frame(loaded, 3) == 3
+    assert loaded.track.has_estimate[shown_frame(loaded, None)]
     with pytest.raises(InputError, match=rf"below {FRAMES}"):
-        shown_frame(story, FRAMES)
+        shown_frame(loaded, FRAMES)
 
 
 def test_files_are_not_replaced_unasked(tmp_path: Path) -> None:

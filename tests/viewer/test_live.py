@@ -23,9 +23,9 @@ from pcnav.runs.results import FrameEstimate
 from pcnav.target.satellite import load_target
 from pcnav.viewer.app import serve
 from pcnav.viewer.live import LiveRun, run_live
-from pcnav.viewer.live_rows import depth_row, starting_depth_story
+from pcnav.viewer.live_rows import depth_row, starting_depth_run
+from pcnav.viewer.loaded_run import LoadedRun, load_run
 from pcnav.viewer.server import LocalServer
-from pcnav.viewer.story import Story, load_story
 from tests.viewer.conftest import FRAMES, small_pipeline
 
 
@@ -70,44 +70,44 @@ def live(run_folder: Path) -> LiveRun:
     sequence = open_sequence(run_folder.parent / "sequence")
     assert sequence.info.target_mesh is not None
     target = load_target(sequence.info.target_mesh)
-    return LiveRun(starting_depth_story("live", sequence, target, pipeline))
+    return LiveRun(starting_depth_run("live", sequence, target, pipeline))
 
 
 def test_the_newest_edition_has_all_frames_so_far(
-    live: LiveRun, estimates: list[FrameEstimate], story: Story
+    live: LiveRun, estimates: list[FrameEstimate], loaded: LoadedRun
 ) -> None:
-    assert len(live.edition.stories[0].track) == 0
+    assert len(live.snapshot.runs[0].track) == 0
     for count, estimate in enumerate(estimates, start=1):
         live.add(depth_row(estimate))
-        edition = live.edition
-        assert edition.is_live and len(edition.stories[0].track) == count
-    track, stored = live.edition.stories[0].track, story.track
+        snapshot = live.snapshot
+        assert snapshot.is_live and len(snapshot.runs[0].track) == count
+    track, stored = live.snapshot.runs[0].track, loaded.track
     # The file holds attitudes as quaternions.
     assert np.allclose(track.T_cam_model, stored.T_cam_model, atol=1e-12, equal_nan=True)
     assert np.array_equal(track.sd, stored.sd, equal_nan=True)
     assert track.status == stored.status
     assert np.array_equal(track.n_rectangles, stored.n_rectangles)
-    covariance = live.edition.stories[0].com_spread_model(FRAMES - 1)
-    assert np.array_equal(covariance, story.com_spread_model(FRAMES - 1))
+    covariance = live.snapshot.runs[0].com_spread_model(FRAMES - 1)
+    assert np.array_equal(covariance, loaded.com_spread_model(FRAMES - 1))
 
 
 def test_what_was_handed_out_does_not_change(live: LiveRun, estimates: list[FrameEstimate]) -> None:
     for estimate in estimates[:3]:
         live.add(depth_row(estimate))
-    early = live.edition.stories[0].track
+    early = live.snapshot.runs[0].track
     before = early.T_cam_model.copy()
     for repeat in range(200):
         for estimate in estimates[3:6]:
             live.add(depth_row(estimate))
-        assert len(live.edition.stories[0].track) == 3 + 3 * (repeat + 1)
+        assert len(live.snapshot.runs[0].track) == 3 + 3 * (repeat + 1)
     assert np.array_equal(early.T_cam_model, before, equal_nan=True)
 
 
-def test_an_ended_run_is_shown_as_its_result(live: LiveRun, story: Story) -> None:
-    first = live.edition
-    live.finish(story)
-    assert live.edition.stories == (story,)
-    assert not live.edition.is_live and live.edition.number != first.number
+def test_an_ended_run_is_shown_as_its_result(live: LiveRun, loaded: LoadedRun) -> None:
+    first = live.snapshot
+    live.finish(loaded)
+    assert live.snapshot.runs == (loaded,)
+    assert not live.snapshot.is_live and live.snapshot.number != first.number
 
 
 def test_results_are_the_same_bytes_with_and_without_the_view(
@@ -167,19 +167,19 @@ def test_a_stuck_page_does_not_hold_up_the_run(
             assert len(buffer.message_from_id) < 500
             # Processor time of the run's own thread, which other programs do not change.
             assert longest < 0.01
-            assert len(live.edition.stories[0].track) == 1 + 100 * (FRAMES - 1)
+            assert len(live.snapshot.runs[0].track) == 1 + 100 * (FRAMES - 1)
     finally:
         server.stop()
 
 
 def test_a_killed_run_can_be_looked_at(run_folder: Path, tmp_path: Path) -> None:
     """While frames are written the folder has all that the view needs."""
-    seen: list[Story] = []
+    seen: list[LoadedRun] = []
 
     def look(estimate: FrameEstimate, total: int) -> None:
         if estimate.index == FRAMES - 1:
             (staging,) = tmp_path.glob(".result-*")
-            seen.append(load_story(staging))
+            seen.append(load_run(staging))
 
     run(run_folder.parent / "sequence", tmp_path / "result", small_pipeline(), on_estimate=look)
     assert seen[0].target is not None and seen[0].frames is not None

@@ -12,8 +12,8 @@ from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.simulation.image_recording import simulate_images
 from pcnav.viewer.live import LiveView
+from pcnav.viewer.loaded_run import LoadedRun, load_run
 from pcnav.viewer.server import LocalServer
-from pcnav.viewer.story import Story, load_story
 
 _FRAMES = 60
 
@@ -26,30 +26,30 @@ def shortened(name: str) -> tuple[Path, Pipeline]:
     return path, pipeline.model_copy(update={"scenario": scenario})
 
 
-def seen(work: Work) -> tuple[Story, Story]:
-    """The last story of a run that goes on, and that of its result."""
+def seen(work: Work) -> tuple[LoadedRun, LoadedRun]:
+    """The last snapshot of a run that goes on, and that of its result."""
     served: list[LocalServer] = []
     counts: list[int] = []
     view = LiveView(0, served.append)
 
     def advance(done: int, total: int, failed: int = 0, /) -> None:
-        edition = view.edition
-        assert edition.is_live and len(edition.stories[0].track) == done
+        snapshot = view.snapshot
+        assert snapshot.is_live and len(snapshot.runs[0].track) == done
         counts.append(done)
 
     try:
         done = work(advance, view)
         assert counts == list(range(1, _FRAMES + 1)) and len(served) == 1
-        last = view.edition.stories[0]
-        stored = load_story(done.folder)
+        last = view.snapshot.runs[0]
+        stored = load_run(done.folder)
         view.finish(stored)
-        assert view.edition.stories == (stored,) and not view.edition.is_live
+        assert view.snapshot.runs == (stored,) and not view.snapshot.is_live
     finally:
         view.stop()
     return last, stored
 
 
-def assert_same(live: Story, stored: Story, *, rates: bool = True) -> None:
+def assert_same(live: LoadedRun, stored: LoadedRun, *, rates: bool = True) -> None:
     assert live.counted == stored.counted
     assert live.has_position == stored.has_position and live.has_inertia == stored.has_inertia
     ours, theirs = live.track, stored.track

@@ -18,7 +18,7 @@ from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.simulation.image_recording import simulate_images
 from pcnav.viewer.curves import Chart, groups_of
-from pcnav.viewer.story import load_story
+from pcnav.viewer.loaded_run import load_run
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "deg": 1.0, "deg/s": 1.0, "": 1.0}
 _GROUPS = {
@@ -91,7 +91,7 @@ def _rms(charts: tuple[Chart, ...]) -> float:
 
 
 def test_errors_are_those_of_metrics_json(result: Path) -> None:
-    groups, errors = groups_of(load_story(result)), _metrics(result)["errors"]
+    groups, errors = groups_of(load_run(result)), _metrics(result)["errors"]
     for key, name in _GROUPS.items():
         charts = groups[name]().charts if name in groups else ()
         assert any(chart.is_error for chart in charts) is (key in errors), name
@@ -100,12 +100,12 @@ def test_errors_are_those_of_metrics_json(result: Path) -> None:
 
 
 def test_innovations_are_those_of_metrics_json(result: Path) -> None:
-    story, stored = load_story(result), _metrics(result)["nis"]
-    charts = [each for each in groups_of(story)["consistency"]().charts if "NIS" in each.label]
+    loaded, stored = load_run(result), _metrics(result)["nis"]
+    charts = [each for each in groups_of(loaded)["consistency"]().charts if "NIS" in each.label]
     if not stored["frames"]:
         assert charts == []
         return
-    degrees = story.track.nis_dof
+    degrees = loaded.track.nis_dof
     ratio = charts[0].curve.values
     shown = np.isfinite(ratio)
     squared = ratio[shown] * chi_square.quantile(0.95, degrees[shown])

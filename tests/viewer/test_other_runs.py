@@ -1,4 +1,4 @@
-"""Runs on feature tracks, on images and on attitudes are stories, too."""
+"""Runs on feature tracks, on images and on attitudes are runs, too."""
 
 from pathlib import Path
 
@@ -15,10 +15,9 @@ from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.viewer.controls import available_layers
 from pcnav.viewer.curves import groups_of
-from pcnav.viewer.look import Layer
+from pcnav.viewer.loaded_run import Snapshot, load_run
 from pcnav.viewer.panels import facts_html
-from pcnav.viewer.source import Edition
-from pcnav.viewer.story import load_story
+from pcnav.viewer.render_options import Layer
 
 _FRAMES = 150
 
@@ -31,18 +30,18 @@ def test_a_run_on_feature_tracks_has_points_and_errors(tmp_path: Path) -> None:
     pipeline = pipeline.model_copy(update={"scenario": scenario})
     simulate_tracks(pipeline, tmp_path / "tracks", False, path)
     summary = run_features(tmp_path / "tracks", tmp_path / "result", pipeline)
-    story = load_story(summary.folder)
-    assert len(story.track) == _FRAMES
-    assert story.counted == "features"
-    assert story.evaluation is not None
-    known = np.flatnonzero(story.track.has_estimate)
+    loaded = load_run(summary.folder)
+    assert len(loaded.track) == _FRAMES
+    assert loaded.counted == "features"
+    assert loaded.evaluation is not None
+    known = np.flatnonzero(loaded.track.has_estimate)
     assert known.size
-    if story.points_body is not None and len(story.points_body):
-        assert np.isfinite(story.points_body).all()
-    assert "mass centre" not in groups_of(story)
-    assert groups_of(story)["position"]().charts[0].is_error
-    assert "range" in facts_html(story, int(known[-1]), None)
-    layers = available_layers(Edition((story,), 0, is_live=False))
+    if loaded.points_body is not None and len(loaded.points_body):
+        assert np.isfinite(loaded.points_body).all()
+    assert "mass centre" not in groups_of(loaded)
+    assert groups_of(loaded)["position"]().charts[0].is_error
+    assert "range" in facts_html(loaded, int(known[-1]), None)
+    layers = available_layers(Snapshot((loaded,), 0, is_live=False))
     assert Layer.POINTS not in layers and Layer.RATE in layers
 
 
@@ -67,16 +66,16 @@ def test_a_run_on_images_has_attitude_and_rate_only(tmp_path: Path) -> None:
     )
     write_states(tmp_path, track)
     (tmp_path / "pipeline.toml").write_text(pipeline_toml(Pipeline(), {}))
-    story = load_story(tmp_path)
-    assert story.track.has_estimate.tolist() == [False, True, True, True, True]
-    assert np.allclose(story.track.T_cam_model[1:, :3, :3], R[1:])
-    assert not story.has_position
-    assert list(groups_of(story)) == ["attitude", "rate", "consistency"]
-    for make in groups_of(story).values():
+    loaded = load_run(tmp_path)
+    assert loaded.track.has_estimate.tolist() == [False, True, True, True, True]
+    assert np.allclose(loaded.track.T_cam_model[1:, :3, :3], R[1:])
+    assert not loaded.has_position
+    assert list(groups_of(loaded)) == ["attitude", "rate", "consistency"]
+    for make in groups_of(loaded).values():
         assert make().charts
-    facts = facts_html(story, 2, None)
+    facts = facts_html(loaded, 2, None)
     assert "range" not in facts and "deg/s" in facts and "nan" not in facts
-    layers = available_layers(Edition((story,), 0, is_live=False))
+    layers = available_layers(Snapshot((loaded,), 0, is_live=False))
     assert Layer.POSITION not in layers and Layer.BODY in layers
 
 
@@ -88,12 +87,12 @@ def test_a_run_on_attitudes_has_rotation_and_inertia(tmp_path: Path) -> None:
     pipeline = pipeline.model_copy(update={"scenario": scenario})
     simulate_attitudes(pipeline, tmp_path / "recording")
     summary = run_attitudes(tmp_path / "recording", tmp_path / "result", pipeline)
-    story = load_story(summary.folder)
-    assert len(story.track) == 60 and not story.has_position
-    assert list(groups_of(story)) == ["attitude", "rate", "inertia ratios", "consistency"]
-    for make in groups_of(story).values():
+    loaded = load_run(summary.folder)
+    assert len(loaded.track) == 60 and not loaded.has_position
+    assert list(groups_of(loaded)) == ["attitude", "rate", "inertia ratios", "consistency"]
+    for make in groups_of(loaded).values():
         assert make().charts
-    facts = facts_html(story, 59, None)
+    facts = facts_html(loaded, 59, None)
     assert "over Ixx" in facts and "nan" not in facts
-    layers = available_layers(Edition((story,), 0, is_live=False))
+    layers = available_layers(Snapshot((loaded,), 0, is_live=False))
     assert Layer.PRINCIPAL in layers and Layer.POSITION not in layers

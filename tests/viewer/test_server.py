@@ -14,16 +14,15 @@ from websockets.sync.connection import Connection
 from websockets.typing import Origin, Subprotocol
 
 from pcnav.viewer.app import serve
+from pcnav.viewer.loaded_run import FinishedRuns, LoadedRun
 from pcnav.viewer.server import LocalServer, is_own_origin
-from pcnav.viewer.source import FinishedRuns
-from pcnav.viewer.story import Story
 
 _PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 
 @pytest.fixture
-def server(story: Story) -> Iterator[LocalServer]:
-    served = serve(FinishedRuns((story,)), "127.0.0.1", 0)
+def server(loaded: LoadedRun) -> Iterator[LocalServer]:
+    served = serve(FinishedRuns((loaded,)), "127.0.0.1", 0)
     yield served
     served.stop()
 
@@ -94,8 +93,8 @@ def test_a_name_that_was_made_to_point_here_is_foreign() -> None:
     assert not is_own_origin("http://other:8080", "10.0.0.5:8080", "0.0.0.0")
 
 
-def test_a_taken_port_moves_up(server: LocalServer, story: Story) -> None:
-    second = serve(FinishedRuns((story,)), "127.0.0.1", server.get_port())
+def test_a_taken_port_moves_up(server: LocalServer, loaded: LoadedRun) -> None:
+    second = serve(FinishedRuns((loaded,)), "127.0.0.1", server.get_port())
     try:
         assert second.get_port() > server.get_port()
     finally:

@@ -12,20 +12,19 @@ import pytest
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.viewer import app
 from pcnav.viewer.controls import _notes_html
-from pcnav.viewer.look import DEFAULT_LAYERS, Layer, Look
+from pcnav.viewer.loaded_run import FinishedRuns, LoadedRun, Snapshot
+from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 from pcnav.viewer.server import LOOPBACK, LocalServer
-from pcnav.viewer.source import Edition, FinishedRuns
-from pcnav.viewer.story import Story
 from pcnav.viewer.target_layer import TargetLayer
 from tests.viewer.conftest import FRAMES
 
 
-def test_a_trail_that_is_off_stays_off(story: Story) -> None:
+def test_a_trail_that_is_off_stays_off(loaded: LoadedRun) -> None:
     server = LocalServer(LOOPBACK, 0, "trail")
     try:
-        layer = TargetLayer(server.scene, "/run_1", story, (255, 0, 0), is_first=True)
+        layer = TargetLayer(server.scene, "/run_1", loaded, (255, 0, 0), is_first=True)
         for layers, shown in ((DEFAULT_LAYERS - {Layer.TRAIL}, False), (DEFAULT_LAYERS, True)):
-            layer.show(FRAMES - 1, Look(layers=layers))
+            layer.show(FRAMES - 1, RenderOptions(layers=layers))
             layer.refresh_trail()
             assert layer._trail.visible is shown
     finally:
@@ -33,7 +32,7 @@ def test_a_trail_that_is_off_stays_off(story: Story) -> None:
 
 
 def test_a_page_that_leaves_early_leaves_no_session(
-    story: Story, monkeypatch: pytest.MonkeyPatch
+    loaded: LoadedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its session is built in one thread while another is told that it has gone."""
     building, closed = threading.Event(), threading.Event()
@@ -55,7 +54,7 @@ def test_a_page_that_leaves_early_leaves_no_session(
         get_clients=lambda: clients,
     )
     monkeypatch.setattr(app, "Session", Slow)
-    app.show(server, FinishedRuns((story,)))
+    app.show(server, FinishedRuns((loaded,)))
     client = clients[7]
     thread = threading.Thread(target=calls["connect"], args=(client,))
     thread.start()
@@ -66,18 +65,18 @@ def test_a_page_that_leaves_early_leaves_no_session(
     assert closed.is_set()
 
 
-def test_what_a_folder_says_is_text(story: Story) -> None:
-    foreign = replace(story, notes=("<img src=x onerror=alert(1)>",))
-    html = _notes_html(Edition((foreign,), 0, is_live=False))
+def test_what_a_folder_says_is_text(loaded: LoadedRun) -> None:
+    foreign = replace(loaded, notes=("<img src=x onerror=alert(1)>",))
+    html = _notes_html(Snapshot((foreign,), 0, is_live=False))
     assert "<img" not in html and "&lt;img" in html
 
 
-def test_the_position_is_told_in_the_axes_of_an_eccentric_orbit(story: Story) -> None:
+def test_the_position_is_told_in_the_axes_of_an_eccentric_orbit(loaded: LoadedRun) -> None:
     orbit = KeplerOrbit(1e-3, 0.3, 0.4)
     P = np.diag([1.0, 4.0, 9.0])
-    later = replace(story.track, time_s=story.track.time_s + 2000.0)
+    later = replace(loaded.track, time_s=loaded.track.time_s + 2000.0)
     told = replace(
-        story, track=later, orbit=orbit, position_covariance=np.tile(P, (len(later), 1, 1))
+        loaded, track=later, orbit=orbit, position_covariance=np.tile(P, (len(later), 1, 1))
     )
     k = FRAMES - 1
     R_cam_world = later.T_cam_model[k, :3, :3] @ later.R_world_body[k].T

@@ -1,9 +1,10 @@
-"""The story of a run: all that the view shows of it, read once from its result folder."""
+"""A loaded run: all that the view shows of it, read once from its result folder."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class Story:
+class LoadedRun:
     """One run, whatever estimated it. What a kind of run does not have is None or empty."""
 
     name: str
@@ -105,6 +106,12 @@ class Story:
         known = rates[np.isfinite(rates)]
         return float(known.max()) if known.size and known.max() > 0.0 else 1.0
 
+    @property
+    def first_frame(self) -> int:
+        """The first frame with an estimate, else the first."""
+        known = np.flatnonzero(self.track.has_estimate)
+        return int(known[0]) if known.size else 0
+
     def nearest_frame(self, time_s: float) -> int | None:
         """The frame at a time, to within half of the usual distance of frames."""
         if not len(self.track):
@@ -148,11 +155,41 @@ class Story:
         return _block(self.com_covariance, self.track, frame, COM_MODEL)
 
 
+@dataclass(frozen=True)
+class Snapshot:
+    """The runs as of now."""
+
+    runs: tuple[LoadedRun, ...]
+    number: int
+    """Grows with every change."""
+    is_live: bool
+    """Whether more frames are to come."""
+
+
+class Source(Protocol):
+    """Gives the newest snapshot at any time, to any thread."""
+
+    @property
+    def snapshot(self) -> Snapshot: ...
+
+
+class FinishedRuns:
+    """Runs that do not change."""
+
+    def __init__(self, runs: tuple[LoadedRun, ...]) -> None:
+        self._snapshot = Snapshot(runs, 0, is_live=False)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """Always the same."""
+        return self._snapshot
+
+
 _DEPTH_MARKER = "com_x_m"
 """A column of depth runs alone."""
 
 
-def load_story(folder: Path) -> Story:
+def load_run(folder: Path) -> LoadedRun:
     """Read a result folder of any kind, finished or not. Raises `InputError` when it is none."""
     refuse_what_is_no_run(folder)
     header = _header(folder / STATES_FILE)
@@ -166,8 +203,8 @@ def load_story(folder: Path) -> Story:
     if is_unfinished(folder):
         with whole_rows(folder) as rows:
             told = f"unfinished: {{}} frames so far in {folder.name}"
-            return _depth_story(folder, rows, False, told)
-    return _depth_story(folder, folder, True, None)
+            return _depth_run(folder, rows, False, told)
+    return _depth_run(folder, folder, True, None)
 
 
 def depth_inputs(pipeline: Pipeline, path: Path) -> tuple[Target, Sequence | None]:
@@ -208,7 +245,7 @@ def records_by_time(records: tuple[RectangleRecord, ...]) -> Records:
     return {time_s: tuple(rows) for time_s, rows in grouped.items()}
 
 
-def _depth_story(folder: Path, tables: Path, finished: bool, told: str | None) -> Story:
+def _depth_run(folder: Path, tables: Path, finished: bool, told: str | None) -> LoadedRun:
     pipeline = read_pipeline(folder / PIPELINE_FILE)
     track = read_track(tables, with_covariance=finished)
     target, sequence = depth_inputs(pipeline, folder / PIPELINE_FILE)
@@ -224,7 +261,7 @@ def _depth_story(folder: Path, tables: Path, finished: bool, told: str | None) -
     if track.covariance is not None:
         # The rest of a long run's covariances, 3 kB a frame, is not kept.
         blocks = [track.covariance[:, block, block].copy() for block in (R_HILL, COM_MODEL)]
-    return Story(
+    return LoadedRun(
         name=folder.name,
         track=without_covariance(track),
         counted="rectangles",
@@ -272,7 +309,7 @@ def _header(path: Path) -> frozenset[str]:
         raise InputError(path, "file", f"expected a readable text file ({error})") from error
 
 
-_Loader = Callable[[Path, Pipeline], Story]
+_Loader = Callable[[Path, Pipeline], LoadedRun]
 
 
 @dataclass(frozen=True)

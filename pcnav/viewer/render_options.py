@@ -35,7 +35,7 @@ DEFAULT_LAYERS = frozenset(Layer) - {Layer.PRINCIPAL, Layer.ATTITUDE, Layer.MOME
 
 
 @dataclass(frozen=True)
-class Look:
+class RenderOptions:
     """How a frame is to be drawn."""
 
     layers: frozenset[Layer] = DEFAULT_LAYERS

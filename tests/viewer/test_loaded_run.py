@@ -11,68 +11,68 @@ from pcnav.recordings.truth import read_truth
 from pcnav.runs.results import read_track
 from pcnav.viewer.curves import groups_of
 from pcnav.viewer.layers import shot_of
+from pcnav.viewer.loaded_run import LoadedRun, load_run
 from pcnav.viewer.panels import facts_html, measurements_html
-from pcnav.viewer.story import Story, load_story
 from tests.viewer.conftest import FRAMES
 
 
-def test_the_track_is_that_of_the_result_folder(story: Story, run_folder: Path) -> None:
-    assert len(story.track) == FRAMES
-    assert np.array_equal(story.track.r_hill, read_track(run_folder).r_hill, equal_nan=True)
+def test_the_track_is_that_of_the_result_folder(loaded: LoadedRun, run_folder: Path) -> None:
+    assert len(loaded.track) == FRAMES
+    assert np.array_equal(loaded.track.r_hill, read_track(run_folder).r_hill, equal_nan=True)
 
 
-def test_covariances_are_those_of_the_result_folder(story: Story, run_folder: Path) -> None:
+def test_covariances_are_those_of_the_result_folder(loaded: LoadedRun, run_folder: Path) -> None:
     P = read_track(run_folder, with_covariance=True).covariance
     assert P is not None
-    assert np.array_equal(story.com_spread_model(FRAMES - 1), P[-1, 6:9, 6:9])
+    assert np.array_equal(loaded.com_spread_model(FRAMES - 1), P[-1, 6:9, 6:9])
     # The camera of this sequence is at rest in the turning frame: only the axes differ.
-    spread = story.position_spread_cam(FRAMES - 1)
+    spread = loaded.position_spread_cam(FRAMES - 1)
     assert np.allclose(np.linalg.eigvalsh(spread), np.linalg.eigvalsh(P[-1, :3, :3]), rtol=1e-6)
-    assert story.track.covariance is None
+    assert loaded.track.covariance is None
 
 
-def test_the_ghost_is_where_the_truth_says(story: Story, run_folder: Path) -> None:
+def test_the_ghost_is_where_the_truth_says(loaded: LoadedRun, run_folder: Path) -> None:
     truth = read_truth(run_folder.parent / "sequence")
     assert truth is not None and truth.T_cam_model is not None
-    assert story.evaluation is not None and story.evaluation.T_cam_model is not None
-    assert np.allclose(story.evaluation.T_cam_model, truth.T_cam_model)
+    assert loaded.evaluation is not None and loaded.evaluation.T_cam_model is not None
+    assert np.allclose(loaded.evaluation.T_cam_model, truth.T_cam_model)
 
 
-def test_outlines_of_used_rectangles_lie_on_returns(story: Story) -> None:
-    shot = shot_of(story, FRAMES - 1)
+def test_outlines_of_used_rectangles_lie_on_returns(loaded: LoadedRun) -> None:
+    shot = shot_of(loaded, FRAMES - 1)
     assert shot is not None
     depth_m = shot.frame.depth_m[shot.frame.depth_m > 0.0]
-    for record in story.records[shot.frame.time_s]:
+    for record in loaded.records[shot.frame.time_s]:
         corners = record.corners_cam
         assert depth_m.min() - 0.2 < corners[:, 2].min()
         assert corners[:, 2].max() < depth_m.max() + 0.2
 
 
-def test_facts_are_those_of_the_result_files(story: Story) -> None:
+def test_facts_are_those_of_the_result_files(loaded: LoadedRun) -> None:
     last = FRAMES - 1
-    facts = facts_html(story, last, None)
+    facts = facts_html(loaded, last, None)
     assert "locked" in facts
-    assert f"{np.linalg.norm(story.track.r_hill[last]):.3f} m" in facts
-    listed = measurements_html(story.records[float(story.track.time_s[last])])
-    for record in story.records[float(story.track.time_s[last])]:
+    assert f"{np.linalg.norm(loaded.track.r_hill[last]):.3f} m" in facts
+    listed = measurements_html(loaded.records[float(loaded.track.time_s[last])])
+    for record in loaded.records[float(loaded.track.time_s[last])]:
         assert record.rectangle in listed
         assert record.outcome in listed
     # Acquiring: nothing is known yet.
-    assert "none" in facts_html(story, 0, None)
+    assert "none" in facts_html(loaded, 0, None)
 
 
-def test_text_of_a_run_cannot_become_markup(story: Story) -> None:
+def test_text_of_a_run_cannot_become_markup(loaded: LoadedRun) -> None:
     from dataclasses import replace
 
-    record = story.records[float(story.track.time_s[-1])][0]
+    record = loaded.records[float(loaded.track.time_s[-1])][0]
     listed = measurements_html((replace(record, rectangle="<script>x</script>"),))
     assert "<script>" not in listed
 
 
-def test_frames_of_another_run_are_matched_by_the_nearest_time(story: Story) -> None:
-    step = float(story.track.time_s[1] - story.track.time_s[0])
-    assert story.nearest_frame(float(story.track.time_s[3]) + 0.4 * step) == 3
-    assert story.nearest_frame(float(story.track.time_s[-1]) + 0.6 * step) is None
+def test_frames_of_another_run_are_matched_by_the_nearest_time(loaded: LoadedRun) -> None:
+    step = float(loaded.track.time_s[1] - loaded.track.time_s[0])
+    assert loaded.nearest_frame(float(loaded.track.time_s[3]) + 0.4 * step) == 3
+    assert loaded.nearest_frame(float(loaded.track.time_s[-1]) + 0.6 * step) is None
 
 
 def test_states_are_shown_when_the_frames_are_gone(run_folder: Path, tmp_path: Path) -> None:
@@ -83,13 +83,13 @@ def test_states_are_shown_when_the_frames_are_gone(run_folder: Path, tmp_path: P
         "sequence = 'gone'" if line.startswith("sequence =") else line for line in text.splitlines()
     ]
     (copy / "pipeline.toml").write_text("\n".join(lines))
-    story = load_story(copy)
-    assert story.frames is None
-    assert any("states only" in note for note in story.notes)
-    assert shot_of(story, FRAMES - 1) is None
-    assert "locked" in facts_html(story, FRAMES - 1, None)
+    loaded = load_run(copy)
+    assert loaded.frames is None
+    assert any("states only" in note for note in loaded.notes)
+    assert shot_of(loaded, FRAMES - 1) is None
+    assert "locked" in facts_html(loaded, FRAMES - 1, None)
     # Without a truth the estimates are drawn.
-    assert not groups_of(story)["position"]().charts[0].is_error
+    assert not groups_of(loaded)["position"]().charts[0].is_error
 
 
 @pytest.mark.parametrize("cut", [0, 1, 700, 2000, 4000])
@@ -103,27 +103,27 @@ def test_a_run_that_was_killed_shows_its_whole_frames(
         content = (run_folder / name).read_bytes()
         (part / name).write_bytes(content[: len(content) - cut] if cut else content)
     shutil.copy(run_folder / "pipeline.toml", part)
-    story = load_story(part)
-    whole = load_story(run_folder)
-    n = len(story.track)
+    loaded = load_run(part)
+    whole = load_run(run_folder)
+    n = len(loaded.track)
     assert n == FRAMES if cut == 0 else n < FRAMES
-    assert np.array_equal(story.track.T_cam_model, whole.track.T_cam_model[:n], equal_nan=True)
-    assert story.notes == (f"unfinished: {n} frames so far in {part.name}",)
+    assert np.array_equal(loaded.track.T_cam_model, whole.track.T_cam_model[:n], equal_nan=True)
+    assert loaded.notes == (f"unfinished: {n} frames so far in {part.name}",)
 
 
 def test_a_run_that_has_only_begun_is_an_empty_one(run_folder: Path, tmp_path: Path) -> None:
     for name in ("states.csv", "poses.tum", "measurements.csv"):
         (tmp_path / name).touch()
     shutil.copy(run_folder / "pipeline.toml", tmp_path)
-    assert len(load_story(tmp_path).track) == 0
+    assert len(load_run(tmp_path).track) == 0
 
 
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"states\.csv"):
-        load_story(tmp_path)
+        load_run(tmp_path)
 
 
 def test_an_unfinished_run_of_the_name_is_pointed_at(tmp_path: Path) -> None:
     (tmp_path / ".result-ab12").mkdir()
     with pytest.raises(InputError, match=r"\.result-ab12"):
-        load_story(tmp_path / "result")
+        load_run(tmp_path / "result")
