@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from pcnav.core.arrays import FloatArray
+from pcnav.core.statistics import MeanSquared, finite
 from pcnav.report.envelope import envelope
 from pcnav.report.figures import (
     ALERT,
@@ -26,7 +27,6 @@ from pcnav.report.figures import (
 )
 
 from .folder import StudyFigure
-from .statistics import MeanSquared, known
 
 _ROW_IN = 1.15
 _LOG_FROM = 20.0
@@ -114,7 +114,7 @@ def error_panel(
         reach = [np.abs(error[settled_from:]), np.array([0.0 if printed is None else printed])]
         if sd is not None:
             reach.append(np.array([3.0 * np.nanmedian(sd[settled_from:])]))
-        top = 1.1 * float(known(np.concatenate(reach)).max(initial=0.0))
+        top = 1.1 * float(finite(np.concatenate(reach)).max(initial=0.0))
         limits = (-top, top) if top > 0.0 else None
     return Panel(
         label,
@@ -126,14 +126,13 @@ def error_panel(
     )
 
 
-def mean_squared_panel(label: str, judged: Sequence[MeanSquared]) -> Panel:
-    """Means of squared normalised errors (n,) of the runs, against their 95 % bounds."""
-    mean, low, high = np.array([(each.mean, each.lower, each.upper) for each in judged]).T
+def mean_squared_panel(label: str, judged: MeanSquared) -> Panel:
+    """Means of squared normalised errors (n,) over the runs, against their 95 % bounds."""
     return Panel(
         label,
-        [Curve("mean over the runs", mean, colour=LINE)],
+        [Curve("mean over the runs", judged.mean, colour=LINE)],
         Scale.FROM_ZERO,
-        bands={"95 % bounds": (low, high)},
+        bands={"95 % bounds": (judged.lower, judged.upper)},
         base=1.0,
     )
 
@@ -251,7 +250,7 @@ def _limit(axes: Axes, panel: Panel, same: Sequence[Panel]) -> None:
     bounds = [bound for each in same for pair in each.bands.values() for bound in pair]
     levels = [np.array(list(each.levels.values())) for each in same]
     everything, drawn, band = (
-        known(np.concatenate([*parts, np.zeros(0)]))
+        finite(np.concatenate([*parts, np.zeros(0)]))
         for parts in ([*curves, *bounds, *levels], curves, bounds)
     )
     if panel.scale is Scale.ABOUT_ZERO:
@@ -265,7 +264,7 @@ def _limit(axes: Axes, panel: Panel, same: Sequence[Panel]) -> None:
         top = float(np.abs(everything).max()) or 1.0
         axes.set_ylim(-1.1 * top, 1.1 * top)
     elif panel.scale is Scale.SETTLED:
-        late = known(
+        late = finite(
             np.concatenate([values[int(_SETTLED_FROM * len(values)) :] for values in curves])
         )
         low, high = float(late.min()), float(late.max())

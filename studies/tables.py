@@ -7,14 +7,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from pcnav.core.statistics import NONE, MeanSquared
 from pcnav.files.text_table import TextTable, number
 
-from .statistics import MeanSquared
-
 Record = TypeVar("Record")
-
-NONE = "-"
-"""Stands in a table where there is no number."""
 
 
 def cell(value: object) -> str:

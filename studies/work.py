@@ -1,11 +1,13 @@
 """The runs of a study: planned part by part, made together, told in one count."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from pcnav.batch.cluster import EVERY_CORE, Workers
-from pcnav.batch.engine import run_all
+from pcnav.batch.engine import results
+from pcnav.batch.monte_carlo import Run, RunBatch
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -14,12 +16,21 @@ OnProgress = Callable[[int, int], None]
 """Told how many units of work are done, and of how many."""
 
 
+@dataclass(frozen=True)
 class Planned(Generic[Result]):
     """Runs of one kind, which have results when `Work.run` has made them."""
 
-    def __init__(self) -> None:
-        self.results: list[Result] = []
-        """In the order of the items."""
+    items: Sequence[Any]
+    results: list[Result] = field(default_factory=list)
+    """In the order of the items."""
+
+    @property
+    def by_case(self) -> dict[str, list[Result]]:
+        """The results by the name of the case, when the items are runs or batches of runs."""
+        found: dict[str, list[Result]] = {}
+        for item, result in zip(self.items, self.results, strict=True):
+            found.setdefault(item.case.name, []).append(result)
+        return found
 
 
 class Work:
@@ -35,45 +46,39 @@ class Work:
         on_progress: OnProgress = lambda done, total: None,
     ) -> None:
         self.workers, self.on_progress = workers, on_progress
-        self._tasks: list[_Task] = []
+        self._calls: list[_Call] = []
+        self._planned: list[Planned[Any]] = []
 
     def plan(
-        self, function: Callable[[Item], Result], items: Sequence[Item], cost: float = 1.0
+        self, function: Callable[[Item], Result], items: Sequence[Item], work: float = 1.0
     ) -> Planned[Result]:
-        """``function`` of every item, each at a cost in units that all parts of a study share.
+        """``function`` of every item, mostly runs of `pcnav.batch.monte_carlo`.
 
+        ``work`` is that of an item in units that all parts of a study share; a run has its own.
         The function is defined at the top of a module, so that another process can find it;
         ``str(item)`` names a run that fails.
         """
-        planned: Planned[Result] = Planned()
-        self._tasks += [_Task(planned, function, item, cost) for item in items]
+        planned = Planned[Result](items)
+        self._planned.append(planned)
+        self._calls += [
+            _Call(function, item, item.work if isinstance(item, Run | RunBatch) else work)
+            for item in items
+        ]
         return planned
 
     def run(self) -> None:
         """Make all that is planned, the first planned first. Raises `RunError` when a run fails."""
-        tasks, self._tasks = self._tasks, []
-        total = max(1, round(sum(task.cost for task in tasks)))
-        # Runs end nearly in the order in which they begin.
-        done, costs = 0.0, iter([task.cost for task in tasks])
-
-        def count() -> None:
-            nonlocal done
-            done += next(costs)
-            self.on_progress(min(round(done), total), total)
-
-        calls = [_Call(task.function, task.item) for task in tasks]
-        for task, result in zip(tasks, run_all(_made, calls, self.workers, count), strict=True):
-            task.planned.results.append(result)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """A run and where its result belongs."""
-
-    planned: Planned[Any]
-    function: Callable[[Any], Any]
-    item: Any
-    cost: float
+        total, done = max(1, round(sum(call.work for call in self._calls))), 0.0
+        found: dict[int, Any] = {}
+        with closing(results(_made, self._calls, self.workers)) as ended:
+            for k, result in ended:
+                found[k] = result
+                done += self._calls[k].work
+                self.on_progress(min(round(done), total), total)
+        ordered = iter([found[k] for k in range(len(self._calls))])
+        for planned in self._planned:
+            planned.results.extend(next(ordered) for _ in planned.items)
+        self._calls, self._planned = [], []
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,7 @@ class _Call:
 
     function: Callable[[Any], Any]
     item: Any
+    work: float
 
     def __str__(self) -> str:
         return str(self.item)

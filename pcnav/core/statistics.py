@@ -108,13 +108,25 @@ def share(count: int, total: int) -> Share:
     return Share(count, total, low, float(centre + half) if count < total else 1.0)
 
 
-def percentile(values: FloatArray, percent: float) -> float:
-    """A percentile of values (n,), those that are not finite left out; nan without any."""
-    known = values[np.isfinite(values)]
+def finite(values: npt.ArrayLike) -> FloatArray:
+    """(k,) those of values of any shape that are finite."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.asarray(array[np.isfinite(array)])
+
+
+def percentile(values: npt.ArrayLike, percent: float) -> float:
+    """Over all values of any shape, those that are not finite left out; nan without any."""
+    known = finite(values)
     return float(np.percentile(known, percent)) if known.size else np.nan
 
 
-def root_mean_square(values: FloatArray) -> float:
+def mean(values: npt.ArrayLike) -> float:
     """Over all values of any shape, those that are not finite left out; nan without any."""
-    known = values[np.isfinite(values)]
+    known = finite(values)
+    return float(known.mean()) if known.size else np.nan
+
+
+def root_mean_square(values: npt.ArrayLike) -> float:
+    """Over all values of any shape, those that are not finite left out; nan without any."""
+    known = finite(values)
     return float(np.sqrt(np.mean(known**2))) if known.size else np.nan

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.statistics import MeanSquared, mean_squared
 from pcnav.files.text_table import TextTable, number
 
 from ..folder import Chapter
-from ..statistics import MeanSquared, mean_squared
 from . import paper
 from .figures import Errors, errors_figure, nees_figure, rmse_figure
 from .following import BLOCKS, JudgedRun
@@ -363,7 +363,7 @@ def _nees_table(
     rows = []
     for time in _TABLE_TIMES_S:
         whole, motion = consistent.at(time)
-        rows.append((f"{time:g} s", str(whole), str(motion), number(twice.at(time)[0].mean)))
+        rows.append((f"{time:g} s", str(whole), str(motion), number(float(twice.at(time)[0].mean))))
     header = ("time", "whole state", "motion and inertia", "pixels used twice")
     return TextTable(
         "nees",

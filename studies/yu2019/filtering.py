@@ -8,6 +8,7 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core import chi_square
+from pcnav.core.statistics import mean_squared
 from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -23,7 +24,6 @@ from pcnav.simulation.scenario import true_motion
 from ..folder import Chapter, StudyFigure
 from ..panels import Panel, error_panel, mean_squared_panel, panels_figure
 from ..progress import Progress
-from ..statistics import mean_squared_over_time
 from . import paper
 from .filter_run import BLOCKS, FilterRun, disturbed_motion, model_of, run_filter, shortened
 
@@ -293,7 +293,7 @@ def _ratio_panels(run: FilterRun, settled_from: int) -> list[Panel]:
 
 def _nees_figure(runs: list[FilterRun]) -> StudyFigure:
     nees = np.stack([run.nees["all"][1:] for run in runs])
-    judged = mean_squared_over_time(STATE_SIZE * nees, STATE_SIZE)
+    judged = mean_squared(STATE_SIZE * nees, STATE_SIZE)
     return panels_figure(
         "nees",
         "Consistency of the filter, disturbed tumble",
