@@ -74,6 +74,6 @@ def load(scene: Scene) -> Case:
     """Read a scene into memory, so that reading does not count towards any method."""
     sequence = open_sequence(scene.path)
     truth = read_truth(scene.path)
-    if truth is None or truth.T_cam_model is None:
+    if truth is None or truth.T_cam_target is None:
         raise LookupError(f"{scene.path} has no true poses")
-    return Case(scene, sequence.info, tuple(sequence), truth.T_cam_model)
+    return Case(scene, sequence.info, tuple(sequence), truth.T_cam_target)

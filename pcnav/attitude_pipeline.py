@@ -29,6 +29,7 @@ from pcnav.estimators.image_motion.source import (
 from pcnav.evaluation.attitude_metrics import evaluate_attitudes
 from pcnav.evaluation.metrics import Metrics
 from pcnav.evaluation.observability.sources import observability_of_run, tables_for_report
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.new_folder import new_folder
 from pcnav.recordings.attitudes import AttitudeRecording, read_attitudes
 from pcnav.recordings.monocular import write_monocular_files
@@ -92,7 +93,7 @@ def run_attitudes(
     attitudes = read_attitudes(recording) if images is None else None
     folder = place if attitudes is None else place.resolve()
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
-    truth = read_truth(folder)
+    truth = truth_of(read_truth(folder))
     as_run = pipeline.model_copy(update={"sequence": str(recording.resolve())})
     with new_folder(out, overwrite, STATES_FILE) as staging:
         if images is not None:

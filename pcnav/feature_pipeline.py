@@ -15,6 +15,7 @@ from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.evaluation.feature_metrics import evaluate_features
 from pcnav.evaluation.metrics import Metrics
 from pcnav.evaluation.observability.sources import observability_of_run, tables_for_report
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.new_folder import new_folder
 from pcnav.recordings.track_files import read_tracks, read_truth_features, recording_folder
 from pcnav.recordings.tracks import Tracks
@@ -67,7 +68,7 @@ def run_features(
         raise InputError(out, "folder", f"expected a result folder that does not hold {folder}")
     tracks = read_tracks(folder)
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
-    truth, points = read_truth(folder), read_truth_features(folder)
+    truth, points = truth_of(read_truth(folder)), read_truth_features(folder)
     as_run = pipeline.model_copy(update={"sequence": str(folder.resolve())})
     principal = pipeline.estimator.kind is EstimatorKind.PRINCIPAL_AXES
     with new_folder(out, overwrite, STATES_FILE) as staging:

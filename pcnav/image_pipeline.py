@@ -17,6 +17,7 @@ from pcnav.evaluation.observability.sources import (
     observability_of_run,
     tables_for_report,
 )
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.new_folder import new_folder
 from pcnav.recordings.monocular import write_monocular_files
 from pcnav.recordings.truth import read_truth
@@ -59,7 +60,7 @@ def run_images(
     if source.place.resolve().is_relative_to(out.resolve()):
         raise InputError(out, "folder", f"expected a result folder that does not hold {recording}")
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
-    truth = read_truth(source.folder)
+    truth = truth_of(read_truth(source.folder))
     as_run = _as_run(pipeline, source)
     with new_folder(out, overwrite, STATES_FILE) as staging:
         tracks, chained = chain_of(source, pipeline, on_frame)

@@ -20,6 +20,7 @@ from pcnav.estimators.depth.views import FrameView
 from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_known
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import observability_of_depth, tables_for_report
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.text_table import TextTable
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Sequence
@@ -109,7 +110,7 @@ def run(
     _refuse_to_replace_input(out, sequence.path, mesh)
     target = load_target(mesh)
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
-    truth = read_truth(sequence.path)
+    truth = truth_of(read_truth(sequence.path))
     origin = {"sequence": str(sequence.path.resolve()), "target_mesh": str(mesh.resolve())}
     as_run = pipeline.model_copy(update=origin)
     with ResultWriter(out, overwrite) as writer:

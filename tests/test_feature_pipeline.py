@@ -14,6 +14,7 @@ from pcnav.config.features import EstimatorKind, EstimatorTable, FeaturesTable
 from pcnav.config.pipeline_file import BodyTable, OrbitTable, Pipeline, ScenarioTable, read_pipeline
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
+from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATE, VELOCITY
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
 from pcnav.evaluation.feature_metrics import evaluate_features, principal_rotation
@@ -64,18 +65,18 @@ class Oracle:
         if k < ACQUIRING:
             return FeatureEstimate(frame.time_s, "acquiring", None)
         assert truth is not None and self._points is not None
-        assert truth.r_hill is not None and truth.v_hill is not None
-        assert truth.R_world_body is not None and truth.omega_body is not None
+        assert POSITION in truth and VELOCITY in truth
+        assert ATTITUDE in truth and RATE in truth
         error = SIGMA * self._rng.standard_normal(ERROR_SIZE)
         covariance = SIGMA**2 * np.eye(ERROR_SIZE)
         error[14:] = 0.0
         covariance[14:] = 0.0
         inertia = R.T @ inertia_from_ratios(np.array(RATIOS)) @ R
         motion = MotionEstimate(
-            r_hill=truth.r_hill[k] - error[:3],
-            v_hill=truth.v_hill[k] - error[3:6],
-            R_world_body=truth.R_world_body[k] @ R @ exp_rotation(-error[6:9]),
-            omega_body=R.T @ truth.omega_body[k] - error[9:12],
+            r_hill=truth[POSITION][k] - error[:3],
+            v_hill=truth[VELOCITY][k] - error[3:6],
+            R_world_body=truth[ATTITUDE][k] @ R @ exp_rotation(-error[6:9]),
+            omega_body=R.T @ truth[RATE][k] - error[9:12],
             inertia_ratios=ratios_from_inertia(inertia) - error[12:],
             covariance=covariance,
             features={

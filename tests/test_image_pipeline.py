@@ -28,6 +28,7 @@ from pcnav.config.pipeline_file import (
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle, rotation_from_xyzw
+from pcnav.dynamics.blocks import ATTITUDE
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.files.csv_table import read_csv
 from pcnav.image_pipeline import run_images
@@ -99,10 +100,10 @@ def test_exact_tracks_give_the_true_motion(recording: Path, tmp_path: Path) -> N
 
     # The same from the files alone: angles between frames do not know the axes.
     found, truth = states(out), read_truth(recording)
-    assert truth is not None and truth.R_world_body is not None
+    assert truth is not None and ATTITUDE in truth
     R = rotation_from_xyzw(np.column_stack([found[f"q_{k}"] for k in "xyzw"]))
     turned = rotation_angle(R[0].T @ R)
-    true = rotation_angle(truth.R_world_body[0].T @ truth.R_world_body)
+    true = rotation_angle(truth[ATTITUDE][0].T @ truth[ATTITUDE])
     np.testing.assert_allclose(turned, true, atol=1e-6)
     assert found["status"] == ("acquiring", *["locked"] * 13)
     assert found["outcome"][:2] == ("first frame of a segment", "measured")
@@ -247,7 +248,7 @@ def test_the_shipped_scenario_by_command(
     camera = read_monocular(recorded).camera
     assert (camera.width, camera.fx, camera.cx) == (2048, 2909.0, 1024.0)
     truth = read_truth(recorded)
-    assert truth is not None and truth.R_world_body is not None
+    assert truth is not None and ATTITUDE in truth
     assert command(monkeypatch, "run", recorded, "-o", out) == 0
     assert "angular rate" in capsys.readouterr().out
     metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))

@@ -10,8 +10,8 @@ from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
 from pcnav.estimators.peers.interface import Answer, Estimator
 from pcnav.evaluation.bound import SceneBound, pose_jacobian
+from pcnav.evaluation.track_errors import Truth
 from pcnav.recordings.sequence import Frame
-from pcnav.recordings.truth import Truth
 from pcnav.runs.results import Track
 from pcnav.simulation.recording import as_recorded
 from pcnav.simulation.scenario import TrueMotion

@@ -10,9 +10,14 @@ from pcnav.core.spatial import rotation_angle, xyzw_from_rotation
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, V_HILL
 from pcnav.evaluation.metrics import BLOCKS, squared_normalised_errors
 from pcnav.evaluation.model_distance import model_distances, surface_points
-from pcnav.evaluation.track_errors import TrackErrors, best_symmetry, relabelled, track_errors
+from pcnav.evaluation.track_errors import (
+    TrackErrors,
+    Truth,
+    best_symmetry,
+    relabelled,
+    track_errors,
+)
 from pcnav.evaluation.trajectory import absolute_errors, relative_errors, root_mean_square
-from pcnav.recordings.truth import Truth
 from pcnav.runs.results import Track
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target

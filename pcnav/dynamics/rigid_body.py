@@ -21,16 +21,18 @@ _RATIO_UNITS = _ratio_units()
 
 
 def inertia_from_ratios(ratios: FloatArray) -> FloatArray:
-    """(3, 3) inertia matrix over Ixx of the ratios Iyy, Izz, Ixy, Ixz, Iyz (Yu 2019 (29))."""
-    inertia = np.eye(3)
-    for value, (i, j) in zip(ratios, _RATIO_ENTRIES, strict=True):
-        inertia[i, j] = inertia[j, i] = value
+    """(..., 3, 3) inertia over Ixx of the ratios Iyy, Izz, Ixy, Ixz, Iyz (..., 5); Yu 2019 (29)."""
+    inertia = np.zeros((*ratios.shape[:-1], 3, 3))
+    inertia[..., 0, 0] = 1.0
+    for k, (i, j) in enumerate(_RATIO_ENTRIES):
+        inertia[..., i, j] = inertia[..., j, i] = ratios[..., k]
     return inertia
 
 
 def ratios_from_inertia(inertia: FloatArray) -> FloatArray:
-    """(5,) ratios Iyy, Izz, Ixy, Ixz, Iyz over Ixx of a (3, 3) inertia matrix of any scale."""
-    return np.asarray([inertia[i, j] for i, j in _RATIO_ENTRIES] / inertia[0, 0])
+    """(..., 5) ratios Iyy, Izz, Ixy, Ixz, Iyz over Ixx of inertias (..., 3, 3) of any scale."""
+    entries = np.stack([inertia[..., i, j] for i, j in _RATIO_ENTRIES], axis=-1)
+    return np.asarray(entries / inertia[..., 0, 0, None])
 
 
 def is_physical_inertia(inertia: FloatArray) -> bool:

@@ -20,8 +20,7 @@ from pcnav.evaluation.metrics import (
     run_metrics,
     squared_normalised_errors,
 )
-from pcnav.evaluation.track_errors import match_times, relabelled
-from pcnav.recordings.truth import Truth
+from pcnav.evaluation.track_errors import Truth, match_times, relabelled
 from pcnav.runs.feature_results import (
     ERROR_SIZE,
     INERTIA_RATIOS,

@@ -20,8 +20,7 @@ from pcnav.evaluation.metrics import (
     run_metrics,
     squared_normalised_errors,
 )
-from pcnav.evaluation.track_errors import match_times
-from pcnav.recordings.truth import Truth
+from pcnav.evaluation.track_errors import Truth, match_times
 from pcnav.runs.image_results import ImageTrack
 
 _TIME_TOLERANCE_S = 1e-6

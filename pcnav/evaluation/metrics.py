@@ -15,8 +15,13 @@ import numpy as np
 from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY, V_HILL
-from pcnav.evaluation.track_errors import TrackErrors, best_symmetry, relabelled, track_errors
-from pcnav.recordings.truth import Truth
+from pcnav.evaluation.track_errors import (
+    TrackErrors,
+    Truth,
+    best_symmetry,
+    relabelled,
+    track_errors,
+)
 from pcnav.runs.results import Track
 
 PERCENTILES = (50, 70, 90, 95, 99)

@@ -7,6 +7,7 @@ import numpy as np
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import invert_transform, log_rotation, rotation_angle, transform_points
+from pcnav.dynamics import blocks
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
 from pcnav.dynamics.state import (
     COM_MODEL,
@@ -17,8 +18,39 @@ from pcnav.dynamics.state import (
     THETA_BODY,
     V_HILL,
 )
-from pcnav.recordings.truth import Truth
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.runs.results import Track
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A truth by field; None for what it does not say."""
+
+    time_s: FloatArray
+    r_hill: FloatArray | None = None
+    v_hill: FloatArray | None = None
+    com_model: FloatArray | None = None
+    R_world_body: FloatArray | None = None
+    omega_body: FloatArray | None = None
+    inertia_ratios: FloatArray | None = None
+    T_cam_model: FloatArray | None = None
+
+
+def truth_of(truth: Trajectory | None) -> Truth | None:
+    """A truth as the estimators' own evaluations take it."""
+    if truth is None:
+        return None
+    values = truth.values.get
+    return Truth(
+        time_s=truth.time_s,
+        r_hill=values(blocks.POSITION.name),
+        v_hill=values(blocks.VELOCITY.name),
+        com_model=values(blocks.CENTRE.name),
+        R_world_body=values(blocks.ATTITUDE.name),
+        omega_body=values(blocks.RATE.name),
+        inertia_ratios=values(blocks.RATIOS.name),
+        T_cam_model=truth.T_cam_target,
+    )
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,11 @@
 
 import csv
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -56,25 +58,42 @@ class CsvTable:
             raise InputError(self.path, "rows", "expected at least one row")
 
 
-def read_csv(path: Path, names: tuple[str, ...], texts: tuple[str, ...] = ()) -> CsvTable:
+def read_csv(
+    path: Path, names: tuple[str, ...], texts: tuple[str, ...] = (), *, growing: bool = False
+) -> CsvTable:
     """Columns of a CSV file, numbers but for ``texts``, read line by line; others are ignored.
 
-    Raises `InputError` when the file is missing, damaged or lacks one of the columns ``names``.
+    Of a file that is ``growing`` a last line that has not ended is left out. Raises `InputError`
+    when the file is missing, damaged or lacks one of the columns ``names``.
     """
     table = CsvTable(
         path,
         {name: [] for name in names if name in texts},
         {name: array("d") for name in names if name not in texts},
     )
+    with _opened(path) as lines:
+        whole = (line for line in lines if line.endswith("\n"))
+        rows = csv.reader(whole if growing else lines, strict=True)
+        _fill(table, next(rows, []), enumerate(rows, start=2))
+    return table
+
+
+def read_header(path: Path) -> tuple[str, ...]:
+    """Names of the columns of a CSV file; none of an empty one. Raises `InputError`."""
+    with _opened(path) as lines:
+        return tuple(next(csv.reader(lines, strict=True), []))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[TextIO]:
+    """A CSV file, whose faults are told in one line."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = csv.reader(file, strict=True)
-            _fill(table, next(rows, []), enumerate(rows, start=2))
+            yield file
     except OSError as error:
         raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(path, "file", f"expected CSV text ({error})") from error
-    return table
 
 
 def _fill(table: CsvTable, header: list[str], rows: Iterable[tuple[int, list[str]]]) -> None:

@@ -1,19 +1,21 @@
 """The truth stored beside a sequence; nothing in perception or estimation reads it."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
+from pcnav.core.spatial import rotation_from_xyzw
+from pcnav.dynamics.blocks import ATTITUDE, FILE_ORDER, MASS_CENTRE_LAYOUT, POSE_LAYOUT
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.bop_scene import (
     SCENE_CAMERA_FILE,
     SCENE_GT_FILE,
     read_scene_camera,
     read_scene_poses,
 )
-from pcnav.recordings.state_table import STATE_COLUMNS, states_from_rows
+from pcnav.recordings.state_table import STATE_COLUMNS
 from pcnav.recordings.writer import TRUTH_FILE
 
 _QUATERNION = slice(7, 11)
@@ -21,29 +23,7 @@ _NORM_TOLERANCE = 1e-6
 _TIME_TOLERANCE_S = 1e-9
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What a sequence knows for certain; None for what it does not say."""
-
-    time_s: FloatArray
-    """(n,) times of the frames that have truth, increasing."""
-    r_hill: FloatArray | None = None
-    """(n, 3) m"""
-    v_hill: FloatArray | None = None
-    """(n, 3) m/s"""
-    com_model: FloatArray | None = None
-    """(n, 3) m"""
-    R_world_body: FloatArray | None = None
-    """(n, 3, 3)"""
-    omega_body: FloatArray | None = None
-    """(n, 3) rad/s"""
-    inertia_ratios: FloatArray | None = None
-    """(n, 5)"""
-    T_cam_model: FloatArray | None = None
-    """(n, 4, 4)"""
-
-
-def read_truth(path: Path) -> Truth | None:
+def read_truth(path: Path) -> Trajectory | None:
     """Truth of a sequence folder, or None when it has neither truth.csv nor scene_gt.json.
 
     Raises `InputError` when a file is invalid or the two do not speak of the same times.
@@ -59,7 +39,7 @@ def read_truth(path: Path) -> Truth | None:
         raise InputError(path / SCENE_GT_FILE, str(numbers[int(np.argmin(known))]), expected)
     time_s = scene.time_s[np.searchsorted(scene.numbers, numbers)]
     if not has_states:
-        return Truth(time_s, T_cam_model=T_cam_model)
+        return Trajectory(time_s, POSE_LAYOUT, T_cam_target=T_cam_model)
     truth = _states(path / TRUTH_FILE, T_cam_model)
     same = len(truth.time_s) == len(time_s) and np.allclose(
         truth.time_s, time_s, rtol=0.0, atol=_TIME_TOLERANCE_S
@@ -70,19 +50,14 @@ def read_truth(path: Path) -> Truth | None:
     return truth
 
 
-def _states(path: Path, T_cam_model: FloatArray | None) -> Truth:
-    rows = _rows(path)
-    time_s, state = states_from_rows(rows)
-    return Truth(
-        time_s=time_s,
-        r_hill=state.r_hill,
-        v_hill=state.v_hill,
-        com_model=state.com_model,
-        R_world_body=state.R_world_body,
-        omega_body=state.omega_body,
-        inertia_ratios=state.inertia_ratios,
-        T_cam_model=T_cam_model,
-    )
+def _states(path: Path, T_cam_model: FloatArray | None) -> Trajectory:
+    """All blocks of truth.csv; the pose is of the model frame."""
+    rows, values = _rows(path), {}
+    for block in FILE_ORDER:
+        first = STATE_COLUMNS.index(block.columns[0])
+        values[block.name] = rows[:, first : first + len(block.columns)]
+    values[ATTITUDE.name] = rotation_from_xyzw(values[ATTITUDE.name])
+    return Trajectory(rows[:, 0], MASS_CENTRE_LAYOUT, values, T_cam_target=T_cam_model)
 
 
 def _rows(path: Path) -> FloatArray:

@@ -1,10 +1,23 @@
-"""Names of the files of a result folder."""
+"""Names of the files of a result folder, and of the columns that are told nowhere else."""
 
 STATES_FILE = "states.csv"
 POSES_FILE = "poses.tum"
 COVARIANCES_FILE = "covariances.npz"
+RAW_COVARIANCES_FILE = "covariances.partial"
+"""There while the run goes on, and after one that was killed."""
 MEASUREMENTS_FILE = "measurements.csv"
+FEATURES_FILE = "features.csv"
+POINTS_FILE = "points.csv"
+SEGMENTS_FILE = "segments.csv"
 METRICS_FILE = "metrics.json"
 KNOWLEDGE_FILE = "knowledge.csv"
 REPORT_FILE = "report.html"
 PIPELINE_FILE = "pipeline.toml"
+
+FEATURE_COLUMNS = (
+    *("feature", "x_m", "y_m", "z_m", "sd_x_m", "sd_y_m", "sd_z_m"),
+    *("frames_seen", "frames_rejected"),
+)
+POINT_COLUMNS = ("time_s", "feature", "x_m", "y_m", "z_m")
+SEGMENT_COLUMNS = ("time_s", "q_x", "q_y", "q_z", "q_w")
+"""The attitude is R_world_body, scalar last."""

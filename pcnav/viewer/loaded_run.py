@@ -15,11 +15,11 @@ from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.state import COM_MODEL, R_HILL
 from pcnav.evaluation.knowledge import FROM_DATA
 from pcnav.evaluation.metrics import evaluate
-from pcnav.evaluation.track_errors import TrackErrors, match_times, relabelled
+from pcnav.evaluation.track_errors import TrackErrors, Truth, match_times, relabelled, truth_of
 from pcnav.files.csv_table import read_csv
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Sequence
-from pcnav.recordings.truth import Truth, read_truth
+from pcnav.recordings.truth import read_truth
 from pcnav.runs.results import (
     KNOWLEDGE_FILE,
     PIPELINE_FILE,
@@ -256,7 +256,7 @@ def _depth_run(folder: Path, tables: Path, finished: bool, told: str | None) -> 
     else:
         frames = FrameStore(sequence, target, pipeline.perception, pipeline.seed)
         motion = sequence.info.mean_motion_rad_s
-        truth = read_truth(sequence.path)
+        truth = truth_of(read_truth(sequence.path))
     blocks: list[FloatArray | None] = [None, None]
     if track.covariance is not None:
         # The rest of a long run's covariances, 3 kB a frame, is not kept.

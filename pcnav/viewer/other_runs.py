@@ -21,12 +21,12 @@ from pcnav.estimators.image_motion.source import is_seen_by_one_camera
 from pcnav.evaluation.attitude_metrics import attitude_errors
 from pcnav.evaluation.feature_metrics import evaluate_features
 from pcnav.evaluation.image_metrics import evaluate_images
-from pcnav.evaluation.track_errors import TrackErrors
+from pcnav.evaluation.track_errors import TrackErrors, Truth, truth_of
 from pcnav.files.csv_table import CsvTable, read_csv
 from pcnav.recordings.attitude_file import ATTITUDE_FILE
 from pcnav.recordings.monocular import read_camera_attitudes
 from pcnav.recordings.track_files import read_tracks
-from pcnav.recordings.truth import Truth, read_truth
+from pcnav.recordings.truth import read_truth
 from pcnav.runs.attitude_results import ATTITUDE_STATES_COLUMNS, AttitudeTrack
 from pcnav.runs.feature_results import (
     FEATURE_COLUMNS,
@@ -199,7 +199,7 @@ def _truth_of(pipeline: Pipeline) -> tuple[Path | None, Truth | None, tuple[str,
     folder = recording.parent if recording.is_file() else recording
     if pipeline.sequence is None or not folder.is_dir():
         return None, None, (f"the recording is not at {pipeline.sequence}: no truth",)
-    return folder, read_truth(folder), ()
+    return folder, truth_of(read_truth(folder)), ()
 
 
 def _evaluation(

@@ -25,6 +25,7 @@ from pcnav.estimators.peers.interface import FirstPose, Given
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import bound_of
 from pcnav.evaluation.metrics import BLOCKS, evaluate, squared_normalised_errors
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.pipeline import run as run_sequence
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.truth import read_truth
@@ -145,7 +146,7 @@ def test_a_run_says_what_pcnav_run_says(
     folder, pipeline, target = simulated
     summary = run_sequence(folder, tmp_path / "result", pipeline)
     track = read_track(summary.folder, with_covariance=True)
-    errors = evaluate(track, read_truth(folder), target.symmetry_transforms).errors
+    errors = evaluate(track, truth_of(read_truth(folder)), target.symmetry_transforms).errors
     assert errors is not None
     assert track.covariance is not None
 

@@ -9,7 +9,7 @@ import pytest
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
-from pcnav.recordings.truth import Truth
+from pcnav.evaluation.track_errors import Truth
 from pcnav.runs.results import ACCEPTED, NIS_WINDOW_FRAMES, FrameEstimate, RectangleRecord
 
 FIRST_ESTIMATE = 3

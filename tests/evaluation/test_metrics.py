@@ -32,9 +32,14 @@ from pcnav.evaluation.metrics import (
     evaluate,
     squared_normalised_errors,
 )
-from pcnav.evaluation.track_errors import best_symmetry, match_times, relabelled, track_errors
+from pcnav.evaluation.track_errors import (
+    Truth,
+    best_symmetry,
+    match_times,
+    relabelled,
+    track_errors,
+)
 from pcnav.files.text_table import number
-from pcnav.recordings.truth import Truth
 from pcnav.report.summary import summary_table
 from pcnav.runs.result_writer import ResultWriter
 from pcnav.runs.results import Track, read_track

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform
+from pcnav.dynamics.blocks import ATTITUDE, POSITION
 from pcnav.dynamics.state import NavigationState
 from pcnav.recordings.bop import BopSequence
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
@@ -111,16 +112,16 @@ def test_truth_round_trip(tmp_path: Path) -> None:
     truth = read_truth(tmp_path / "seq")
     assert truth is not None
     states = [example_state(k) for k in range(4)]
-    assert truth.R_world_body is not None
-    assert truth.T_cam_model is not None
+    assert ATTITUDE in truth
+    assert truth.T_cam_target is not None
     np.testing.assert_array_equal(truth.time_s, np.arange(4) / 3.0)
     for name in ("r_hill", "v_hill", "com_model", "omega_body", "inertia_ratios"):
         np.testing.assert_array_equal(getattr(truth, name), [getattr(s, name) for s in states])
     np.testing.assert_allclose(
-        truth.R_world_body, np.stack([s.R_world_body for s in states]), atol=1e-14
+        truth[ATTITUDE], np.stack([s.R_world_body for s in states]), atol=1e-14
     )
     np.testing.assert_allclose(
-        truth.T_cam_model, np.stack([example_pose(k) for k in range(4)]), atol=1e-13
+        truth.T_cam_target, np.stack([example_pose(k) for k in range(4)]), atol=1e-13
     )
 
 
@@ -129,9 +130,9 @@ def test_partial_truth(tmp_path: Path) -> None:
     (tmp_path / "seq" / "truth.csv").rename(tmp_path / "truth.csv")
     poses_only = read_truth(tmp_path / "seq")
     assert poses_only is not None
-    assert poses_only.r_hill is None
-    assert poses_only.T_cam_model is not None
-    assert poses_only.T_cam_model.shape == (4, 4, 4)
+    assert POSITION not in poses_only
+    assert poses_only.T_cam_target is not None
+    assert poses_only.T_cam_target.shape == (4, 4, 4)
     # A scene whose second frame shows nothing has truth at the other times.
     file = tmp_path / "seq" / "scene_gt.json"
     content = json.loads(file.read_text())
@@ -150,8 +151,8 @@ def test_partial_truth(tmp_path: Path) -> None:
     (tmp_path / "truth.csv").rename(tmp_path / "seq" / "truth.csv")
     states_only = read_truth(tmp_path / "seq")
     assert states_only is not None
-    assert states_only.T_cam_model is None
-    assert states_only.r_hill is not None
+    assert states_only.T_cam_target is None
+    assert POSITION in states_only
 
 
 @pytest.mark.parametrize(

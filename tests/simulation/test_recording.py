@@ -10,6 +10,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.camera import unproject
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.recordings.bop import BopSequence
 from pcnav.recordings.truth import read_truth
@@ -64,10 +65,10 @@ def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target
     assert (summary.frames, summary.empty_frames) == (6, 0)
     sequence, truth = BopSequence(out), read_truth(out)
     assert truth is not None
-    assert truth.T_cam_model is not None
+    assert truth.T_cam_target is not None
     assert sequence.info.target_mesh == sequence.path / target.mesh_path.name
     assert (sequence.info.range_sigma_m, sequence.info.mean_motion_rad_s) == (0.01, N)
-    for frame, T_cam_model in zip(sequence, truth.T_cam_model, strict=True):
+    for frame, T_cam_model in zip(sequence, truth.T_cam_target, strict=True):
         p_cam = unproject(frame.camera, frame.depth_m)[frame.depth_m > 0.0]
         assert len(p_cam) > 200
         p_model = transform_points(invert_transform(T_cam_model), p_cam)
@@ -81,18 +82,18 @@ def test_states_poses_and_camera_agree(tmp_path: Path, target: Target) -> None:
     simulate(Pipeline.model_validate(TABLES), target, tmp_path / "seq")
     sequence, truth = BopSequence(tmp_path / "seq"), read_truth(tmp_path / "seq")
     assert truth is not None
-    assert truth.r_hill is not None
-    assert truth.com_model is not None
-    assert truth.R_world_body is not None
-    assert truth.T_cam_model is not None
+    assert POSITION in truth
+    assert CENTRE in truth
+    assert ATTITUDE in truth
+    assert truth.T_cam_target is not None
     for k, frame in enumerate(sequence):
         # The mass centre seen through the camera pose is the one seen through the target's pose.
-        p_world = R_hill_world(frame.time_s, N).T @ truth.r_hill[k]
+        p_world = R_hill_world(frame.time_s, N).T @ truth[POSITION][k]
         through_world = transform_points(frame.T_cam_world, p_world[None])[0]
-        through_model = transform_points(truth.T_cam_model[k], truth.com_model[k][None])[0]
+        through_model = transform_points(truth.T_cam_target[k], truth[CENTRE][k][None])[0]
         np.testing.assert_allclose(through_world, through_model, atol=1e-11)
-        R_cam_body = frame.T_cam_world[:3, :3] @ truth.R_world_body[k]
-        np.testing.assert_allclose(R_cam_body, truth.T_cam_model[k][:3, :3], atol=1e-12)
+        R_cam_body = frame.T_cam_world[:3, :3] @ truth[ATTITUDE][k]
+        np.testing.assert_allclose(R_cam_body, truth.T_cam_target[k][:3, :3], atol=1e-12)
 
 
 def test_same_pipeline_same_bytes(tmp_path: Path, target: Target) -> None:

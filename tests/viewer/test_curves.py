@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pcnav.evaluation.metrics import evaluate
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.recordings.truth import read_truth
 from pcnav.viewer.clock import Playback, speeds
 from pcnav.viewer.curves import Chart, Curve, groups_of, linear_range
@@ -25,7 +26,7 @@ def test_errors_are_those_of_the_evaluation(loaded: LoadedRun, run_folder: objec
 
     assert isinstance(run_folder, Path) and loaded.target is not None
     truth = read_truth(run_folder.parent / "sequence")
-    errors = evaluate(loaded.track, truth, loaded.target.symmetry_transforms).errors
+    errors = evaluate(loaded.track, truth_of(truth), loaded.target.symmetry_transforms).errors
     assert errors is not None
     charts = groups_of(loaded)["mass centre"]().charts
     assert all(chart.is_error for chart in charts)

@@ -33,9 +33,9 @@ def test_covariances_are_those_of_the_result_folder(loaded: LoadedRun, run_folde
 
 def test_the_ghost_is_where_the_truth_says(loaded: LoadedRun, run_folder: Path) -> None:
     truth = read_truth(run_folder.parent / "sequence")
-    assert truth is not None and truth.T_cam_model is not None
+    assert truth is not None and truth.T_cam_target is not None
     assert loaded.evaluation is not None and loaded.evaluation.T_cam_model is not None
-    assert np.allclose(loaded.evaluation.T_cam_model, truth.T_cam_model)
+    assert np.allclose(loaded.evaluation.T_cam_model, truth.T_cam_target)
 
 
 def test_outlines_of_used_rectangles_lie_on_returns(loaded: LoadedRun) -> None:
