@@ -116,7 +116,7 @@ def test_truth_round_trip(tmp_path: Path) -> None:
     assert truth.T_cam_target is not None
     np.testing.assert_array_equal(truth.time_s, np.arange(4) / 3.0)
     for name in ("r_hill", "v_hill", "com_model", "omega_body", "inertia_ratios"):
-        np.testing.assert_array_equal(getattr(truth, name), [getattr(s, name) for s in states])
+        np.testing.assert_array_equal(truth.values[name], [getattr(s, name) for s in states])
     np.testing.assert_allclose(
         truth[ATTITUDE], np.stack([s.R_world_body for s in states]), atol=1e-14
     )
