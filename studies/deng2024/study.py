@@ -3,7 +3,8 @@
 import numpy as np
 
 from pcnav.batch.engine import run_all
-from pcnav.config.pipeline_file import BodyTable, Pipeline, ScenarioTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import BodyTable, ScenarioTable
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.files.text_table import TextTable, number
 

@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcnav.config.features import PrincipalAxesTable
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.simulation.features import FeatureScenario, feature_scenario
