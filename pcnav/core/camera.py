@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.arrays import FloatArray
 
 _PARALLEL_SINE = 1e-6
 """A direction closer to nadir or zenith than this (rad) leaves image down undefined."""
@@ -79,11 +79,6 @@ def solid_angle(camera: PinholeCamera) -> FloatArray:
     angle = 1.0 / (camera.fx * camera.fy * range_per_depth(camera) ** 3)
     angle.flags.writeable = False
     return angle
-
-
-def unproject(camera: PinholeCamera, depth_m: DepthImage) -> FloatArray:
-    """(height, width, 3) points in the camera frame, m; the origin where there is no return."""
-    return np.asarray(pixel_rays(camera) * depth_m[..., None].astype(np.float64))
 
 
 def project(camera: PinholeCamera, p_cam: FloatArray) -> FloatArray:

@@ -63,10 +63,6 @@ class KeplerOrbit:
         c, s = np.cos(angle), np.sin(angle)
         return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
-    def omega_hill(self, time_s: float) -> FloatArray:
-        """(3,) inertial angular velocity of the Hill frame, rad/s; the same in world axes."""
-        return np.array([0.0, -self.at(time_s).rate_rad_s, 0.0])
-
 
 @lru_cache(maxsize=8192)
 def _orbit_point(orbit: KeplerOrbit, time_s: float) -> OrbitPoint:

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from pcnav.core.arrays import FloatArray
 
 
@@ -15,8 +13,3 @@ class PriorMass:
     """(3, 3) of the mass centre in the model frame, m^2."""
     ratio_covariance: FloatArray
     """(5, 5) of Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
-
-    @staticmethod
-    def from_sd(com_sd_m: FloatArray, ratio_sd: FloatArray) -> "PriorMass":
-        """From standard deviations (3,) and (5,) along the model axes, uncorrelated."""
-        return PriorMass(np.diag(np.square(com_sd_m)), np.diag(np.square(ratio_sd)))

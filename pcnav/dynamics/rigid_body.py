@@ -44,16 +44,11 @@ def is_physical_inertia(inertia: FloatArray) -> bool:
     return bool(moments[0] > 0.0 and moments[0] + moments[1] >= moments[2])
 
 
-def euler_acceleration(inertia: FloatArray, omega_body: FloatArray) -> FloatArray:
-    """(3,) angular acceleration in body axes, rad/s^2, without torque (Yu 2019 (28))."""
-    torque = -np.cross(omega_body, inertia @ omega_body)
-    return np.asarray(np.linalg.solve(inertia, torque), dtype=np.float64)
-
-
 def euler_derivatives(
     inertia: FloatArray, inverse: FloatArray, omega_body: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`euler_acceleration` (3,) and its derivatives by the rate (3, 3) and the ratios (3, 5).
+    """Angular acceleration (3,) in body axes, rad/s^2, without torque (Yu 2019 (28)), and its
+    derivatives by the rate (3, 3) and the ratios (3, 5).
 
     From ``I a = -w x (I w)``: ``I da = -[w]x I dw + [I w]x dw`` and ``I da = -dI a - w x (dI w)``.
     The inverse of the inertia is handed in because callers evaluate this many times for one body.

@@ -11,8 +11,8 @@ from pcnav.core._extras import opencv
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.patch_alignment import Patches, PatchGrid, SmoothImage, align, patches_of
-from pcnav.recordings.images import GreyImage, ImageSequence
-from pcnav.recordings.monocular import MonocularFrame, MonocularTracks
+from pcnav.recordings.images import GreyImage
+from pcnav.recordings.monocular import MonocularFrame
 
 _EDGE_PX = 4.0
 """Corners closer to the edge of the image than this are let go: their patch is cut."""
@@ -242,16 +242,3 @@ def track_features(
     for time_s, R_cam_world, image in images:
         features, pixels = tracker.step(image)
         yield MonocularFrame(time_s, R_cam_world, features, pixels)
-
-
-def tracks_of_images(
-    images: ImageSequence, settings: FeatureTrackerTable
-) -> Iterator[MonocularTracks]:
-    """Features followed through a sequence: the recording so far, longer by a frame each time.
-
-    The last value is the whole. Raises `InputError`.
-    """
-    frames: list[MonocularFrame] = []
-    for frame in track_features(images, images.camera, settings):
-        frames.append(frame)
-        yield MonocularTracks(images.name, images.camera, settings.pixel_sigma_px, tuple(frames))

@@ -60,7 +60,6 @@ class RectangleObservation:
     rim_m: float
     """How wide a rim beside the face could be without being told apart from it: it would be no
     wider than a pixel or no deeper than the noise; one standard deviation."""
-    n_points: int
 
     @property
     def is_cut(self) -> bool:
@@ -164,7 +163,6 @@ def observe_segment(
         covariance=covariance,
         cut_sides=_cut_sides(window, segment, shape),
         rim_m=_rim(camera, shape.moments.centroid, sigma_m),
-        n_points=segment.n_returns,
     )
 
 
@@ -193,7 +191,6 @@ def observe_cloud(
         covariance=covariance,
         cut_sides=(False, False, False, False),
         rim_m=0.0,
-        n_points=len(points),
     )
 
 

@@ -88,8 +88,6 @@ class Segment:
     fit: PlaneFit
     pixels: IntArray
     """(n,) flat window indices of its pixels, filled-in dropouts included."""
-    n_returns: int
-    """How many of them have a return that the plane explains."""
     cut_pixels: IntArray
     """(k,) flat window indices just outside it where something nearer, or the image border, hides
     the rest of the face."""
@@ -330,7 +328,6 @@ def _segment(
     return Segment(
         fit=fit,
         pixels=scene.flat(mask, box),
-        n_returns=len(returns),
         cut_pixels=np.concatenate([cut, border]),
         n_outline=len(outline) + len(border),
     )

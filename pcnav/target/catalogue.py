@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.target.facets import SAME_SIDE_RATIO, PlanarFace, planar_faces
-from pcnav.target.mesh import mesh_diameter
+from pcnav.target.facets import SAME_SIDE_RATIO, PlanarFace
 
 MINIMUM_SIDE_FRACTION = 0.02
 """Sides shorter than this fraction of the target's diameter are too small to matter."""
@@ -40,20 +38,6 @@ class Rectangle:
     def area_m2(self) -> float:
         """Area."""
         return self.length_m * self.width_m
-
-
-def find_rectangles(
-    mesh: trimesh.Trimesh,
-    minimum_side_fraction: float = MINIMUM_SIDE_FRACTION,
-    tolerance: float = RECTANGLE_TOLERANCE,
-) -> tuple[Rectangle, ...]:
-    """All rectangles of a mesh that are seen from outside, largest area first.
-
-    `minimum_side_fraction` is of the mesh's diameter; see `rectangles_among` for the tolerance.
-    """
-    minimum_side = minimum_side_fraction * mesh_diameter(mesh)
-    faces = planar_faces(mesh, 0.9 * minimum_side**2)
-    return rectangles_among(faces, minimum_side, tolerance, "rectangle")
 
 
 def rectangles_among(

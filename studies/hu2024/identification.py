@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import permutations
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from pcnav.estimators.principal_axes.inertia_identification import (
     momentum_rows,
     solve_normal,
 )
-from pcnav.estimators.principal_axes.principal_frame import principal_axes
+from pcnav.estimators.principal_axes.principal_frame import clearest_order, principal_axes
 from pcnav.simulation.feature_motion import FeatureTruth
 from pcnav.simulation.features import draw_points, simulate_motion, stereo_rig
 
@@ -134,16 +133,12 @@ class _Arc:
 def _corners(p_world: FloatArray, arc: _Arc) -> IntArray:
     """(B, 3) the points of every run whose frame is G of (6).
 
-    The widest triangle of the first frame, in the order that leaves the signs of (17) the clearest:
-    a right angle between an axis of G and a principal axis would leave a sign to the noise.
+    The widest triangle of the first frame, in the order that leaves the signs of (17) the clearest.
     """
     chosen = []
     for first, inertia, shape in zip(p_world[:, 0], arc.inertia, arc.shape, strict=True):
-        orders = list(permutations(best_triple(first)))
-        R_map_g = photogrammetric_axes(shape[np.array(orders)])
-        _, axes = principal_axes(np.swapaxes(R_map_g, -1, -2) @ inertia @ R_map_g)
-        margins = np.minimum(axes[:, 0, 0], axes[:, 1, 1])
-        chosen.append(orders[int(margins.argmax())])
+        triple = np.array(best_triple(first))
+        chosen.append(triple[list(clearest_order(shape[triple], inertia))])
     return np.array(chosen)
 
 
@@ -164,8 +159,7 @@ def _printed(
     sums = np.cumsum(np.einsum("bnie,bnif->bnef", rows, rows, optimize=True), axis=1)
     squared = []
     for last in _last_frames(truth):
-        fit = solve_normal(sums[:, last - 2])
-        _, axes = principal_axes(fit.inertia)
+        _, axes = principal_axes(solve_normal(sums[:, last - 2]))
         squared.append(_squared(truth, points, corners, R_world_g[:, last] @ axes, last))
     return np.stack(squared, axis=1)
 
@@ -197,7 +191,7 @@ def _fitted(truth: FeatureTruth, p_world: FloatArray, noise: FloatArray) -> list
         else:
             rows = momentum_rows(R[:, 1:-1], rates)
             linear = solve_normal(np.einsum("bnie,bnif->bef", rows, rows, optimize=True))
-            start = positive(parameters_of(linear.inertia))
+            start = positive(parameters_of(linear))
         first_rate = rates[:, : max(1, len(times) // 10)].mean(axis=1)
         parameters = _best_fit(times, R, spread, first_rate, start)
         arcs.append(_Arc(last, R[:, -1], inertia_of(parameters), shape))

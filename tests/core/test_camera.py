@@ -11,7 +11,6 @@ from pcnav.core.camera import (
     project,
     range_per_depth,
     solid_angle,
-    unproject,
 )
 
 UNEVEN = PinholeCamera(40, 30, 55.0, 61.0, 17.3, 16.1)
@@ -27,10 +26,10 @@ def test_pixel_centres_are_at_integer_coordinates() -> None:
     np.testing.assert_allclose(homogeneous[12, 31], [31.0, 12.0, 1.0], atol=1e-12)
 
 
-def test_unprojected_depth_projects_onto_its_own_pixel() -> None:
+def test_depth_along_rays_projects_onto_its_own_pixel() -> None:
     depth = np.random.default_rng(0).uniform(1.0, 40.0, (30, 40)).astype(np.float32)
     depth[3, 5] = 0.0
-    points = unproject(UNEVEN, depth)
+    points = pixel_rays(UNEVEN) * depth[..., None]
     np.testing.assert_array_equal(points[3, 5], 0.0)
     np.testing.assert_array_equal(points[..., 2], depth.astype(np.float64))
     np.testing.assert_allclose(

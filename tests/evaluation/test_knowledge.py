@@ -39,7 +39,7 @@ from pcnav.evaluation.knowledge import (
 from pcnav.report.summary import knowledge_text
 from pcnav.runs.results import SD_COLUMNS
 
-PRIOR = PriorMass.from_sd(np.full(3, 0.15), np.full(5, 0.1))
+PRIOR = PriorMass(0.15**2 * np.eye(3), 0.01 * np.eye(5))
 STILL = np.zeros(3)
 
 

@@ -306,7 +306,7 @@ def test_the_report_says_what_is_known(
     covariance = np.diag(np.full(20, 1e-6))
     covariance[15:17, 15:17] = 0.005 * np.ones((2, 2)) + 1e-9 * np.eye(2)
     knowledge = what_is_known(
-        PriorMass.from_sd(np.full(3, 0.15), np.full(5, 0.1)), covariance, np.eye(3), np.ones(3)
+        PriorMass(0.15**2 * np.eye(3), 0.01 * np.eye(5)), covariance, np.eye(3), np.ones(3)
     )
     text = read_page(report_html(replace(content, knowledge=knowledge))).text
     assert "Prior only are Inertia ratios over Ixx: Iyy, Izz." in text

@@ -22,9 +22,9 @@ from pcnav.perception.association import (
 from pcnav.perception.expectation import Expecter
 from pcnav.perception.perceive import perceive
 from pcnav.recordings.sequence import Frame
-from pcnav.target.catalogue import find_rectangles
 from pcnav.target.rendering import RenderedDepth
 from pcnav.target.satellite import Target
+from tests.target.catalogued import find_rectangles
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
 SIGMA = 0.02

@@ -13,9 +13,9 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
-from pcnav.estimators.image_motion.chain import run_chain
+from pcnav.estimators.image_motion.chain import chain_frames
 from pcnav.perception import feature_tracking
-from pcnav.perception.feature_tracking import FeatureTracker, tracks_of_images
+from pcnav.perception.feature_tracking import FeatureTracker, track_features
 from pcnav.recordings.images import GreyImage, open_images
 from pcnav.simulation.images import ImageMotion, ImageRenderer, render_images, write_images
 from pcnav.target.rendering import DepthRenderer
@@ -103,11 +103,10 @@ def test_tracks_of_rendered_images_stay_on_the_target(
 ) -> None:
     folder, motion, mesh = turning
     images = open_images(folder)
-    *_, tracks = tracks_of_images(images, FeatureTrackerTable(spacing_px=6.0))
-    camera = tracks.camera
+    camera = images.camera
+    start, *later = track_features(images, camera, FeatureTrackerTable(spacing_px=6.0))
     first = DepthRenderer(mesh, camera).render(motion.T_cam_model[0])
-    start = tracks.frames[0]
-    for frame, T in zip(tracks.frames[1:], motion.T_cam_model[1:], strict=True):
+    for frame, T in zip(later, motion.T_cam_model[1:], strict=True):
         common, i, j = np.intersect1d(start.features, frame.features, return_indices=True)
         assert len(common) >= 20
         rays = (start.pixels[i] - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
@@ -129,8 +128,9 @@ def test_attitude_from_rendered_images(
 ) -> None:
     pytest.importorskip("poselib", reason="the extra `images` is not installed")
     folder, motion, _ = turning
-    *_, tracks = tracks_of_images(open_images(folder), FeatureTrackerTable(spacing_px=6.0))
-    last = run_chain(tracks, ImageMotionTable())[-1]
+    images, table = open_images(folder), FeatureTrackerTable(spacing_px=6.0)
+    frames = track_features(images, images.camera, table)
+    last = chain_frames(images.camera, table.pixel_sigma_px, frames, ImageMotionTable())[-1]
     assert last.R_world_body is not None and last.covariance is not None
     R = motion.T_cam_model[:, :3, :3]
     off = log_rotation(last.R_world_body.T @ (R[-1] @ R[0].T))

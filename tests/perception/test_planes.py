@@ -6,7 +6,7 @@ import trimesh
 from scipy.optimize import least_squares
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import PinholeCamera, unproject
+from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.planes import (
     extract_planes,
@@ -149,7 +149,7 @@ def test_planes_of_a_box_are_its_faces(camera: PinholeCamera) -> None:
     rendered = DepthRenderer(box, camera).render(T)
     seen = rendered.depth_m > 0.0
     noise = np.random.default_rng(0).normal(0.0, 0.005, seen.sum())
-    points = unproject(camera, rendered.depth_m)[seen]
+    points = (pixel_rays(camera) * rendered.depth_m[..., None])[seen]
     points += noise[:, None] * points / np.linalg.norm(points, axis=1, keepdims=True)
 
     planes = extract_planes(points, 0.015, 800, 60, seed=1)

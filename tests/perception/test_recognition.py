@@ -28,7 +28,6 @@ def observation(length: float, width: float, area: float, rim: float = 0.0) -> R
         covariance=np.diag([*np.full(6, 1e-6), *SD**2]),
         cut_sides=(False, False, False, False),
         rim_m=rim,
-        n_points=500,
     )
 
 

@@ -14,9 +14,9 @@ from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.refinement import Comparer, Comparison
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.target.catalogue import find_rectangles
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
+from tests.target.catalogued import find_rectangles
 
 DrawPose = Callable[..., FloatArray]
 Change = Callable[[DepthImage, np.random.Generator], DepthImage]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcnav.core.arrays import DepthImage, FloatArray
-from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth, solid_angle, unproject
+from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth, solid_angle
 from pcnav.perception.returns import Window, smoothed_points, smoothing_size, window_of_returns
 from pcnav.recordings.sequence import Frame
 
@@ -68,7 +68,7 @@ def test_arrays_are_those_of_the_pixels_they_stand_for() -> None:
     u, v = window.pixel(returns).T
     np.testing.assert_array_equal(np.count_nonzero(depth), len(returns))
     points = window.rays[returns] * window.range_m[returns, None]
-    np.testing.assert_allclose(points, unproject(CAMERA, depth)[v, u], atol=1e-12)
+    np.testing.assert_allclose(points, (pixel_rays(CAMERA) * depth[..., None])[v, u], atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(window.rays, axis=1), 1.0, atol=1e-15)
     np.testing.assert_array_equal(window.solid_angle[returns], solid_angle(CAMERA)[v, u])
     np.testing.assert_array_equal(

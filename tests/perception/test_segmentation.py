@@ -109,8 +109,7 @@ def test_dropouts_are_filled(shoot: Shoot) -> None:
     # Filled pixels are part of the face but no returns.
     residual = rendered.depth_m / np.maximum(frame.depth_m, 1.0)
     near = np.abs(residual - 1.0) * 20.0 < 3.5 * SIGMA
-    assert segments[0].n_returns == pytest.approx(near.sum(), abs=3)
-    assert len(segments[0].pixels) > 1.09 * segments[0].n_returns
+    assert len(segments[0].pixels) > 1.09 * near.sum()
 
 
 def test_an_occluder_cuts_what_it_hides_and_free_edges_are_edges(shoot: Shoot) -> None:

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from pcnav.config.pipeline_file import Pipeline
-from pcnav.core.camera import unproject
+from pcnav.core.camera import pixel_rays
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION
@@ -69,7 +69,7 @@ def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target
     assert sequence.info.target_mesh == sequence.path / target.mesh_path.name
     assert (sequence.info.range_sigma_m, sequence.info.mean_motion_rad_s) == (0.01, N)
     for frame, T_cam_model in zip(sequence, truth.T_cam_target, strict=True):
-        p_cam = unproject(frame.camera, frame.depth_m)[frame.depth_m > 0.0]
+        p_cam = (pixel_rays(frame.camera) * frame.depth_m[..., None])[frame.depth_m > 0.0]
         assert len(p_cam) > 200
         p_model = transform_points(invert_transform(T_cam_model), p_cam)
         # Signed distance to a box, for points about its surface.

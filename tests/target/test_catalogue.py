@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_fault
-from pcnav.target.catalogue import Rectangle, find_rectangles, rectangle_fault
+from pcnav.target.catalogue import Rectangle, rectangle_fault
 from pcnav.target.facets import planar_faces
 from pcnav.target.mesh import read_mesh, wireframe_edges
+from tests.target.catalogued import find_rectangles
 
 SIZE = (1.0, 2.0, 3.0)
 POSE = make_transform(exp_rotation(np.array([0.3, -1.1, 0.7])), np.array([3.0, -2.0, 5.0]))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcnav.core.camera import unproject
+from pcnav.core.camera import pixel_rays
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.viewer.colouring import (
     EXPLAINED_SIGMA,
@@ -26,7 +26,7 @@ def test_returns_of_a_rectangle_lie_in_it(loaded: LoadedRun) -> None:
     shot = shot_of(loaded, LAST)
     assert shot is not None and shot.rectangles is not None
     assert loaded.target is not None and loaded.frames is not None
-    p_cam = unproject(shot.frame.camera, shot.frame.depth_m)
+    p_cam = pixel_rays(shot.frame.camera) * shot.frame.depth_m[..., None]
     T_model_cam = invert_transform(loaded.track.T_cam_model[LAST])
     shown = np.unique(shot.rectangles[shot.rectangles >= 0])
     assert len(shown) >= 3
@@ -112,6 +112,6 @@ def test_a_thinned_frame_keeps_points_and_pixels_together(loaded: LoadedRun) -> 
     assert shot is not None
     thin = shot.thinned(100)
     assert 50 < len(thin.points) <= 100
-    whole = unproject(shot.frame.camera, shot.frame.depth_m)[thin.shown]
+    whole = (pixel_rays(shot.frame.camera) * shot.frame.depth_m[..., None])[thin.shown]
     assert np.allclose(thin.points, whole, atol=1e-5)
     assert thin.colours(ColourBy.PLANE, 0.1).shape == thin.points.shape

@@ -1,4 +1,4 @@
-"""Quaternion, axis and angle, and rates of a chain of attitudes (Appl. Sci. 2022 (14)-(18)).
+"""Quaternion and rates of a chain of attitudes (Appl. Sci. 2022 (14)-(18)).
 
 Printed (15), ``R_i'^T R_i``, is the transpose of a cross-product matrix as the other papers write
 it; (17) prints the angle as ``pi / 2 . arcsin q4``, which is meant as ``2 arccos q4``.
@@ -31,25 +31,6 @@ class RotationHistory:
     """(n, 3, 3)"""
     omega_body: FloatArray
     """(n, 3) rad/s; nan in a segment of a single frame."""
-    omega_cam: FloatArray
-    """(n, 3) the same rate along the camera's axes (16)."""
-
-    @property
-    def xyzw(self) -> FloatArray:
-        """(n, 4) quaternion of R_world_body, without jumps of sign within a segment."""
-        return continuous_xyzw(self.R_world_body, self.segment)
-
-    @property
-    def angle_rad(self) -> FloatArray:
-        """(n,) angle of R_cam_body (17)."""
-        return np.asarray(np.linalg.norm(log_rotation(self.R_cam_body), axis=-1))
-
-    @property
-    def axis(self) -> FloatArray:
-        """(n, 3) unit axis of R_cam_body (17); 0 where nothing has turned."""
-        turn = log_rotation(self.R_cam_body)
-        length = np.linalg.norm(turn, axis=-1, keepdims=True)
-        return np.asarray(turn / np.where(length > 0.0, length, 1.0))
 
 
 def rotation_history(frames: Sequence[ChainFrame], settings: ImageMotionTable) -> RotationHistory:
@@ -65,8 +46,7 @@ def rotation_history(frames: Sequence[ChainFrame], settings: ImageMotionTable) -
         at = np.flatnonzero(segment == each)
         R[at], omega[at] = smoothed(time_s[at], R[at], settings)
     R_cam_body = R_cam_world @ R
-    omega_cam = np.einsum("nij,nj->ni", R_cam_body, omega)
-    return RotationHistory(numbers, time_s, segment, R, R_cam_body, omega, omega_cam)
+    return RotationHistory(numbers, time_s, segment, R, R_cam_body, omega)
 
 
 def smoothed(

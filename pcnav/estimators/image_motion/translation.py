@@ -17,7 +17,6 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import rotation_fault
-from pcnav.estimators.image_motion.chain import ChainFrame
 
 
 class Verdict(StrEnum):
@@ -191,37 +190,3 @@ def _found(view: RelativeView, pairs: Sequence[tuple[FloatArray, FloatArray]]) -
         missing = "the direction at the other frame"
         return Translation(Verdict.TWO_ANSWERS, places, missing)
     return Translation(Verdict.FOUND, places)
-
-
-def places_along(
-    frames: Sequence[ChainFrame], first_m: FloatArray, directions: FloatArray
-) -> tuple[FloatArray | None, ...]:
-    """The mass centre at every frame (3,), m, axes of its camera; None where it stays open.
-
-    Assumption 4 along a chain: the place at the first frame is known (3,), and at every frame the
-    direction (n, 3). Each frame takes the range from the one it was compared with.
-    """
-    places: list[FloatArray | None] = []
-    for frame, direction in zip(frames, directions, strict=True):
-        places.append(_next_place(frames, places, frame, direction) if places else first_m)
-    return tuple(places)
-
-
-def _next_place(
-    frames: Sequence[ChainFrame],
-    places: Sequence[FloatArray | None],
-    frame: ChainFrame,
-    direction: FloatArray,
-) -> FloatArray | None:
-    motion = None if frame.relative is None else frame.relative.motion
-    if motion is None or frame.reference is None:
-        return None
-    before = places[frame.reference]
-    if before is None:
-        return None
-    R_cameras = frame.R_cam_world @ frames[frame.reference].R_cam_world.T
-    range_m = float(np.linalg.norm(before))
-    known = Known(before / range_m, direction, range_first_m=range_m)
-    view = RelativeView(motion.R_second_first, motion.direction, R_cameras)
-    answer = translation(view, known)
-    return answer.places[0].second_m if answer.verdict is Verdict.FOUND else None

@@ -2,7 +2,9 @@
 
 The nominal state is the paper's: mass centre and its velocity in Hill axes, attitude, angular rate,
 and N feature points fixed in the body. The rate kept is the inertial one in body axes instead of
-the relative one in Hill axes; `pcnav.dynamics.relative_attitude` changes between the two.
+the relative one in Hill axes, ``D w - w_C`` (16e): one motion in two
+descriptions. Derived afresh, (19) is Euler's equation seen from the chaser; its brackets are
+damaged in print.
 
 Kinematic coupling (25) is ``rho_i'' = rho_0'' + w' x P_i + w x (w x P_i)``, with the lever arm from
 the mass centre (the print has rho_i). It is the second derivative of ``rho_i = rho_0 + D P_i`` (2)

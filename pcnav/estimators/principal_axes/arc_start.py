@@ -6,7 +6,6 @@ Points -> rigid map and its poses -> rotation and inertia -> unique principal fr
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 
 import numpy as np
 
@@ -24,14 +23,17 @@ from pcnav.estimators.principal_axes.arc_fit import ArcFit, fit_pixels, longest_
 from pcnav.estimators.principal_axes.feature_measurements import FrameView
 from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
 from pcnav.estimators.principal_axes.inertia_identification import (
-    MomentumFit,
     angular_rate,
     batch_least_squares,
     errors_in_variables,
 )
 from pcnav.estimators.principal_axes.linearised import Leg, filter_about
 from pcnav.estimators.principal_axes.principal_choice import FrameKnowledge, frame_knowledge
-from pcnav.estimators.principal_axes.principal_frame import free_axes, principal_axes
+from pcnav.estimators.principal_axes.principal_frame import (
+    clearest_order,
+    free_axes,
+    principal_axes,
+)
 from pcnav.recordings.tracks import TrackFrame
 
 _MIN_POSES = 10
@@ -154,11 +156,11 @@ def _first_rate(rates: FloatArray, times: FloatArray, first: float) -> FloatArra
     return np.asarray(line[-1])
 
 
-def _parameters(fit: MomentumFit) -> FloatArray:
-    trace = float(np.trace(fit.inertia))
+def _parameters(inertia: FloatArray) -> FloatArray:
+    trace = float(np.trace(inertia))
     if not (np.isfinite(trace) and trace > 0.1):
         return _BALL
-    return positive(parameters_of(fit.inertia))
+    return positive(parameters_of(inertia))
 
 
 def _axes(
@@ -166,20 +168,15 @@ def _axes(
 ) -> tuple[FloatArray, tuple[int, int, int]]:
     """R_map_t of the principal axes, and the triple of points that signed them.
 
-    The order of the three points is that which makes both signs the clearest: an axis of the
-    triple's frame at right angles to a principal axis would leave its sign to the noise.
+    The order of the three points is that which makes both signs the clearest.
     """
     best = best_triple(points)
-    tried = []
-    for order in permutations(best):
-        R_map_p = photogrammetric_axes(points[list(order)])
-        _, axes = principal_axes(R_map_p.T @ rotation.inertia @ R_map_p)
-        tried.append((min(axes[0, 0], axes[1, 1]), order, R_map_p @ axes))
-    _, (i, j, k), R_map_t = max(tried, key=lambda each: each[0])
-    if not unique:
-        some = photogrammetric_axes(points[rng.permutation(list(best))])
-        R_map_t = some @ free_axes(some.T @ rotation.inertia @ some)
-    return R_map_t, (i, j, k)
+    i, j, k = (best[at] for at in clearest_order(points[list(best)], rotation.inertia))
+    if unique:
+        R_map_p = photogrammetric_axes(points[[i, j, k]])
+        return R_map_p @ principal_axes(R_map_p.T @ rotation.inertia @ R_map_p)[1], (i, j, k)
+    some = photogrammetric_axes(points[rng.permutation(list(best))])
+    return some @ free_axes(some.T @ rotation.inertia @ some), (i, j, k)
 
 
 def _mass_centre(

@@ -7,13 +7,10 @@ known covariance of the rates into account; `rotation_arc` fits the motion itsel
 and is the default everywhere. All functions work over leading dimensions.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import log_rotation
-from pcnav.dynamics.rigid_body import ratios_from_inertia
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Order of the six entries of an inertia matrix in this module; (9) divides by the first."""
@@ -49,67 +46,27 @@ def momentum_rows(R_world_g: FloatArray, omega_g: FloatArray) -> FloatArray:
     return np.concatenate([by_entries, -np.swapaxes(R_world_g, -1, -2)], axis=-1)
 
 
-@dataclass(frozen=True)
-class MomentumFit:
-    """What a linear fit found."""
+def batch_least_squares(R_world_g: FloatArray, omega_g: FloatArray) -> FloatArray:
+    """(..., 3, 3) inertia over Ixx, axes of g (9): the printed solution (13)-(14).
 
-    inertia: FloatArray
-    """(..., 3, 3) over Ixx, axes of g: (9)."""
-    momentum_world: FloatArray
-    """(..., 3) H over Ixx, rad/s."""
-
-
-def batch_least_squares(R_world_g: FloatArray, omega_g: FloatArray) -> MomentumFit:
-    """The printed solution (13)-(14) from attitudes (..., n, 3, 3) and rates (..., n, 3)."""
+    From attitudes (..., n, 3, 3) and rates (..., n, 3).
+    """
     rows = momentum_rows(R_world_g, omega_g)
     return solve_normal(np.einsum("...nie,...nif->...ef", rows, rows))
 
 
-def solve_normal(normal: FloatArray) -> MomentumFit:
-    """The printed solution from the sum of ``rows^T rows`` (..., 9, 9)."""
+def solve_normal(normal: FloatArray) -> FloatArray:
+    """(..., 3, 3) the printed solution from the sum of ``rows^T rows`` (..., 9, 9)."""
     x = np.linalg.solve(normal[..., 1:, 1:], -normal[..., 1:, :1])[..., 0]
-    return _fit(np.concatenate([np.ones((*x.shape[:-1], 1)), x], axis=-1))
-
-
-@dataclass(frozen=True)
-class RecursiveLeastSquares:
-    """(13) one epoch after the other: the solution so far and the inverse of its normal matrix.
-
-    With the wide prior of `RecursiveLeastSquares.start` it equals the batch solution but for what
-    the prior holds back.
-    """
-
-    solution: FloatArray
-    """(8,) ratios Iyy, Izz, Ixy, Ixz, Iyz over Ixx, then H."""
-    inverse: FloatArray
-    """(8, 8)"""
-
-    @staticmethod
-    def start(prior_sd: float = 1e4) -> "RecursiveLeastSquares":
-        """Nothing known: a ball, with a standard deviation in units of the row noise."""
-        ball = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-        return RecursiveLeastSquares(ball, prior_sd**2 * np.eye(8))
-
-    def add(self, R_world_g: FloatArray, omega_g: FloatArray) -> "RecursiveLeastSquares":
-        """Take in attitude (3, 3) and rate (3,) of an epoch."""
-        rows = momentum_rows(R_world_g, omega_g)
-        a, b = rows[:, 1:], -rows[:, 0]
-        spread = self.inverse @ a.T
-        gain = spread @ np.linalg.inv(np.eye(3) + a @ spread)
-        inverse = self.inverse - gain @ spread.T
-        return RecursiveLeastSquares(
-            self.solution + gain @ (b - a @ self.solution), 0.5 * (inverse + inverse.T)
-        )
-
-    def fit(self) -> MomentumFit:
-        """Inertia and momentum so far."""
-        return _fit(np.concatenate([[1.0], self.solution]))
+    return _inertia(np.concatenate([np.ones((*x.shape[:-1], 1)), x[..., :5]], axis=-1))
 
 
 def errors_in_variables(
     R_world_g: FloatArray, omega_g: FloatArray, rate_noise: FloatArray
-) -> MomentumFit:
-    """The fit that the noise of the rates does not bias, from (..., n, 3, 3) and (..., n, 3).
+) -> FloatArray:
+    """(..., 3, 3) inertia over Ixx that the noise of the rates does not bias.
+
+    From attitudes (..., n, 3, 3) and rates (..., n, 3).
 
     ``rate_noise`` (..., n, 3, 3) is the covariance of the rates, of any scale. In the homogeneous
     rows the noise adds ``sum of A_i Cov A_j`` to the normal matrix of the six entries, whatever
@@ -120,23 +77,15 @@ def errors_in_variables(
     rows = momentum_rows(R_world_g, omega_g)
     normal = np.einsum("...nie,...nif->...ef", rows, rows)
     cross, momentum = normal[..., :6, 6:], normal[..., 6:, 6:]
-    back = np.linalg.solve(momentum, np.swapaxes(cross, -1, -2))
-    reduced = normal[..., :6, :6] - cross @ back
+    reduced = normal[..., :6, :6] - cross @ np.linalg.solve(momentum, np.swapaxes(cross, -1, -2))
     total = rate_noise.sum(axis=-3)
     noise = np.einsum("eij,...jk,fik->...ef", _UNITS, total, _UNITS)
     root = np.linalg.inv(np.linalg.cholesky(noise))
     _, vectors = np.linalg.eigh(root @ reduced @ np.swapaxes(root, -1, -2))
     entries = (np.swapaxes(root, -1, -2) @ vectors[..., :1])[..., 0]
-    entries = entries / entries[..., :1]
-    return _fit(np.concatenate([entries, -(back @ entries[..., None])[..., 0]], axis=-1))
+    return _inertia(entries / entries[..., :1])
 
 
-def _fit(x: FloatArray) -> MomentumFit:
-    """Of the six entries and H (..., 9)."""
-    inertia = np.einsum("...e,eij->...ij", x[..., :6], _UNITS)
-    return MomentumFit(inertia, x[..., 6:])
-
-
-def ratios_of(fit: MomentumFit) -> FloatArray:
-    """(5,) of one fit: l of (9)."""
-    return ratios_from_inertia(fit.inertia)
+def _inertia(entries: FloatArray) -> FloatArray:
+    """(..., 3, 3) of its six entries (..., 6)."""
+    return np.asarray(np.einsum("...e,eij->...ij", entries, _UNITS))

@@ -5,6 +5,7 @@ from itertools import permutations, product
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 
 
 def _choices() -> FloatArray:
@@ -36,6 +37,23 @@ def principal_axes(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _sign(values: FloatArray) -> FloatArray:
     return np.where(values < 0.0, -1.0, 1.0)
+
+
+def clearest_order(corners: FloatArray, inertia: FloatArray) -> tuple[int, int, int]:
+    """The order of three points (3, 3), map axes, whose frame (6) makes the signs clearest.
+
+    An axis of that frame at right angles to a principal axis would leave its sign to the noise.
+    Swapping the first two points reverses two axes of the frame and leaves the margins what they
+    are. So of either pair of orders the one is taken that begins with the point farther from the
+    third: that depends on the triangle alone, not on the numbering of the points nor on rounding.
+    """
+    sides = np.linalg.norm(corners[:, None] - corners, axis=-1)
+    # Without the last point the farthest comes first; the last itself is at distance 0.
+    orders = np.argsort(-sides, axis=1)
+    R_map_g = photogrammetric_axes(corners[orders])
+    _, axes = principal_axes(np.swapaxes(R_map_g, -1, -2) @ inertia @ R_map_g)
+    first, second, third = orders[np.minimum(axes[:, 0, 0], axes[:, 1, 1]).argmax()].tolist()
+    return first, second, third
 
 
 def free_axes(inertia: FloatArray) -> FloatArray:

@@ -23,7 +23,6 @@ from pcnav.estimators.image_motion.translation import (
     Known,
     RelativeView,
     Verdict,
-    places_along,
     translation,
 )
 from pcnav.recordings.monocular import MonocularFrame, MonocularTracks
@@ -85,9 +84,8 @@ def test_the_chasers_own_attitude_is_taken_out() -> None:
     frames = run_chain(tracks, KEY_FRAMES)
     assert np.abs(errors(frames, R)).max() < 1e-9
     history = rotation_history(frames, ImageMotionTable(smoothing=Smoothing.NONE))
-    # Inertial rates along the camera's axes: the camera's own rate is not in them.
-    expected = np.einsum("nij,njk,nk->ni", R_cam_world, R, rates)
-    assert history.omega_cam[1:-1] == pytest.approx(expected[1:-1], abs=1e-3)
+    # Inertial rates: the camera's own rate is not in them.
+    assert history.omega_body[1:-1] == pytest.approx(rates[1:-1], abs=1e-3)
     assert history.R_cam_body == pytest.approx(R_cam_world @ R, abs=1e-9)
 
 
@@ -197,16 +195,12 @@ def test_rates_by_differences_and_by_polynomials() -> None:
     assert np.std(fitted[4:-4]) < 0.5 * np.std(plain[4:-4])
 
 
-def test_quaternions_axis_and_angle() -> None:
+def test_quaternions_are_continuous() -> None:
     angles = np.linspace(0.1, 6.0, 50)
     R = exp_rotation(angles[:, None] * np.array([0.0, 0.6, 0.8]))
     quaternions = continuous_xyzw(R)
     assert np.sum(quaternions[1:] * quaternions[:-1], axis=1).min() > 0.9
     assert Rotation.from_quat(quaternions).as_matrix() == pytest.approx(R)
-    tracks, _, R_true, _ = scene(8, TrackFaults())
-    history = rotation_history(run_chain(tracks, KEY_FRAMES), KEY_FRAMES)
-    turn = Rotation.from_matrix(R_true).as_rotvec()
-    assert history.axis * history.angle_rad[:, None] == pytest.approx(turn, abs=2e-4)
 
 
 FIRST, SECOND = np.array([1.0, -2.0, 30.0]), np.array([1.5, -1.0, 28.0])
@@ -274,14 +268,3 @@ def test_what_is_missing_is_said() -> None:
     assert translation(view(), apart).verdict is Verdict.CONTRADICTION
     short = replace(known("drs"), range_second_m=0.1)
     assert translation(view(), short).verdict is Verdict.CONTRADICTION
-
-
-def test_places_along_a_chain() -> None:
-    drift = np.linspace(0.0, 1.0, 12)[:, None] * np.array([1.5, -1.0, 2.0])
-    places = drift + np.array([0.0, 0.0, 30.0])
-    tracks, _, _, _ = scene(9, TrackFaults(), places_m=places)
-    frames = run_chain(tracks, KEY_FRAMES)
-    directions = places / np.linalg.norm(places, axis=1, keepdims=True)
-    found = places_along(frames, places[0], directions)
-    assert all(each is not None for each in found)
-    assert np.array(found) == pytest.approx(places, abs=1e-6)
