@@ -1,6 +1,7 @@
 """Rectangles from moments: closed forms, Monte Carlo of the covariances, and rendered panels."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,8 +22,8 @@ from pcnav.perception.rectangles import (
     random_sampling_covariance,
     side_lengths,
 )
-from pcnav.perception.returns import window_of_returns
-from pcnav.perception.segmentation import segment_planes
+from pcnav.perception.returns import Window, window_of_returns
+from pcnav.perception.segmentation import Segment, segment_planes
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 
@@ -141,16 +142,20 @@ def test_a_square_has_no_yaw() -> None:
             assert np.sqrt(random_sampling_covariance(moments, 400)[YAW, YAW]) > 0.2
 
 
-def observed(
-    frame: Frame, T: FloatArray, sigma: float, mode: PerceptionMode
-) -> RectangleObservation:
-    """The one segment of a frame of a single panel, read as a rectangle."""
+def facing(frame: Frame, T: FloatArray, sigma: float) -> tuple[Window, Segment]:
+    """The one segment of a frame of a single panel."""
     window = window_of_returns(frame)
     assert window is not None
     m = T[:3, 2] / (T[:3, 2] @ T[:3, 3])
-    segments, _ = segment_planes(window, (m,), sigma, 40, rounds=1)
-    assert len(segments) == 1
-    return observe_segment(frame.camera, window, segments[0], sigma, mode)
+    (segment,), _ = segment_planes(window, (m,), sigma, 40, rounds=1)
+    return window, segment
+
+
+def observed(
+    frame: Frame, T: FloatArray, sigma: float, mode: PerceptionMode
+) -> RectangleObservation:
+    """It, read as a rectangle."""
+    return observe_segment(frame.camera, *facing(frame, T, sigma), sigma, mode)
 
 
 @pytest.mark.parametrize("angle_deg", [30.0, 45.0, 60.0])
@@ -209,3 +214,17 @@ def test_image_border_cuts_the_side_it_hides(
     far, near = (2 * axis, 2 * axis + 1) if out[axis] > 0.0 else (2 * axis + 1, 2 * axis)
     assert observation.cut_sides[near]
     assert not observation.cut_sides[far]
+
+
+@pytest.mark.parametrize(("share", "is_cut"), [(0.01, False), (0.05, True)])
+def test_a_mast_cuts_no_face_and_a_part_before_it_does(
+    shoot: Shoot, panel: trimesh.Trimesh, share: float, is_cut: bool
+) -> None:
+    T = make_transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 20.0]))
+    frame, _ = shoot(panel, T, 0.005, 1)
+    window, segment = facing(frame, T, 0.005)
+    hidden = segment.pixels[: round(share * segment.n_outline)]
+    assert len(hidden) >= 3
+    cut = replace(segment, cut_pixels=hidden)
+    observation = observe_segment(frame.camera, window, cut, 0.005, PerceptionMode.AREA_WEIGHTED)
+    assert observation.is_cut is is_cut

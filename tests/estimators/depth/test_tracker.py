@@ -447,6 +447,19 @@ def box_with_a_tower(folder: Path, height_m: float) -> Target:
     return load_target(path)
 
 
+def test_a_track_that_sees_only_other_things_is_given_up_after_ten_frames(
+    recording: Recording,
+) -> None:
+    wall = np.zeros_like(recording.frames[0].depth_m)
+    wall[:40, :40] = 60.0
+    frames = recording.frames[:8] + [
+        replace(frame, depth_m=wall) for frame in recording.frames[8:20]
+    ]
+    words = [estimate.status for estimate in track(recording, frames)]
+    assert words[7] == Status.LOCKED
+    assert words[8:] == [*[Status.COASTING] * 10, Status.LOST, Status.ACQUIRING]
+
+
 @pytest.mark.parametrize(
     ("height_m", "axis", "inlier_ratio"),
     [(0.5, (1.0, 0.0, 0.0), (0.5, 0.9)), (0.3, (0.0, 0.0, 1.0), (0.8, 0.97))],
