@@ -29,6 +29,10 @@ from pcnav.report.figures import (
 from .folder import StudyFigure
 
 _ROW_IN = 1.15
+_LEGEND_LETTERS = 90
+"""In one line of a legend."""
+_TRUTH = "#cbd5e1"
+"""Of broad lines that others are drawn over."""
 _LOG_FROM = 20.0
 """A curve that many times its band, or its own least value, asks for a logarithmic axis."""
 _SETTLED_FROM = 0.1
@@ -137,6 +141,29 @@ def mean_squared_panel(label: str, judged: MeanSquared) -> Panel:
     )
 
 
+def component_panels(
+    labels: Sequence[str],
+    truth: FloatArray,
+    estimates: Mapping[str, FloatArray],
+    at: FloatArray | None = None,
+    style: str = "-",
+) -> list[Panel]:
+    """A panel for every component of a truth (n, k) and of estimates by name.
+
+    The estimates are (m, k) at ``at`` (m,), or at the times of the truth.
+    """
+    return [
+        Panel(
+            label,
+            [
+                Curve("truth", truth[:, k], colour=_TRUTH, width=2.0),
+                *(Curve(name, values[:, k], at, style) for name, values in estimates.items()),
+            ],
+        )
+        for k, label in enumerate(labels)
+    ]
+
+
 def panels_figure(
     key: str,
     title: str,
@@ -170,6 +197,7 @@ def panels_figure(
         _limit(axes, panel, same)
         if log_at:
             axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             _plain_numbers(axes)
         elif len(at) > 1:
             axes.set_xlim(float(at[0]), float(at[-1]))
@@ -185,7 +213,8 @@ def panels_figure(
             if curve.name not in named:
                 drawn[0].plot([], [], curve.style, color=colour, label=curve.name)
                 named.add(curve.name)
-    add_legend(figure, drawn[0], max_columns=5)
+    longest = max(1, *(len(name) for name in named))
+    add_legend(figure, drawn[0], max_columns=min(5, max(2, _LEGEND_LETTERS // longest)))
     return StudyFigure(key, title, caption, svg_bytes(figure))
 
 
@@ -240,7 +269,7 @@ def _draw(axes: Axes, at: FloatArray, panel: Panel) -> None:
 
 
 def _coloured(panel: Panel) -> list[tuple[Curve, str]]:
-    palette = cycle(CATEGORIES)
+    palette = cycle((*CATEGORIES, INK))
     return [(curve, curve.colour or next(palette)) for curve in panel.curves]
 
 

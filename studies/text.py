@@ -42,9 +42,12 @@ class StudyText:
         figures: Sequence[StudyFigure] = (),
         **fields: object,
     ) -> Chapter:
-        """A chapter with its paragraphs, the fields filled in. Raises ``KeyError`` without one."""
-        text = (" ".join(block.split()).format(**fields) for block in self.blocks[title])
-        return Chapter(title, tuple(text), tuple(tables), tuple(figures))
+        """A chapter with its paragraphs, the fields filled in; none for those that are then empty.
+
+        Raises ``KeyError`` for a chapter or a field that is not there.
+        """
+        text = [" ".join(block.format(**fields).split()) for block in self.blocks[title]]
+        return Chapter(title, tuple(filter(None, text)), tuple(tables), tuple(figures))
 
     def table(self, key: str, title: str, text_columns: int, **fields: object) -> TextTable:
         """The table that stands under its title."""

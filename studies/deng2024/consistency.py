@@ -1,28 +1,30 @@
 """Whether the filter's covariance tells its errors: many runs in step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pcnav.batch.monte_carlo import run_seed
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.core import chi_square
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation
+from pcnav.core.statistics import MeanSquared, mean_squared
 from pcnav.dynamics.inertia_parameters import shares
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator, initial_belief
-from pcnav.estimators.attitude_inertia.rotation_model import (
-    INERTIA,
-    SIZE,
-    RotationState,
-    printed_covariance,
-)
+from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, SIZE, RotationState
+from pcnav.files.text_table import TextTable
 
+from ..folder import StudyFigure
+from ..panels import Panel, Scale, curves_of, panels_figure
+from ..tables import table_of
+from . import paper
+from .estimates import Estimates
 from .paper import Motion
 
 _SETTLED_FROM_S = 60.0
 """The printed nutation turns once in some 55 s."""
-CONFIDENCE = 0.95
+_INTERVAL_S, _ATTITUDE_SD_DEG = 1.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,39 @@ class Case:
     rate_sd_deg_s: float
     ratio_sd: float
     """Of the first guess about the truth, and of the prior."""
-    attitude_sd_deg: float
     whole_arc_start: bool
     runs: int
 
     def __str__(self) -> str:
         return self.name
+
+    @property
+    def prior(self) -> AttitudeInertiaTable:
+        """What the filters begin with: the truth is one draw from it."""
+        x, y, z = np.degrees(self.motion.start.omega_body).tolist()
+        return AttitudeInertiaTable(
+            rate_deg_s=(x, y, z),
+            rate_sd_deg_s=self.rate_sd_deg_s,
+            inertia_ratios_zz=self.motion.ratios,
+            inertia_ratio_sd=self.ratio_sd,
+            attitude_sd_deg=_ATTITUDE_SD_DEG,
+            angular_acceleration_psd_rad2_s3=0.0,
+            # A gate would take away what NEES is to judge.
+            gate_probability=1.0 - 1e-12,
+        )
+
+
+def monte_carlo_cases(runs: int, duration_s: float) -> list[Case]:
+    """Nutation with a narrow and a wide prior, the filter from the guess, and the spin."""
+    nutation = paper.nutation(duration_s, _INTERVAL_S)
+    spin = paper.spin(duration_s, _INTERVAL_S)
+    return [
+        Case("nutation, ratios known to 0.05", nutation, 1.0, 0.05, True, runs),
+        Case("nutation, ratios known to 0.3", nutation, 5.0, 0.3, True, runs),
+        Case("spin, ratios known to 0.1", spin, 1.0, 0.1, True, runs),
+        Case("nutation, known to 0.05, filter alone", nutation, 1.0, 0.05, False, runs),
+        Case("nutation, known to 0.3, filter alone", nutation, 5.0, 0.3, False, runs),
+    ]
 
 
 @dataclass(frozen=True)
@@ -47,12 +76,9 @@ class CaseResult:
     """What the runs of a case did."""
 
     case: Case
+    found: Estimates
     nees: FloatArray
     """(n, runs) of all eleven states."""
-    errors: FloatArray
-    """(n, runs, 11) in printed terms."""
-    sd: FloatArray
-    """(n, runs, 11)"""
 
     @property
     def settled_from_s(self) -> float:
@@ -60,57 +86,38 @@ class CaseResult:
         return min(_SETTLED_FROM_S, 0.3 * float(self.case.motion.times_s[-1]))
 
     @property
-    def mean_nees(self) -> FloatArray:
-        """(n,) over the runs and the states: 1 when the covariance is right."""
-        return np.asarray(np.mean(self.nees, axis=1) / SIZE)
+    def judged(self) -> MeanSquared:
+        """(n,) over the runs and the states."""
+        return mean_squared(self.nees, SIZE, axis=1)
 
     @property
-    def bounds(self) -> tuple[float, float]:
-        """95 % of `mean_nees` if the covariance is right."""
-        runs = self.nees.shape[1]
-        tail = 0.5 * (1.0 - CONFIDENCE)
-        low, high = chi_square.quantile([tail, 1.0 - tail], SIZE * runs) / (SIZE * runs)
-        return float(low), float(high)
+    def settled(self) -> BoolArray:
+        """(n,) the times at which the runs are judged."""
+        return np.asarray(self.case.motion.times_s >= self.settled_from_s)
 
-    def share_inside(self, from_s: float) -> float:
-        """Share of the times from one on at which the mean is inside its bounds."""
-        low, high = self.bounds
-        late = self.mean_nees[self.case.motion.times_s >= from_s]
-        return float(np.mean((late >= low) & (late <= high)))
+    @property
+    def settled_nees(self) -> float:
+        """Mean over runs, states and settled times: 1 when the covariance is right."""
+        return float(np.mean(self.judged.mean[self.settled]))
 
-    def over(self, from_s: float) -> float:
-        """Mean over runs and times from one on."""
-        return float(np.mean(self.mean_nees[self.case.motion.times_s >= from_s]))
+    @property
+    def bounds(self) -> str:
+        """95 % of the mean at one time if the covariance is right."""
+        return f"{self.judged.lower[0]:.3f} to {self.judged.upper[0]:.3f}"
 
 
 def run_case(case: Case) -> CaseResult:
     """All runs of a case in step."""
     motion, rng = case.motion, np.random.default_rng(run_seed(f"deng2024 {case.motion.name}", 0))
-    table = AttitudeInertiaTable(
-        rate_deg_s=_triple(np.degrees(motion.omega_body[0])),
-        rate_sd_deg_s=case.rate_sd_deg_s,
-        inertia_ratios_zz=_quintuple(motion.ratios),
-        inertia_ratio_sd=case.ratio_sd,
-        attitude_sd_deg=case.attitude_sd_deg,
-        angular_acceleration_psd_rad2_s3=0.0,
-        # A gate would take away what NEES is to judge.
-        gate_probability=1.0 - 1e-12,
-    )
-    guess = _guesses(table, case.runs, rng)
-    estimator = AttitudeInertiaEstimator(table, whole_arc_start=case.whole_arc_start)
-    sd_rad = np.radians(case.attitude_sd_deg)
-    nees, errors, sd = [], [], []
-    for k, time_s in enumerate(motion.times_s.tolist()):
-        noise = exp_rotation(sd_rad * rng.standard_normal((case.runs, 3)))
-        estimate = estimator.step(time_s, motion.R_world_body[k] @ noise, guess=guess)
-        truth = _repeated(motion.truth(k), case.runs)
-        error = estimate.state.local(truth)
-        weighed = np.linalg.solve(estimate.covariance, error[..., None])[..., 0]
-        nees.append(np.sum(error * weighed, axis=1))
-        errors.append(estimate.state.printed_error(truth))
-        spread = printed_covariance(estimate.state, estimate.covariance)
-        sd.append(np.sqrt(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 0.0)))
-    return CaseResult(case, np.array(nees), np.array(errors), np.array(sd))
+    guess = _guesses(case.prior, case.runs, rng)
+    estimator = AttitudeInertiaEstimator(case.prior, whole_arc_start=case.whole_arc_start)
+    found = []
+    for time_s, R in zip(motion.times_s.tolist(), motion.truth.R_world_body, strict=True):
+        errors = np.radians(_ATTITUDE_SD_DEG) * rng.standard_normal((case.runs, 3))
+        estimate = estimator.step(time_s, R @ exp_rotation(errors), guess=guess)
+        found.append((estimate.state, estimate.covariance))
+    estimates = Estimates.of(case.name, motion, found)
+    return CaseResult(case, estimates, estimates.nees)
 
 
 def _guesses(table: AttitudeInertiaTable, runs: int, rng: np.random.Generator) -> RotationState:
@@ -126,19 +133,45 @@ def _guesses(table: AttitudeInertiaTable, runs: int, rng: np.random.Generator) -
     return RotationState(np.tile(np.eye(3), (runs, 1, 1)), rates, np.array(drawn))
 
 
-def _repeated(state: RotationState, runs: int) -> RotationState:
-    return RotationState(
-        np.broadcast_to(state.R_world_body, (runs, 3, 3)),
-        np.broadcast_to(state.omega_body, (runs, 3)),
-        np.broadcast_to(state.parameters, (runs, 5)),
+def nees_table(results: Sequence[CaseResult]) -> TextTable:
+    """NEES of every case."""
+
+    def inside(result: CaseResult) -> str:
+        return f"{100.0 * np.mean(result.judged.inside[result.settled]):.0f} %"
+
+    settled = f"from {results[0].settled_from_s:g} s on"
+    return table_of(
+        "nees",
+        f"NEES per state of {results[0].case.runs} runs",
+        results,
+        {
+            "case": lambda r: r.case.name,
+            "start": lambda r: (
+                "whole arc, then filter" if r.case.whole_arc_start else "filter from the guess"
+            ),
+            "mean, all times": lambda r: np.mean(r.judged.mean),
+            f"mean {settled}": lambda r: r.settled_nees,
+            "95 % bounds": lambda r: r.bounds,
+            f"inside {settled}": inside,
+            "largest median": lambda r: f"{np.median(r.nees, axis=1).max() / SIZE:.2f}",
+        },
+        "1 is right. The bounds are those of the mean over the runs at one time. The median of a "
+        "right NEES is 0.94 per state.",
+        text_columns=2,
     )
 
 
-def _triple(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return (x, y, z)
-
-
-def _quintuple(values: tuple[float, ...]) -> tuple[float, float, float, float, float]:
-    a, b, c, d, e = values
-    return (a, b, c, d, e)
+def nees_figure(results: Sequence[CaseResult]) -> StudyFigure:
+    """NEES over time of the filters that fit."""
+    fitted = {r.case.name: r.judged for r in results if r.case.whole_arc_start}
+    bounds = next(iter(fitted.values()))
+    panel = Panel(
+        "NEES per state",
+        curves_of({name: judged.mean for name, judged in fitted.items()}),
+        Scale.FROM_ZERO,
+        bands={"95 % bounds": (bounds.lower, bounds.upper)},
+        base=1.0,
+    )
+    caption = "Of the filters that start with a fit of the whole arc."
+    times_s = results[0].case.motion.times_s
+    return panels_figure("nees", "NEES per state", caption, times_s, [panel], row_in=2.3)

@@ -1,12 +1,12 @@
 """Figs. 2-6: the printed filter and pcnav's on the printed motions."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable, Propagation
 from pcnav.core.arrays import FloatArray
-from pcnav.core.spatial import exp_rotation, xyzw_from_rotation
+from pcnav.core.spatial import exp_rotation
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import (
     INERTIA,
@@ -14,14 +14,17 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     SIZE,
     THETA,
     AttitudeMeasurement,
-    RotationState,
     TorqueFreeModel,
-    parameters_from_printed,
-    printed_covariance,
 )
+from pcnav.estimators.image_motion.rates import continuous_xyzw
+from pcnav.files.text_table import TextTable
 from pcnav.filtering.error_state import ErrorStateFilter
 
+from ..folder import StudyFigure
+from ..panels import component_panels, panels_figure
+from ..tables import table, table_of
 from . import paper
+from .estimates import RATIO_NAMES, Estimates
 from .paper import Motion
 
 GUESS = AttitudeInertiaTable(
@@ -35,29 +38,8 @@ GUESS = AttitudeInertiaTable(
 """The printed first guess; its uncertainty is not printed."""
 _TAKE_ALL = 1.0 - 1e-15
 """The paper has no gate."""
-
-
-@dataclass(frozen=True)
-class FilterRun:
-    """A filter's estimates along a motion, the first attitude included."""
-
-    name: str
-    motion: Motion
-    quaternion_xyzw: FloatArray
-    """(n, 4)"""
-    omega_body: FloatArray
-    """(n, 3) rad/s."""
-    ratios: FloatArray
-    """(n, 5) Jxx, Jyy, Jxy, Jxz, Jyz over Jzz."""
-    errors: FloatArray
-    """(n, 11) estimate to truth: attitude (rad), rate (rad/s), printed ratios."""
-    sd: FloatArray
-    """(n, 11) as stated by the filter."""
-
-    def rms(self, block: slice) -> float:
-        """Of the error's components over the second half of the run."""
-        late = self.errors[len(self.errors) // 2 :, block]
-        return float(np.sqrt(np.mean(late**2)))
+_DEGREES = float(np.degrees(1.0))
+_QUATERNION = ("q1", "q2", "q3", "q4")
 
 
 def measured(motion: Motion, half_angle_sd: float, seed: int) -> FloatArray:
@@ -66,64 +48,114 @@ def measured(motion: Motion, half_angle_sd: float, seed: int) -> FloatArray:
     errors = 2.0 * half_angle_sd * rng.standard_normal((len(motion.times_s), 3))
     # The first attitude defines the body axes and holds no error.
     errors[0] = 0.0
-    return np.asarray(motion.R_world_body @ exp_rotation(errors))
+    return np.asarray(motion.truth.R_world_body @ exp_rotation(errors))
 
 
-def printed_run(name: str, motion: Motion, attitudes: FloatArray) -> FilterRun:
+def printed_run(name: str, motion: Motion, attitudes: FloatArray) -> Estimates:
     """The filter of (36): Euler steps, one linearisation, Q and R as printed."""
+    noise = 4.0 * paper.PRINTED_VARIANCE * np.eye(3)
     covariance = np.zeros((SIZE, SIZE))
-    covariance[THETA, THETA] = 4.0 * paper.PRINTED_VARIANCE * np.eye(3)
+    covariance[THETA, THETA] = noise
     covariance[OMEGA, OMEGA] = np.radians(GUESS.rate_sd_deg_s) ** 2 * np.eye(3)
     covariance[INERTIA, INERTIA] = GUESS.inertia_ratio_sd**2 * np.eye(5)
-    state = RotationState(
-        attitudes[0],
-        np.radians(GUESS.rate_deg_s),
-        parameters_from_printed(np.array(GUESS.inertia_ratios_zz)),
-    )
+    state = paper.state_of(GUESS.inertia_ratios_zz, GUESS.rate_deg_s)
     kalman = ErrorStateFilter(state, covariance, gate_probability=_TAKE_ALL, max_iterations=1)
     model = TorqueFreeModel(0.0, Propagation.EULER, paper.PRINTED_VARIANCE)
-    noise = 4.0 * paper.PRINTED_VARIANCE * np.eye(3)
     found = [(kalman.state, kalman.covariance)]
     for k in range(1, len(motion.times_s)):
         before = float(motion.times_s[k - 1])
         kalman.predict(model, before, float(motion.times_s[k]) - before)
         kalman.update([AttitudeMeasurement(attitudes[k], noise)])
         found.append((kalman.state, kalman.covariance))
-    return _collected(name, motion, found)
+    return Estimates.of(name, motion, found)
 
 
-def fitted_run(name: str, motion: Motion, attitudes: FloatArray) -> FilterRun:
+def fitted_run(name: str, motion: Motion, attitudes: FloatArray) -> Estimates:
     """pcnav's estimator from the printed guess, with the same R."""
     estimator = AttitudeInertiaEstimator(GUESS)
-    found = []
-    for time_s, R in zip(motion.times_s.tolist(), attitudes, strict=True):
-        estimate = estimator.step(time_s, R)
-        state = estimate.state
-        one = RotationState(state.R_world_body[0], state.omega_body[0], state.parameters[0])
-        found.append((one, estimate.covariance[0]))
-    return _collected(name, motion, found)
+    steps = zip(motion.times_s.tolist(), attitudes, strict=True)
+    estimates = [estimator.step(time_s, R) for time_s, R in steps]
+    return Estimates.of(name, motion, [(each.state, each.covariance) for each in estimates])
 
 
-def _collected(
-    name: str, motion: Motion, found: list[tuple[RotationState, FloatArray]]
-) -> FilterRun:
-    states = [state for state, _ in found]
-    spread = [printed_covariance(state, P) for state, P in found]
-    errors = [state.printed_error(motion.truth(k)) for k, state in enumerate(states)]
-    return FilterRun(
-        name=name,
-        motion=motion,
-        quaternion_xyzw=continuous(np.stack([state.R_world_body for state in states])),
-        omega_body=np.stack([state.omega_body for state in states]),
-        ratios=np.stack([state.printed_ratios for state in states]),
-        errors=np.array(errors),
-        sd=np.sqrt(np.maximum(np.stack([np.diag(P) for P in spread]), 0.0)),
+def filter_runs(motion: Motion) -> list[Estimates]:
+    """The printed filter on exact attitudes, it and pcnav's on noisy ones."""
+    exact = measured(motion, 0.0, seed=1)
+    noisy = measured(motion, paper.HALF_ANGLE_SD_RAD, seed=1)
+    return [
+        printed_run("as printed, exact attitudes", motion, exact),
+        printed_run("as printed, noise of R", motion, noisy),
+        fitted_run("pcnav, noise of R", motion, noisy),
+    ]
+
+
+def filter_figures(attitudes: FloatArray, runs: Sequence[Estimates]) -> list[StudyFigure]:
+    """Figs. 2-5: attitudes measured (n, 3, 3), then estimates of quaternion, rate and ratios."""
+    motion = runs[0].motion
+    true_q = continuous_xyzw(motion.truth.R_world_body)
+    quaternions = {run.name: continuous_xyzw(run.state.R_world_body[:, 0]) for run in runs}
+    rates = {run.name: _DEGREES * run.state.omega_body[:, 0] for run in runs}
+    rate_names = [f"rate {axis}, deg/s" for axis in "xyz"]
+    true_rates = _DEGREES * motion.truth.omega_body
+    seen = {"measured": continuous_xyzw(attitudes)}
+    return [
+        _figure(motion, "fig2", "Fig. 2 b: measured quaternion", _QUATERNION, true_q, seen),
+        _figure(motion, "fig3", "Fig. 3: quaternion", _QUATERNION, true_q, quaternions),
+        _figure(motion, "fig4", "Fig. 4: angular rate", rate_names, true_rates, rates),
+        ratio_figure("fig5", "Fig. 5: inertia ratios", runs),
+    ]
+
+
+def ratio_figure(key: str, title: str, runs: Sequence[Estimates]) -> StudyFigure:
+    """Inertia ratios over time."""
+    motion = runs[0].motion
+    found = {run.name: run.state.printed_ratios[:, 0] for run in runs}
+    return _figure(motion, key, title, RATIO_NAMES, motion.truth.printed_ratios, found)
+
+
+def _figure(
+    motion: Motion,
+    key: str,
+    title: str,
+    labels: Sequence[str],
+    truth: FloatArray,
+    found: Mapping[str, FloatArray],
+) -> StudyFigure:
+    panels = component_panels(labels, truth, found)
+    return panels_figure(key, title, "Broad: truth.", motion.times_s, panels)
+
+
+def error_table(runs: Sequence[Estimates]) -> TextTable:
+    """What the states converge to in nutation."""
+    return table_of(
+        "fig3to5",
+        "Errors over the second half of the run",
+        runs,
+        {
+            "filter": lambda run: run.name,
+            "paper": lambda run: "converge, the ratios last",
+            "attitude RMS, deg": lambda run: _DEGREES * run.rms(THETA),
+            "rate RMS, deg/s": lambda run: _DEGREES * run.rms(OMEGA),
+            "ratios RMS": lambda run: run.rms(INERTIA),
+            "largest of a ratio at the end": lambda run: np.abs(run.errors[-1, 0, INERTIA]).max(),
+        },
+        f"Attitudes every {paper.INTERVAL_S:g} s for {paper.DURATION_S:g} s.",
+        text_columns=2,
     )
 
 
-def continuous(R: FloatArray) -> FloatArray:
-    """(n, 4) scalar-last quaternions of (n, 3, 3) without jumps of sign."""
-    q = xyzw_from_rotation(R)
-    flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
-    q[1:] *= flips[:, None]
-    return q
+def spin_table(runs: Sequence[Estimates]) -> TextTable:
+    """Whether each ratio converges in a spin."""
+    rows = []
+    for run in runs:
+        errors, sd = run.errors[-1, 0, INERTIA], run.sd[:, 0, INERTIA]
+        for k, name in enumerate(RATIO_NAMES):
+            verdict = "converges" if sd[-1, k] < 0.25 * sd[0, k] else "does not converge"
+            rows.append((run.name, name, verdict, errors[k], sd[0, k], sd[-1, k]))
+    return table(
+        "fig6",
+        "Inertia ratios at the end of the spin",
+        ("filter", "ratio", "by its own sd", "error", "sd at the start", "sd at the end"),
+        rows,
+        text_columns=3,
+    )

@@ -1,5 +1,6 @@
 """What Deng 2024 prints, and what it leaves open."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, parameters_from_printed
 from pcnav.simulation.scenario import rotate_torque_free
+
+Ratios = tuple[float, float, float, float, float]
 
 NUTATION_RATIOS = (0.85, 1.37, 0.13, 0.17, -0.11)
 NUTATION_RATE_DEG_S = (5.0, 2.3, 3.5)
@@ -33,40 +36,52 @@ class Motion:
     """A true motion at the times of the attitudes."""
 
     name: str
-    ratios: tuple[float, ...]
+    ratios: Ratios
     """Jxx, Jyy, Jxy, Jxz, Jyz over Jzz."""
     times_s: FloatArray
-    R_world_body: FloatArray
-    """(n, 3, 3)"""
-    omega_body: FloatArray
-    """(n, 3) rad/s."""
+    """(n,)"""
+    truth: RotationState
+    """(n,)"""
 
-    def truth(self, k: int) -> RotationState:
-        """The state at one time."""
-        parameters = parameters_from_printed(np.array(self.ratios))
-        return RotationState(self.R_world_body[k], self.omega_body[k], parameters)
+    @property
+    def start(self) -> RotationState:
+        """The state at the first time."""
+        return self.truth.take(np.array(0))
 
 
-def motion_of(
+def state_of(ratios: Sequence[float], rate_deg_s: Sequence[float]) -> RotationState:
+    """A body of printed ratios at the identity."""
+    parameters = parameters_from_printed(np.array(ratios))
+    return RotationState(np.eye(3), np.radians(rate_deg_s), parameters)
+
+
+def inertia_of_printed(ratios: Ratios) -> FloatArray:
+    """(3, 3) over Jzz."""
+    xx, yy, xy, xz, yz = ratios
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, 1.0]])
+
+
+def _motion(
     name: str,
-    ratios: tuple[float, ...],
-    rate_deg_s: tuple[float, ...],
-    duration_s: float = DURATION_S,
-    interval_s: float = INTERVAL_S,
+    ratios: Ratios,
+    rate_deg_s: tuple[float, float, float],
+    duration_s: float,
+    interval_s: float,
 ) -> Motion:
     """Free rotation from the identity on."""
     times_s = np.arange(round(duration_s / interval_s) + 1, dtype=np.float64) * interval_s
-    xx, yy, xy, xz, yz = ratios
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, 1.0]])
-    R, omega = rotate_torque_free(np.eye(3), np.radians(rate_deg_s), inertia, times_s)
-    return Motion(name, ratios, times_s, R, omega)
+    start = state_of(ratios, rate_deg_s)
+    inertia = inertia_of_printed(ratios)
+    R, omega = rotate_torque_free(start.R_world_body, start.omega_body, inertia, times_s)
+    truth = RotationState(R, omega, np.tile(start.parameters, (len(times_s), 1)))
+    return Motion(name, ratios, times_s, truth)
 
 
 def nutation(duration_s: float = DURATION_S, interval_s: float = INTERVAL_S) -> Motion:
     """Of Figs. 3-5."""
-    return motion_of("nutation", NUTATION_RATIOS, NUTATION_RATE_DEG_S, duration_s, interval_s)
+    return _motion("nutation", NUTATION_RATIOS, NUTATION_RATE_DEG_S, duration_s, interval_s)
 
 
 def spin(duration_s: float = DURATION_S, interval_s: float = INTERVAL_S) -> Motion:
     """Of Fig. 6."""
-    return motion_of("spin", SPIN_RATIOS, SPIN_RATE_DEG_S, duration_s, interval_s)
+    return _motion("spin", SPIN_RATIOS, SPIN_RATE_DEG_S, duration_s, interval_s)

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.batch.monte_carlo import Run
-from pcnav.config.principal_axes import FeatureMeasurements, PrincipalAxesTable
+from pcnav.batch.monte_carlo import Case, Run
+from pcnav.config.features import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.principal_inertia import middle_ratio, ratios_from_moments
@@ -13,26 +13,21 @@ from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.estimators.principal_axes.feature_states import (
     MOTION_SIZE,
-    OMEGA,
-    R_HILL,
-    RATIOS,
-    THETA,
-    V_HILL,
     PrincipalState,
     propagate_rotation,
 )
 from pcnav.estimators.principal_axes.principal_frame import principal_axes
+from pcnav.recordings.tracks import TrackFrame, Tracks
 from pcnav.simulation.feature_motion import FeatureTruth, relative_orbit
-from pcnav.simulation.features import FeatureScenario, draw_points, observe, stereo_rig
+from pcnav.simulation.features import FeatureScenario, draw_points, observe
 
 from . import paper
 
 
 @dataclass(frozen=True)
-class Case:
-    """Settings and scenario of runs."""
+class Following:
+    """Settings and scenario of the runs of a case."""
 
-    name: str
     table: PrincipalAxesTable
     disturbed: bool
     """Whether the truth is disturbed as the filter supposes; else it moves freely."""
@@ -42,35 +37,31 @@ class Case:
     """Frames from one that is judged to the next."""
 
 
-def _with(table: PrincipalAxesTable, **changes: object) -> PrincipalAxesTable:
-    return table.model_copy(update=changes)
-
-
-def cases() -> dict[str, Case]:
+def cases() -> dict[str, Case[Following]]:
     """All, by name."""
     printed, calm = paper.settings(1.0), paper.settings(paper.CALM)
-    double = _with(calm, measurements=FeatureMeasurements.PRINTED)
-    found = (
-        Case("unique axes", printed, disturbed=False, every=2),
-        Case("free axes", _with(printed, unique_frame=False), disturbed=False, every=2),
-        Case("matched", calm, disturbed=True),
-        Case("pixels used twice", double, disturbed=True),
-        Case("wrong matches", calm, disturbed=True, points=10, wrong_matches=0.1),
-    )
-    return {case.name: case for case in found}
+    free = printed.model_copy(update={"unique_frame": False})
+    double = calm.model_copy(update={"measurements": FeatureMeasurements.PRINTED})
+    found = {
+        "unique axes": Following(printed, disturbed=False, every=2),
+        "free axes": Following(free, disturbed=False, every=2),
+        "matched": Following(calm, disturbed=True),
+        "pixels used twice": Following(double, disturbed=True),
+        "wrong matches": Following(calm, disturbed=True, points=10, wrong_matches=0.1),
+    }
+    return {name: Case(name, settings) for name, settings in found.items()}
 
 
 @dataclass(frozen=True)
 class JudgedRun:
-    """Errors of a run at the frames that are judged; nan before the start."""
+    """Errors of a run at the n frames that are judged; nan before the start."""
 
-    case: str
-    seed: int
     time_s: FloatArray
     """(n,)"""
     seen: BoolArray
     """(n,) whether the frame shows features."""
-    status: tuple[str, ...]
+    status: list[str]
+    """n"""
     error: FloatArray
     """(n, 14) truth minus estimate in the unique axes: attitude (rad, body axes), rate, p_x and
     p_z, position, velocity."""
@@ -88,24 +79,52 @@ class JudgedRun:
     """(n,) of its first 14 components."""
     size: FloatArray
     """(n,) components of the whole state."""
-    rejected_right: int
-    """Right observations that the filter turned down."""
-    accepted_wrong: int
-    """Wrong matches that it used."""
-    right: int
-    wrong: int
+    matches: IntArray
+    """(4,) right ones that the filter turned down, wrong ones that it used, right and wrong ones in
+    all; from the start on."""
 
-    def block(self, where: slice) -> FloatArray:
-        """(n,) norms of the errors of a block."""
-        return np.asarray(np.linalg.norm(self.error[:, where], axis=1))
+    @staticmethod
+    def blank(time_s: FloatArray, points: int) -> "JudgedRun":
+        """To be filled in."""
+        n = len(time_s)
+        motion, places, one = (
+            np.full((n, *shape), np.nan) for shape in ((MOTION_SIZE,), (points, 3), ())
+        )
+        unknown = (motion, one, places, places.copy(), one.copy(), one.copy(), one.copy())
+        seen, matches = np.zeros(n, dtype=np.bool_), np.zeros(4, dtype=np.intp)
+        return JudgedRun(time_s, seen, [""] * n, motion.copy(), *unknown, matches)
+
+    def compare(
+        self, n: int, true: PrincipalState, state: PrincipalState, P: FloatArray, slots: list[int]
+    ) -> None:
+        """Fill in a frame with an estimate, whose points are those of ``slots``."""
+        plain = state.additive()
+        sd = np.sqrt(np.diag(plain @ P @ plain.T))
+        self.error[n] = np.concatenate(
+            [
+                log_rotation(state.R_world_body.T @ true.R_world_body),
+                true.omega_body - state.omega_body,
+                true.ratios - state.ratios,
+                true.r_hill - state.r_hill,
+                true.v_hill - state.v_hill,
+            ]
+        )
+        self.sd[n], self.point_sd[n, slots] = sd[:MOTION_SIZE], sd[MOTION_SIZE:].reshape(-1, 3)
+        self.point_error[n, slots] = true.points - state.points
+        self.middle_ratio_error[n] = middle_ratio(true.ratios) - middle_ratio(state.ratios)
+        local = state.local(true)
+        motion, motion_P = local[:MOTION_SIZE], P[:MOTION_SIZE, :MOTION_SIZE]
+        self.nees[n] = local @ np.linalg.solve(P, local)
+        self.motion_nees[n] = motion @ np.linalg.solve(motion_P, motion)
+        self.size[n] = len(local)
 
 
-def run_case(run: Run[str]) -> JudgedRun:
+def run_case(run: Run[Following]) -> JudgedRun:
     """One run: truth, tracks and noise are the seed's."""
-    return judge(cases()[run.case.settings], paper.scenario(), run.seed)
+    return judge(run.case.settings, paper.scenario(), run.seed)
 
 
-def judge(case: Case, scenario: FeatureScenario, seed: int) -> JudgedRun:
+def judge(case: Following, scenario: FeatureScenario, seed: int) -> JudgedRun:
     """Simulate, estimate and compare."""
     features = scenario.features.model_copy(
         update={"count": case.points, "wrong_match_fraction": case.wrong_matches}
@@ -116,15 +135,32 @@ def judge(case: Case, scenario: FeatureScenario, seed: int) -> JudgedRun:
     truth = disturbed_truth(scenario, points, case.table if case.disturbed else None, on_motion)
     tracks = observe(scenario, truth, on_tracks)
     estimator = PrincipalAxesEstimator(tracks.rig, tracks.orbit, case.table, seed)
-    record = _Record(case, seed, truth)
+    last = len(tracks.frames) - 1
+    judged = sorted({*range(0, last, case.every), last})
+    run = JudgedRun.blank(truth.times_s[judged], len(points))
     for k, frame in enumerate(tracks.frames):
         estimate = estimator.step(frame)
-        if case.wrong_matches:
-            wrong = _wrong(scenario, truth, k, frame.R_rig_world, frame.features, frame.pixels)
-            record.count(estimate.used, estimate.rejected, wrong, frame.features.tolist())
-        if k % case.every == 0 or k == len(tracks.frames) - 1:
-            record.add(k, len(frame.features) > 0, str(estimate.status), estimator)
-    return record.run()
+        if case.wrong_matches and (estimate.used or estimate.rejected):
+            bad = _wrong_matches(truth, k, frame, tracks)
+            rejected_right, used_wrong = {*estimate.rejected} - bad, {*estimate.used} & bad
+            right = len(frame.features) - len(bad)
+            run.matches[:] += len(rejected_right), len(used_wrong), right, len(bad)
+        if k in judged:
+            n = judged.index(k)
+            run.seen[n], run.status[n] = len(frame.features) > 0, str(estimate.status)
+            state, P, triple = estimator.state, estimator.covariance, estimator.triple
+            if state is not None and P is not None and triple is not None:
+                slots = list(estimator.features)
+                run.compare(n, true_state(truth, k, slots, triple), state, P, slots)
+    return run
+
+
+def _wrong_matches(truth: FeatureTruth, k: int, frame: TrackFrame, tracks: Tracks) -> set[int]:
+    """Features of a frame whose pixels are not their own."""
+    r_world = tracks.orbit.R_hill_world(frame.time_s).T @ truth.r_hill[k]
+    p_world = r_world + truth.points[frame.features] @ truth.R_world_body[k].T
+    off = np.abs(tracks.rig.project(p_world @ frame.R_rig_world.T) - frame.pixels).max(axis=1)
+    return set(frame.features[off > 6.0 * tracks.rig.pixel_sigma_px].tolist())
 
 
 def disturbed_truth(
@@ -166,7 +202,7 @@ def disturbed_truth(
 
 
 def true_state(
-    truth: FeatureTruth, k: int, features: tuple[int, ...], triple: tuple[int, int, int]
+    truth: FeatureTruth, k: int, features: list[int], triple: tuple[int, int, int]
 ) -> PrincipalState:
     """The truth at a frame in its unique principal axes (17), signed by the same three points."""
     R_body_g = photogrammetric_axes(truth.points[list(triple)])
@@ -178,141 +214,5 @@ def true_state(
         ratios=ratios_from_moments(moments),
         r_hill=truth.r_hill[k],
         v_hill=truth.v_hill[k],
-        points=truth.points[list(features)] @ S,
+        points=truth.points[features] @ S,
     )
-
-
-def _wrong(
-    scenario: FeatureScenario,
-    truth: FeatureTruth,
-    k: int,
-    R_rig_world: FloatArray,
-    features: IntArray,
-    pixels: FloatArray,
-) -> set[int]:
-    """Features of a frame whose pixels are not their own."""
-    rig = stereo_rig(scenario.stereo)
-    R_hill_world = scenario.orbit.R_hill_world(float(truth.times_s[k]))
-    p_world = R_hill_world.T @ truth.r_hill[k] + truth.points[features] @ truth.R_world_body[k].T
-    off = np.abs(rig.project(p_world @ R_rig_world.T) - pixels).max(axis=1)
-    return set(features[off > 6.0 * rig.pixel_sigma_px].tolist())
-
-
-class _Record:
-    """Collects a run."""
-
-    def __init__(self, case: Case, seed: int, truth: FeatureTruth) -> None:
-        self._case, self._seed, self._truth = case, seed, truth
-        self._rows: list[dict[str, object]] = []
-        self._counts = np.zeros(4, dtype=int)
-
-    def count(
-        self,
-        used: tuple[int, ...],
-        rejected: tuple[int, ...],
-        wrong: set[int],
-        seen: list[int],
-    ) -> None:
-        """Take note of matches; nothing is used before the start."""
-        if used or rejected:
-            self._counts += [
-                len([f for f in rejected if f not in wrong]),
-                len([f for f in used if f in wrong]),
-                len([f for f in seen if f not in wrong]),
-                len(wrong),
-            ]
-
-    def add(self, k: int, seen: bool, status: str, estimator: PrincipalAxesEstimator) -> None:
-        """Compare the estimate of a frame."""
-        count = len(self._truth.points)
-        row: dict[str, object] = {
-            "time_s": self._truth.times_s[k],
-            "seen": seen,
-            "status": status,
-            "error": np.full(MOTION_SIZE, np.nan),
-            "sd": np.full(MOTION_SIZE, np.nan),
-            "middle": np.nan,
-            "point_error": np.full((count, 3), np.nan),
-            "point_sd": np.full((count, 3), np.nan),
-            "nees": np.nan,
-            "motion_nees": np.nan,
-            "size": np.nan,
-        }
-        state, P, triple = estimator.state, estimator.covariance, estimator.triple
-        if state is not None and P is not None and triple is not None:
-            row |= self._compared(k, state, P, estimator.features, triple)
-        self._rows.append(row)
-
-    def _compared(
-        self,
-        k: int,
-        state: PrincipalState,
-        P: FloatArray,
-        features: tuple[int, ...],
-        triple: tuple[int, int, int],
-    ) -> dict[str, object]:
-        true = true_state(self._truth, k, features, triple)
-        plain = state.additive()
-        sd = np.sqrt(np.diag(plain @ P @ plain.T))
-        points = np.full((len(self._truth.points), 3), np.nan)
-        point_sd = points.copy()
-        points[list(features)] = true.points - state.points
-        point_sd[list(features)] = sd[MOTION_SIZE:].reshape(-1, 3)
-        local = state.local(true)
-        motion = local[:MOTION_SIZE]
-        motion_P = P[:MOTION_SIZE, :MOTION_SIZE]
-        return {
-            "error": np.concatenate(
-                [
-                    log_rotation(state.R_world_body.T @ true.R_world_body),
-                    true.omega_body - state.omega_body,
-                    true.ratios - state.ratios,
-                    true.r_hill - state.r_hill,
-                    true.v_hill - state.v_hill,
-                ]
-            ),
-            "sd": sd[:MOTION_SIZE],
-            "middle": middle_ratio(true.ratios) - middle_ratio(state.ratios),
-            "point_error": points,
-            "point_sd": point_sd,
-            "nees": float(local @ np.linalg.solve(P, local)),
-            "motion_nees": float(motion @ np.linalg.solve(motion_P, motion)),
-            "size": float(len(local)),
-        }
-
-    def run(self) -> JudgedRun:
-        """What was collected."""
-
-        def stacked(key: str) -> FloatArray:
-            return np.array([row[key] for row in self._rows], dtype=np.float64)
-
-        rejected_right, accepted_wrong, right, wrong = self._counts.tolist()
-        return JudgedRun(
-            case=self._case.name,
-            seed=self._seed,
-            time_s=stacked("time_s"),
-            seen=np.array([row["seen"] for row in self._rows], dtype=np.bool_),
-            status=tuple(str(row["status"]) for row in self._rows),
-            error=stacked("error"),
-            sd=stacked("sd"),
-            middle_ratio_error=stacked("middle"),
-            point_error=stacked("point_error"),
-            point_sd=stacked("point_sd"),
-            nees=stacked("nees"),
-            motion_nees=stacked("motion_nees"),
-            size=stacked("size"),
-            rejected_right=rejected_right,
-            accepted_wrong=accepted_wrong,
-            right=right,
-            wrong=wrong,
-        )
-
-
-BLOCKS = {
-    "attitude, deg": (THETA, float(np.rad2deg(1.0))),
-    "rate, deg/s": (OMEGA, float(np.rad2deg(1.0))),
-    "inertia ratios p_x, p_z": (RATIOS, 1.0),
-    "position, m": (R_HILL, 1.0),
-    "velocity, m/s": (V_HILL, 1.0),
-}
-"""Blocks of the state by the name and unit of tables, with the factor from SI."""

@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from pcnav.batch.monte_carlo import RunBatch
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.core.spatial import log_rotation
@@ -28,7 +29,6 @@ _MAX_ATTITUDES = 60
 _MAX_STEPS = 8
 """Of a fit, which starts from that of the arc before."""
 _BAD_FIT = 1.5
-_RUNS_AT_ONCE = 125
 
 
 class Method(StrEnum):
@@ -40,42 +40,24 @@ class Method(StrEnum):
     """Ours."""
 
 
-@dataclass(frozen=True)
-class IdentificationBatch:
-    """Runs of one noise level."""
-
-    resolution_rad: float
-    seeds: tuple[int, ...]
-    """One per run: its points and its noise."""
-
-    def __str__(self) -> str:
-        return f"identification at {self.resolution_rad:g} rad, seeds {self.seeds[0]} and after"
+Squared = dict[Method, FloatArray]
+"""(runs, report times) squared attitude errors, rad^2."""
 
 
-@dataclass(frozen=True)
-class IdentificationErrors:
-    """Squared attitude errors."""
+def run_identification(batch: RunBatch[float]) -> Squared:
+    """Identify the axes of every run at every report time, at an angular resolution (rad).
 
-    resolution_rad: float
-    squared: dict[Method, FloatArray]
-    """(runs, report times) rad^2."""
-
-
-def run_identification(batch: IdentificationBatch) -> IdentificationErrors:
-    """Identify the axes of every run at every report time."""
+    The points and the noise of a run are its seed's.
+    """
     truth = _truth()
-    found: dict[Method, list[FloatArray]] = {method: [] for method in Method}
-    for start in range(0, len(batch.seeds), _RUNS_AT_ONCE):
-        seeds = batch.seeds[start : start + _RUNS_AT_ONCE]
-        points, p_world, noise = _observed(truth, batch.resolution_rad, seeds)
-        arcs = _fitted(truth, p_world, noise)
-        corners = _corners(p_world, arcs[-1])
-        found[Method.PRINTED].append(_printed(truth, points, p_world, corners))
-        found[Method.ARC].append(
-            np.stack([_arc_squared(truth, points, arc, corners) for arc in arcs], axis=1)
-        )
-    squared = {method: np.concatenate(parts) for method, parts in found.items()}
-    return IdentificationErrors(batch.resolution_rad, squared)
+    points, p_world, noise = _observed(truth, batch.case.settings, batch.seeds)
+    arcs = _fitted(truth, p_world, noise)
+    corners = _corners(p_world, arcs[-1])
+    of_arcs = [_arc_squared(truth, points, arc, corners) for arc in arcs]
+    return {
+        Method.PRINTED: _printed(truth, points, p_world, corners),
+        Method.ARC: np.stack(of_arcs, axis=1),
+    }
 
 
 def _truth() -> FeatureTruth:

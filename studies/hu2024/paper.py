@@ -2,13 +2,11 @@
 
 from functools import lru_cache
 
-import numpy as np
-
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
-from pcnav.config.principal_axes import PrincipalAxesTable
-from pcnav.config.shipped import shipped_pipeline
-from pcnav.core.errors import InputError
+from pcnav.config.features import PrincipalAxesTable
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.simulation.features import FeatureScenario, feature_scenario
+
+from ..pipelines import shipped
 
 NAME = "hu2024"
 LEVELS_RAD = (0.1e-5, 0.5e-5, 2e-5, 5e-5)
@@ -28,10 +26,7 @@ CALM = 1e-4
 @lru_cache(maxsize=1)
 def pipeline() -> Pipeline:
     """The shipped pipeline of the paper's scenario."""
-    path = shipped_pipeline(NAME)
-    if path is None:
-        raise InputError(NAME, "pipeline", "expected a pipeline shipped by this name")
-    return read_pipeline(path)
+    return shipped(NAME)
 
 
 def scenario() -> FeatureScenario:
@@ -62,8 +57,3 @@ def settings(share: float) -> PrincipalAxesTable:
             "angular_acceleration_psd_rad2_s3": share * ANGULAR_ACCELERATION_PSD,
         }
     )
-
-
-def degrees(radians: float) -> float:
-    """For tables."""
-    return float(np.rad2deg(radians))

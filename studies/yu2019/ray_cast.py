@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from pcnav.batch.cluster import Workers
-from pcnav.config.depth import PerceptionMode
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import PerceptionMode, Pipeline
 
 from ..folder import Chapter, StudyFigure
 from ..panels import error_panel, panels_figure

@@ -5,27 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pcnav.batch.monte_carlo import Case, batches, runs_of
 from pcnav.estimators.principal_axes.feature_states import MOTION_SIZE
 from pcnav.simulation.scenario import rotate_torque_free
 from studies.hu2024 import paper
-from studies.hu2024.chapters import (
+from studies.hu2024.errors import (
+    ATTITUDE,
+    QUANTITIES,
+    Consistency,
     blackout_table,
-    consistency_of,
-    filter_chapter,
-    identification_chapter,
-    inside_share,
+    error_figures,
     last_table,
-    rmse_of,
 )
-from studies.hu2024.following import BLOCKS, cases, disturbed_truth, judge
-from studies.hu2024.identification import (
-    REPORT_S,
-    IdentificationBatch,
-    IdentificationErrors,
-    Method,
-    run_identification,
-)
-from studies.hu2024.study import _batches, _planned, study
+from studies.hu2024.following import cases, disturbed_truth, judge
+from studies.hu2024.identification import REPORT_S, Method, run_identification
+from studies.hu2024.rmse import falls, rises_with_noise, rmse_figures, rmse_of, rmse_tables
+from studies.hu2024.study import filter_runs, identification_batches, study
 from studies.work import Work
 
 
@@ -45,8 +40,8 @@ def test_settings_are_those_of_print():
     assert pipeline.features.count == 6
     assert all(end - start == 20.0 for start, end in paper.blackouts_s())
     assert paper.settings(1.0).angular_acceleration_psd_rad2_s3 == 2.5e-5
-    assert len(_batches(500)) == 16
-    assert [run.case.name for run in _planned(500)].count("matched") == 100
+    assert len(identification_batches(500)) == 16
+    assert [run.case.name for run in filter_runs(500)].count("matched") == 100
 
 
 def test_a_truth_without_disturbance_is_free():
@@ -73,34 +68,37 @@ def test_a_disturbed_truth_walks_as_far_as_it_should():
 
 
 def test_identification_of_a_few_runs():
-    errors = run_identification(IdentificationBatch(1e-6, (1, 2, 3)))
-    assert errors.squared[Method.ARC].shape == (3, len(REPORT_S))
-    degrees = np.degrees(np.sqrt(errors.squared[Method.ARC]))
+    batch = batches(runs_of("few", [Case("fine", 1e-6)], 3), 3)[0]
+    squared = run_identification(batch)
+    assert squared[Method.ARC].shape == (3, len(REPORT_S))
+    degrees = np.degrees(np.sqrt(squared[Method.ARC]))
     assert degrees[:, -1].max() < 0.05
     assert degrees[:, -1].max() < degrees[:, 0].min()
-    printed = np.degrees(np.sqrt(errors.squared[Method.PRINTED]))
+    printed = np.degrees(np.sqrt(squared[Method.PRINTED]))
     assert np.median(printed[:, -1]) > np.median(degrees[:, -1])
 
 
-def test_rmse_and_its_chapter():
-    def errors(level, scale):
+def test_rmse_with_its_tables_and_figures():
+    def errors(scale):
         squared = scale**2 * np.linspace(1.0, 0.1, len(REPORT_S)) ** 2
-        return IdentificationErrors(level, {method: np.tile(squared, (4, 1)) for method in Method})
+        return {method: np.tile(squared, (4, 1)) for method in Method}
 
-    rmse = rmse_of([errors(1e-6, 0.01), errors(2e-5, 0.2), errors(1e-6, 0.01)])
-    np.testing.assert_allclose(rmse.by_level[1e-6][Method.ARC][0], np.degrees(0.01))
-    assert rmse.falls(Method.ARC)
-    assert rmse.rises_with_noise(Method.ARC)
-    chapter = identification_chapter(rmse, 8)
-    assert [table.key for table in chapter.tables] == ["fig05", "fig05_printed"]
-    assert len(chapter.tables[0].rows) == 2
-    assert b"<svg" in chapter.figures[0].svg
+    rmse = rmse_of({"fine": [errors(0.01), errors(0.01)], "coarse": [errors(0.2)]})
+    np.testing.assert_allclose(rmse["fine"][Method.ARC][0], np.degrees(0.01))
+    assert falls(rmse, Method.ARC)
+    assert rises_with_noise(rmse, Method.ARC)
+    swapped = {name: rmse[name] for name in ("coarse", "fine")}
+    assert not rises_with_noise(swapped, Method.ARC)
+    assert [table.key for table in rmse_tables(rmse, 8)] == ["fig05", "fig05_printed"]
+    assert b"<svg" in rmse_figures(rmse, 8)[0].svg
 
 
 @pytest.fixture(scope="module")
 def runs():
     return {
-        name: [judge(replace(cases()[name], every=5), short(18.0), seed) for seed in (1, 2)]
+        name: [
+            judge(replace(cases()[name].settings, every=5), short(18.0), seed) for seed in (1, 2)
+        ]
         for name in ("unique axes", "free axes", "matched")
     }
 
@@ -112,17 +110,15 @@ def test_errors_of_both_filters(runs):
         assert np.isfinite(run.error[-1]).all()
         assert run.error.shape[1] == MOTION_SIZE
         assert not run.seen[(run.time_s >= 13.0) & (run.time_s < 15.0)].any()
-    where, _ = BLOCKS["attitude, deg"]
-    assert inside_share(unique, where) == 1.0
-    assert inside_share(free, where) < 0.9
+    assert ATTITUDE.share_inside(unique) == 1.0
+    assert ATTITUDE.share_inside(free) < 0.9
     # The motion is the same in any axes.
     np.testing.assert_allclose(unique[0].error[-1, 8:], free[0].error[-1, 8:], atol=0.02)
 
 
 def test_consistency_of_matched_runs(runs):
-    consistent = consistency_of(runs["matched"])
-    known = [each.mean for each in consistent.whole if each.values]
-    assert 0.5 < np.mean(known) < 1.6
+    consistent = Consistency.of(runs["matched"])
+    assert 0.5 < np.nanmean(consistent.whole.mean) < 1.6
     assert consistent.whole[0].verdict == "-"
     whole, motion = consistent.at(18.0)
     assert whole.values == motion.values == 2
@@ -131,21 +127,21 @@ def test_consistency_of_matched_runs(runs):
 def test_tables_of_the_filter(runs, monkeypatch):
     monkeypatch.setattr(paper, "LAST_S", 2.0)
     monkeypatch.setattr(paper, "blackouts_s", lambda: ((13.0, 15.0),))
-    chapter = filter_chapter(runs["unique axes"], runs["free axes"])
-    assert [figure.key for figure in chapter.figures] == [f"fig{k:02d}" for k in range(6, 12)]
+    figures = error_figures(runs["unique axes"][0], runs["free axes"][0])
+    assert [figure.key for figure in figures] == [f"fig{k:02d}" for k in range(6, 12)]
     table = last_table("matched", "title", runs["matched"])
     assert table.header == ("error norm", "RMS", "largest")
-    assert {row[0] for row in table.rows} >= {*BLOCKS, "points, m", "inertia ratio p_y"}
+    assert {row[0] for row in table.rows} >= {*(q.name for q in QUANTITIES), "points, m"}
     assert len(blackout_table(runs["unique axes"]).rows) == 1
 
 
 def test_wrong_matches_are_counted():
-    case = replace(cases()["wrong matches"], every=20)
-    run = judge(case, short(13.0), 3)
-    assert run.wrong > 0
-    assert run.right > 5 * run.wrong
-    assert run.accepted_wrong <= 0.02 * run.wrong
-    assert run.rejected_right <= 0.01 * run.right
+    case = replace(cases()["wrong matches"].settings, every=20)
+    rejected_right, used_wrong, right, wrong = judge(case, short(13.0), 3).matches
+    assert wrong > 0
+    assert right > 5 * wrong
+    assert used_wrong <= 0.02 * wrong
+    assert rejected_right <= 0.01 * right
 
 
 @pytest.mark.study
