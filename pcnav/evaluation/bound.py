@@ -26,7 +26,7 @@ from pcnav.dynamics.state import (
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.filtering.error_state import MotionModel
-from pcnav.perception.refinement import Comparer
+from pcnav.perception.render_compare import RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.simulation.scenario import TrueMotion, pinhole_camera
 from pcnav.simulation.scene import Scene
@@ -115,7 +115,7 @@ class SceneBound:
         """``target`` as pcnav knows it; its prior of the mass properties is the bound's."""
         pipeline, self._motion = scene.pipeline, scene.motion
         camera = pinhole_camera(pipeline.camera)
-        self._comparer = Comparer(target, camera, scene.info.range_sigma_m)
+        self._comparer = RenderComparer(target, camera, scene.info.range_sigma_m)
         model = MassCentreModel(
             pipeline.orbit.mean_motion_rad_s,
             pipeline.filter.acceleration_psd_m2_s3,

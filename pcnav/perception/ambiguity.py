@@ -13,7 +13,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.target.satellite import Rectangle
 
 
-class Case(StrEnum):
+class AxesCase(StrEnum):
     """The proper rotation that takes the measured rectangle frame to the catalogue's."""
 
     I = "I"  # noqa: E741 - the group's own name for the identity
@@ -23,23 +23,23 @@ class Case(StrEnum):
 
 
 _ROTATIONS = {
-    Case.I: np.diag([1.0, 1.0, 1.0]),
-    Case.X: np.diag([1.0, -1.0, -1.0]),
-    Case.Y: np.diag([-1.0, 1.0, -1.0]),
-    Case.Z: np.diag([-1.0, -1.0, 1.0]),
+    AxesCase.I: np.diag([1.0, 1.0, 1.0]),
+    AxesCase.X: np.diag([1.0, -1.0, -1.0]),
+    AxesCase.Y: np.diag([-1.0, 1.0, -1.0]),
+    AxesCase.Z: np.diag([-1.0, -1.0, 1.0]),
 }
 
 
-def possible_cases(rectangle: Rectangle) -> tuple[Case, ...]:
+def possible_cases(rectangle: Rectangle) -> tuple[AxesCase, ...]:
     """The cases a rectangle can be seen in.
 
     The measured normal faces the sensor. A face of a solid shows only its outside, which leaves
     I and Z; a sheet is seen from both sides, which leaves all four.
     """
-    return tuple(Case) if rectangle.two_sided else (Case.I, Case.Z)
+    return tuple(AxesCase) if rectangle.two_sided else (AxesCase.I, AxesCase.Z)
 
 
-def apply_case(T_cam_rect: FloatArray, case: Case) -> FloatArray:
+def apply_case(T_cam_rect: FloatArray, case: AxesCase) -> FloatArray:
     """``T_cam_rect`` with its axes renamed by a case: (24) of Yu 2019."""
     turned = T_cam_rect.copy()
     turned[:3, :3] = T_cam_rect[:3, :3] @ _ROTATIONS[case]
@@ -48,7 +48,7 @@ def apply_case(T_cam_rect: FloatArray, case: Case) -> FloatArray:
 
 def resolve_case(
     R_cam_rect: FloatArray, R_cam_rect_predicted: FloatArray, rectangle: Rectangle
-) -> tuple[Case, float]:
+) -> tuple[AxesCase, float]:
     """The case nearest to the predicted attitude, and the scalar part of what then remains.
 
     Yu 2019 (22)-(25): the scalar part of the quaternion between prediction and measurement is

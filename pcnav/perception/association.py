@@ -1,7 +1,7 @@
 """From what was seen to pose measurements of catalogue rectangles, given a predicted pose.
 
 Two ways share the ambiguity's solution by prediction (Yu 2019 (22)-(25)). `measure_by_size` is the
-paper's: a segment is recognised by its sides and is that rectangle. `measure_by_expectation`
+paper's: a segment is recognised by its sides and is that rectangle. `measure_by_prediction`
 compares each segment with the expected view of the face it overlaps, so that hidden parts and rims
 bias nothing, and every face counts, whole or cut.
 """
@@ -12,9 +12,9 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import invert_transform, skew
-from pcnav.perception.ambiguity import Case, apply_case, resolve_case
-from pcnav.perception.expectation import Expectation, ExpectedFace
+from pcnav.perception.ambiguity import AxesCase, apply_case, resolve_case
 from pcnav.perception.perceive import PerceivedFrame, Seen
+from pcnav.perception.predicted_view import PredictedFace, PredictedView
 from pcnav.perception.recognition import size_gate
 from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, YAW, RectangleObservation, SegmentShape
 from pcnav.target.satellite import Rectangle
@@ -47,7 +47,7 @@ class MeasuredFace:
     """(6, 6) of x, y, z (m) and rotation about x, y, z (rad), rectangle axes."""
     known: BoolArray
     """(6,) components that the observation determines."""
-    case: Case
+    case: AxesCase
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ class Unused:
     reason: str
 
 
-def measure_by_expectation(
-    perceived: PerceivedFrame, expectation: Expectation, gate_sigma: float
+def measure_by_prediction(
+    perceived: PerceivedFrame, expectation: PredictedView, gate_sigma: float
 ) -> tuple[list[MeasuredFace], list[Unused]]:
     """Measurements of the faces expected in view; at most one for each segment."""
     measured: list[MeasuredFace] = []
@@ -139,7 +139,7 @@ def _pose_distance(face: MeasuredFace, T_cam_model: FloatArray) -> float:
 
 
 def _overlapping_face(
-    perceived: PerceivedFrame, seen: Seen, expectation: Expectation
+    perceived: PerceivedFrame, seen: Seen, expectation: PredictedView
 ) -> int | None:
     assert perceived.window is not None, "a segment was seen, so there is a window"
     u, v = perceived.window.pixel(seen.segment.pixels).T
@@ -153,7 +153,7 @@ def _overlapping_face(
     return best if counts[best] >= _MIN_OVERLAP * expectation.faces[best].n_pixels else None
 
 
-def _compare(seen: Seen, face: ExpectedFace, gate_sigma: float) -> MeasuredFace:
+def _compare(seen: Seen, face: PredictedFace, gate_sigma: float) -> MeasuredFace:
     """The rectangle's pose from the seen moments and how the expected moments sit on it."""
     observed, expected = seen.observation, face.shape
     case, _ = resolve_case(observed.T_cam_rect[:3, :3], expected.T_cam_rect[:3, :3], face.rectangle)
@@ -178,7 +178,7 @@ def _measured(
     T_cam_rect: FloatArray,
     sides: tuple[float, float],
     known: BoolArray,
-    case: Case,
+    case: AxesCase,
 ) -> MeasuredFace:
     """The measurement, with the observation's covariance carried over to the rectangle's frame."""
     T_moments_rect = invert_transform(seen.observation.T_cam_rect) @ T_cam_rect

@@ -10,7 +10,7 @@ from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
 from pcnav.perception.returns import Window, smoothed_points, smoothing_size, window_of_returns
-from pcnav.perception.segmentation import ExpectedSurface, Segment, segment_planes
+from pcnav.perception.segmentation import PredictedSurface, Segment, segment_planes
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Rectangle
 
@@ -55,7 +55,7 @@ def perceive(
     settings: PerceptionTable,
     range_sigma_m: float,
     seed: int,
-    expected: ExpectedSurface | None = None,
+    expected: PredictedSurface | None = None,
 ) -> PerceivedFrame:
     """Planes, rectangles and their catalogue entries in a depth frame.
 

@@ -11,17 +11,17 @@ from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
-from pcnav.perception.acquisition import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.agreement import Agreement, agreement
 from pcnav.perception.association import (
     MeasuredFace,
     Unused,
-    measure_by_expectation,
+    measure_by_prediction,
     measure_by_size,
 )
-from pcnav.perception.expectation import Expectation, Expecter
 from pcnav.perception.perceive import PerceivedFrame, perceive
-from pcnav.perception.refinement import Comparer, Comparison
+from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance, pose_hypotheses
+from pcnav.perception.predicted_view import PredictedView, ViewPredictor
+from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
@@ -80,8 +80,8 @@ class FrameReader:
     ) -> None:
         self._target, self._settings = target, settings
         self._sigma_m, self._seed = range_sigma_m, seed
-        self._expecter: Expecter | None = None
-        self._comparers: dict[PinholeCamera, Comparer] = {}
+        self._predictor: ViewPredictor | None = None
+        self._comparers: dict[PinholeCamera, RenderComparer] = {}
 
     @property
     def diameter_m(self) -> float:
@@ -146,18 +146,20 @@ class FrameReader:
 
     # By comparison with a rendered view.
 
-    def comparer(self, frame: Frame) -> Comparer:
+    def comparer(self, frame: Frame) -> RenderComparer:
         """Compares frames of the camera that took this one."""
         if frame.camera not in self._comparers:
             if len(self._comparers) >= _MAX_COMPARERS:
                 self._comparers.clear()
-            self._comparers[frame.camera] = Comparer(self._target, frame.camera, self._sigma_m)
+            self._comparers[frame.camera] = RenderComparer(
+                self._target, frame.camera, self._sigma_m
+            )
         return self._comparers[frame.camera]
 
     def compare(
         self, frame: Frame, T_cam_model: FloatArray, pose_covariance: FloatArray
     ) -> Comparison:
-        """A frame against the view from a predicted pose, see `Comparer.compare`.
+        """A frame against the view from a predicted pose, see `RenderComparer.compare`.
 
         On the coarse grid where the pose is off by pixels.
         """
@@ -170,7 +172,7 @@ class FrameReader:
 
     def score(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
         """How the target at a pose (4, 4) explains a frame, to the noise alone."""
-        rendered = self._expecter_of(frame).render(T_cam_model)
+        rendered = self._predictor_of(frame).render(T_cam_model)
         return agreement(frame.depth_m, rendered, _EXPLAINED_SIGMA * self._sigma_m)
 
     def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
@@ -178,7 +180,7 @@ class FrameReader:
         if not self.depends_on_pose:
             perceived = self.look(frame)
             return View(perceived, *measure_by_size(perceived, T_cam_model))
-        expectation = self._expecter_of(frame).expect(T_cam_model)
+        expectation = self._predictor_of(frame).predict(T_cam_model)
         surface = None if trust is Trust.NONE else expectation.surface
         if surface is not None and trust is Trust.PLANES:
             surface = surface.planes_only()
@@ -192,10 +194,10 @@ class FrameReader:
         perceived = view.perceived
         if not self.depends_on_pose:
             return View(perceived, *measure_by_size(perceived, T_cam_model))
-        return self._compared(perceived, self._expecter_of(perceived.frame).expect(T_cam_model))
+        return self._compared(perceived, self._predictor_of(perceived.frame).predict(T_cam_model))
 
-    def _compared(self, perceived: PerceivedFrame, expectation: Expectation) -> View:
-        faces, unused = measure_by_expectation(
+    def _compared(self, perceived: PerceivedFrame, expectation: PredictedView) -> View:
+        faces, unused = measure_by_prediction(
             perceived, expectation, self._settings.size_gate_sigma
         )
         tolerance = depth_tolerance(self._target, self._sigma_m)
@@ -208,10 +210,12 @@ class FrameReader:
         paper does."""
         return self._settings.mode is not PerceptionMode.PAPER
 
-    def _expecter_of(self, frame: Frame) -> Expecter:
-        if self._expecter is None or self._expecter.camera != frame.camera:
-            self._expecter = Expecter(self._target, frame.camera, self._settings, self._sigma_m)
-        return self._expecter
+    def _predictor_of(self, frame: Frame) -> ViewPredictor:
+        if self._predictor is None or self._predictor.camera != frame.camera:
+            self._predictor = ViewPredictor(
+                self._target, frame.camera, self._settings, self._sigma_m
+            )
+        return self._predictor
 
     # Poses as pixels.
 

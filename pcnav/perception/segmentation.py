@@ -39,7 +39,7 @@ _UNEXPLAINED = np.float32(1e6)
 
 
 @dataclass(frozen=True)
-class ExpectedSurface:
+class PredictedSurface:
     """What a predicted pose says of each pixel of an image (height, width)."""
 
     planes: tuple[FloatArray, ...]
@@ -51,13 +51,13 @@ class ExpectedSurface:
     settled: BoolArray
     """Pixels at no step and no crease: a prediction good to a pixel is right about them."""
 
-    def planes_only(self) -> "ExpectedSurface":
+    def planes_only(self) -> "PredictedSurface":
         """The same of a prediction that may be off by pixels: nothing is settled."""
         return replace(self, settled=np.zeros_like(self.settled))
 
-    def part(self, part: Part) -> "ExpectedSurface":
+    def part(self, part: Part) -> "PredictedSurface":
         """The same for a part of the image."""
-        return ExpectedSurface(
+        return PredictedSurface(
             self.planes, self.labels[part], self.range_m[part], self.settled[part]
         )
 
@@ -102,7 +102,7 @@ def segment_planes(
     minimum_pixels: int,
     *,
     rounds: int = 2,
-    expected: ExpectedSurface | None = None,
+    expected: PredictedSurface | None = None,
 ) -> tuple[list[Segment], IntArray]:
     """Connected segments of the planes, largest first, and the (height, width) segment labels.
 
@@ -130,7 +130,7 @@ def label_pixels(
     window: Window,
     planes: Sequence[FloatArray],
     sigma_m: float,
-    expected: ExpectedSurface | None = None,
+    expected: PredictedSurface | None = None,
 ) -> tuple[IntArray, BoolArray]:
     """(height, width) which of the planes each pixel shows, -1 for none; and which pairs of
     planes (n, n) meet in a convex edge. Arguments as for `segment_planes`."""
@@ -169,7 +169,7 @@ def _refitted(
 
 
 def _assign(
-    window: Window, ranges: FloatArray, sigma_m: float, expected: ExpectedSurface | None
+    window: Window, ranges: FloatArray, sigma_m: float, expected: PredictedSurface | None
 ) -> IntArray:
     """(height, width) best plane of each return: residual first, then the neighbours' vote.
 

@@ -25,7 +25,7 @@ from pcnav.dynamics.state import (
     ratio_covariance,
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.estimators.depth.start import start_covariance
+from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.evaluation.knowledge import (
     FROM_DATA,
     PRIOR_ONLY,

@@ -12,7 +12,7 @@ from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.estimators.depth.start import start_covariance
+from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.filtering.error_state import ErrorStateFilter, Measurement
 from pcnav.filtering.map_arc_fit import ArcFit, TimedMeasurements, fit_arc
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.perception.ambiguity import Case, apply_case, possible_cases, resolve_case
+from pcnav.perception.ambiguity import AxesCase, apply_case, possible_cases, resolve_case
 from pcnav.target.catalogue import Rectangle
 
 SHEET = Rectangle("sheet", np.eye(4), 4.0, 1.5, two_sided=True)
@@ -13,7 +13,7 @@ FACE = Rectangle("face", np.eye(4), 4.0, 1.5, two_sided=False)
 
 def test_cases_form_a_group_of_half_turns_that_map_a_rectangle_onto_itself() -> None:
     corners = np.array([[x, y, 0.0] for x in (-0.75, 0.75) for y in (-2.0, 2.0)])
-    motions = {case: apply_case(np.eye(4), case) for case in Case}
+    motions = {case: apply_case(np.eye(4), case) for case in AxesCase}
     for a, T in motions.items():
         assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
         np.testing.assert_array_equal(T @ T, np.eye(4))
@@ -30,16 +30,16 @@ def test_cases_form_a_group_of_half_turns_that_map_a_rectangle_onto_itself() -> 
 def test_a_case_turns_the_frame_in_place() -> None:
     T = make_transform(exp_rotation(np.array([0.3, 1.0, -2.0])), np.array([1.0, 2.0, 20.0]))
     before = T.copy()
-    for case in Case:
+    for case in AxesCase:
         np.testing.assert_allclose(apply_case(T, case), T @ apply_case(np.eye(4), case), atol=1e-15)
         np.testing.assert_array_equal(apply_case(apply_case(T, case), case), before)
     np.testing.assert_array_equal(T, before)
 
 
 def test_which_cases_can_be_seen() -> None:
-    assert set(possible_cases(SHEET)) == set(Case)
+    assert set(possible_cases(SHEET)) == set(AxesCase)
     # The normal that perception gives always faces the sensor, and so does a solid's.
-    assert set(possible_cases(FACE)) == {Case.I, Case.Z}
+    assert set(possible_cases(FACE)) == {AxesCase.I, AxesCase.Z}
     for case in possible_cases(FACE):
         np.testing.assert_array_equal(apply_case(np.eye(4), case)[:3, 2], [0.0, 0.0, 1.0])
 
@@ -67,5 +67,5 @@ def test_scalar_parts_of_the_wrong_cases_vanish() -> None:
     assert scalar < 1e-7
     assert found in possible_cases(FACE)
     found, scalar = resolve_case(truth @ np.diag([1.0, -1.0, -1.0]), truth, SHEET)
-    assert found is Case.X
+    assert found is AxesCase.X
     assert scalar == pytest.approx(1.0)

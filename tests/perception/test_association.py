@@ -16,11 +16,11 @@ from pcnav.perception.association import (
     SQUARE,
     WHOLE,
     as_rectangle,
-    measure_by_expectation,
+    measure_by_prediction,
     measure_by_size,
 )
-from pcnav.perception.expectation import Expecter
 from pcnav.perception.perceive import perceive
+from pcnav.perception.predicted_view import ViewPredictor
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 from pcnav.target.satellite import Target
@@ -51,17 +51,17 @@ def test_right_faces_from_a_prediction_that_is_off(
     predicted: bool,
 ) -> None:
     rng = np.random.default_rng(1)
-    expecter = Expecter(boxsat, camera, SETTINGS, SIGMA)
+    predictor = ViewPredictor(boxsat, camera, SETTINGS, SIGMA)
     z = []
     for k in range(12):
         T = random_pose(rng)
         frame, _ = shoot(boxsat.mesh, T, SIGMA, k)
         # What a filter predicts: a few millimetres and hundredths of a degree off.
         off = make_transform(exp_rotation(rng.normal(0.0, 1e-3, 3)), rng.normal(0.0, 5e-3, 3))
-        expectation = expecter.expect(T @ off)
-        surface = expectation.surface if predicted else None
+        predicted = predictor.predict(T @ off)
+        surface = predicted.surface if predicted else None
         perceived = perceive(frame, boxsat.rectangles, SETTINGS, SIGMA, 0, surface)
-        measured, _ = measure_by_expectation(perceived, expectation, 4.0)
+        measured, _ = measure_by_prediction(perceived, predicted, 4.0)
         assert len(measured) >= 2
         for face in measured:
             truth = T @ face.rectangle.T_model_rect
@@ -82,19 +82,19 @@ def test_part_of_a_face_missing_leaves_its_plane(
     turned = exp_rotation(np.array([0.3, 0.2, 0.1])) @ np.diag([1.0, -1.0, -1.0])
     R = turned @ panel.T_model_rect[:3, :3].T
     T = make_transform(R, np.array([0.0, 0.0, 22.0]) - R @ panel.T_model_rect[:3, 3])
-    expectation = Expecter(boxsat, camera, SETTINGS, SIGMA).expect(T)
+    predicted = ViewPredictor(boxsat, camera, SETTINGS, SIGMA).predict(T)
     frame, _ = shoot(boxsat.mesh, T, SIGMA)
-    index = next(k for k, f in enumerate(expectation.faces) if f.rectangle is panel)
+    index = next(k for k, f in enumerate(predicted.faces) if f.rectangle is panel)
     for hidden, known in ((False, WHOLE), (True, PLANE)):
         depth = frame.depth_m.copy()
         if hidden:  # a third of the panel returns nothing, which no model foresees
-            rows, columns = np.nonzero(expectation.labels == index)
+            rows, columns = np.nonzero(predicted.labels == index)
             low = rows < np.quantile(rows, 1 / 3)
             depth[rows[low], columns[low]] = 0.0
         perceived = perceive(
             replace(frame, depth_m=depth), boxsat.rectangles, SETTINGS, SIGMA, 0, None
         )
-        measured, _ = measure_by_expectation(perceived, expectation, 4.0)
+        measured, _ = measure_by_prediction(perceived, predicted, 4.0)
         (face,) = [f for f in measured if f.rectangle is panel]
         np.testing.assert_array_equal(face.known, known)
         error = pose_error(T @ panel.T_model_rect, face.T_cam_rect)
@@ -108,9 +108,9 @@ def test_a_square_gives_five_degrees_of_freedom(
     cube = target_of(trimesh.creation.box((2.0, 2.0, 2.0)), boxsat)
     T = make_transform(exp_rotation(np.array([0.5, 0.6, 0.2])), np.array([0.1, 0.2, 18.0]))
     frame, _ = shoot(cube.mesh, T, SIGMA)
-    expectation = Expecter(cube, camera, SETTINGS, SIGMA).expect(T)
+    predicted = ViewPredictor(cube, camera, SETTINGS, SIGMA).predict(T)
     perceived = perceive(frame, cube.rectangles, SETTINGS, SIGMA, 0)
-    measured, _ = measure_by_expectation(perceived, expectation, 4.0)
+    measured, _ = measure_by_prediction(perceived, predicted, 4.0)
     assert len(measured) == 3
     for face in measured:
         np.testing.assert_array_equal(face.known, SQUARE)
@@ -129,8 +129,8 @@ def test_what_no_face_is_expected_at_is_not_used(
     elsewhere[:3, 3] = [40.0, 0.0, 22.0]
     frame, _ = shoot(boxsat.mesh, T, SIGMA)
     perceived = perceive(frame, boxsat.rectangles, SETTINGS, SIGMA, 0)
-    expectation = Expecter(boxsat, camera, SETTINGS, SIGMA).expect(elsewhere)
-    measured, unused = measure_by_expectation(perceived, expectation, 4.0)
+    predicted = ViewPredictor(boxsat, camera, SETTINGS, SIGMA).predict(elsewhere)
+    measured, unused = measure_by_prediction(perceived, predicted, 4.0)
     assert measured == []
     assert len(unused) == len(perceived.seen) >= 3
     assert {item.reason for item in unused} == {"no face expected there"}

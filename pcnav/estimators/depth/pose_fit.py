@@ -7,7 +7,7 @@ import numpy as np
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, square_root
 from pcnav.filtering.error_state import innovation_gate
-from pcnav.perception.refinement import Comparer, Comparison, FaceEvidence
+from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
 
 _MAX_PASSES = 8
 _STEP_ERROR = 0.1
@@ -37,7 +37,7 @@ def fit_pose(
     depth_m: DepthImage,
     T_cam_model: FloatArray,
     covariance: FloatArray,
-    comparer: Comparer,
+    comparer: RenderComparer,
     *,
     spread: FloatArray | None = None,
 ) -> PoseFit | None:

@@ -23,7 +23,7 @@ from pcnav.perception.agreement import Agreement
 from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader, Trust, View
-from pcnav.perception.refinement import Comparison
+from pcnav.perception.render_compare import Comparison
 from pcnav.recordings.sequence import Frame
 
 _MAX_HYPOTHESES = 4

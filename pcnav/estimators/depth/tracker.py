@@ -9,14 +9,14 @@ import numpy as np
 from pcnav.config.pipeline_file import FilterTable, Measurements, PerceptionTable
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import ratio_covariance
+from pcnav.estimators.depth.acquisition import Acquisition, InitialArc, Initialised
 from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import MassBelief, learnt_belief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman, Updated, pose_of, updater_of
 from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance, pose_error
-from pcnav.estimators.depth.second_opinion import SecondOpinion, Verdict
 from pcnav.estimators.depth.single_frame import SingleFramePose
-from pcnav.estimators.depth.starting import Begun, Starter, YoungArc
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.filtering.error_state import ErrorStateFilter, UpdateResult, innovation_gate
 from pcnav.filtering.map_arc_fit import ArcFit, TimedMeasurements
@@ -42,9 +42,9 @@ class _Track:
     """A target being followed."""
 
     kalman: Kalman
-    arc: YoungArc | None
+    arc: InitialArc | None
     time_s: float
-    second_opinion: SecondOpinion
+    lock_monitor: LockMonitor
     evidence: Evidence
     symmetric: bool
     """Whether the target's own symmetry leaves equivalent attitudes."""
@@ -87,7 +87,7 @@ class Tracker:
         self._belief = prior_belief(target, info.initial, filtering)
         self._status = Status.ACQUIRING
         self._track: _Track | None = None
-        self._starter = self._new_starter(self._belief)
+        self._acquisition = self._new_acquisition(self._belief)
 
     @property
     def prior(self) -> PriorMass | None:
@@ -122,8 +122,8 @@ class Tracker:
 
     # Acquiring.
 
-    def _new_starter(self, belief: MassBelief) -> Starter:
-        return Starter(
+    def _new_acquisition(self, belief: MassBelief) -> Acquisition:
+        return Acquisition(
             self._target,
             self._reader,
             self._model,
@@ -133,14 +133,14 @@ class Tracker:
         )
 
     def _acquire(self, frame: Frame, observer: ObserverPose) -> tuple[FrameEstimate, FrameView]:
-        outcome = self._starter.add(frame, observer)
-        if not isinstance(outcome, Begun):
+        outcome = self._acquisition.add(frame, observer)
+        if not isinstance(outcome, Initialised):
             return self._estimate(outcome, None, Status.ACQUIRING, observer), outcome
         track = _Track(
             outcome.kalman,
             outcome.arc,
             frame.time_s,
-            SecondOpinion(self._target, self._reader),
+            LockMonitor(self._target, self._reader),
             Evidence(),
             symmetric=len(self._target.symmetry_transforms) > 1,
             open_question=outcome.undecided,
@@ -175,12 +175,12 @@ class Tracker:
     ) -> Status:
         """Take in what a good update says of the track, and say what it is worth now."""
         self._take_in(track, updated)
-        opinion = track.second_opinion
-        if opinion.is_due(track.evidence, is_open=track.open_question):
-            perceived, found = opinion.look(frame)
-            verdict = opinion.judge(perceived, found, pose_of(track.kalman, observer))
-            track.open_question = verdict is not Verdict.UPHELD
-            if verdict is Verdict.OVERTURNED:
+        monitor = track.lock_monitor
+        if monitor.is_due(track.evidence, is_open=track.open_question):
+            perceived, found = monitor.look(frame)
+            verdict = monitor.judge(perceived, found, pose_of(track.kalman, observer))
+            track.open_question = verdict is not LockCheck.CONFIRMED
+            if verdict is LockCheck.REJECTED:
                 track.was_wrong = True
                 return Status.LOST
         return track.status
@@ -189,15 +189,15 @@ class Tracker:
         self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
     ) -> tuple[Updated, Status]:
         """Look for the target where the prediction explains nothing, though there are returns."""
-        opinion = track.second_opinion
-        perceived, found = opinion.look(frame)
+        monitor = track.lock_monitor
+        perceived, found = monitor.look(frame)
         again = self._found_again(frame, observer, track.kalman, found)
         if again is not None:
             self._take_in(track, again)
             return again, track.status
         track.blind_frames += 1
-        verdict = opinion.judge(perceived, found, pose_of(track.kalman, observer))
-        gave_up = verdict is Verdict.OVERTURNED or track.blind_frames > _MAX_BLIND_FRAMES
+        verdict = monitor.judge(perceived, found, pose_of(track.kalman, observer))
+        gave_up = verdict is LockCheck.REJECTED or track.blind_frames > _MAX_BLIND_FRAMES
         return updated, Status.LOST if gave_up else Status.COASTING
 
     def _take_in(self, track: _Track, updated: Updated) -> None:
@@ -259,7 +259,7 @@ class Tracker:
         if was_right and not track.symmetric and track.arc is None:
             belief = learnt_belief(track.kalman.state, track.kalman.covariance)
         self._track = None
-        self._starter = self._new_starter(belief)
+        self._acquisition = self._new_acquisition(belief)
 
     # Results.
 

@@ -17,7 +17,7 @@ from pcnav.estimators.depth.pose_measurement import (
 from pcnav.filtering.error_state import Measurement
 from pcnav.perception.association import MeasuredFace, Unused
 from pcnav.perception.reading import View
-from pcnav.perception.refinement import Comparison, FaceEvidence
+from pcnav.perception.render_compare import Comparison, FaceEvidence
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.results import ACCEPTED, RectangleRecord
 

@@ -24,7 +24,7 @@ _REFINEMENTS = 2
 
 
 @dataclass(frozen=True)
-class Sighting:
+class TriangulatedFrame:
     """The points triangulated from one frame."""
 
     time_s: float
@@ -37,7 +37,7 @@ class Sighting:
 
 
 @dataclass(frozen=True)
-class PosedSighting:
+class MapPose:
     """A sighting and the pose of the map that explains it."""
 
     frame: int
@@ -60,46 +60,46 @@ class FeatureMap:
     """(3,) by feature, map axes, m."""
     noise: dict[int, FloatArray]
     """(3, 3) m^2."""
-    poses: tuple[PosedSighting, ...]
+    poses: tuple[MapPose, ...]
     """In order of time, of the frames that show enough of the map."""
 
 
-def sighting(frame: TrackFrame, rig: StereoRig) -> Sighting:
+def triangulated(frame: TrackFrame, rig: StereoRig) -> TriangulatedFrame:
     """Triangulate a frame; features whose disparity is not positive are left out."""
     kept = rig.disparity(frame.pixels) > 0.0
     p_rig, noise = rig.triangulate(frame.pixels[kept])
     R = frame.R_rig_world
-    return Sighting(frame.time_s, frame.features[kept], p_rig @ R, R.T @ noise @ R)
+    return TriangulatedFrame(frame.time_s, frame.features[kept], p_rig @ R, R.T @ noise @ R)
 
 
-def build_map(sightings: Sequence[Sighting], rng: np.random.Generator) -> FeatureMap | None:
+def build_map(frames: Sequence[TriangulatedFrame], rng: np.random.Generator) -> FeatureMap | None:
     """The map of an arc; None when no two frames agree on three points of a body."""
-    for k in range(len(sightings)):
-        begun = _begin(sightings, k, rng)
+    for k in range(len(frames)):
+        begun = _begin(frames, k, rng)
         if begun is not None:
             break
     else:
         return None
     candidates: dict[int, tuple[FloatArray, FloatArray]] = {}
-    poses: list[PosedSighting] = []
-    for k, seen in enumerate(sightings):
+    poses: list[MapPose] = []
+    for k, seen in enumerate(frames):
         posed = pose_in_map(seen, k, *begun, rng)
         if posed is not None:
             poses.append(posed)
             _extend(begun, candidates, seen, posed)
     found = FeatureMap(*begun, tuple(poses))
     for _ in range(_REFINEMENTS):
-        found = _refined(found, sightings)
+        found = _refined(found, frames)
     return found
 
 
 _Points = tuple[dict[int, FloatArray], dict[int, FloatArray]]
 
 
-def _begin(sightings: Sequence[Sighting], k: int, rng: np.random.Generator) -> _Points | None:
+def _begin(frames: Sequence[TriangulatedFrame], k: int, rng: np.random.Generator) -> _Points | None:
     """Points of a frame that a following frame confirms, from their mean."""
-    first = sightings[k]
-    for other in sightings[k + 1 : k + 1 + _PARTNERS]:
+    first = frames[k]
+    for other in frames[k + 1 : k + 1 + _PARTNERS]:
         shared, a, b = np.intersect1d(first.features, other.features, return_indices=True)
         rigid = moves_rigidly(
             other.p_world[b], first.p_world[a], other.noise[b], first.noise[a], rng
@@ -155,12 +155,12 @@ def _is_frame(points: FloatArray) -> bool:
 
 
 def pose_in_map(
-    seen: Sighting,
+    seen: TriangulatedFrame,
     place: int,
     points: dict[int, FloatArray],
     noise: dict[int, FloatArray],
     rng: np.random.Generator,
-) -> PosedSighting | None:
+) -> MapPose | None:
     """Where the map is in a sighting, by the points that agree; None where too few do."""
     known = np.array([feature in points for feature in seen.features.tolist()], dtype=np.bool_)
     if known.sum() < _FEWEST:
@@ -175,14 +175,14 @@ def pose_in_map(
     agrees = np.zeros(len(seen.features), dtype=np.bool_)
     agrees[np.flatnonzero(known)[motion.pairs]] = True
     fit = motion.fit
-    return PosedSighting(place, fit.R_a_b, fit.t_a, fit.covariance, agrees)
+    return MapPose(place, fit.R_a_b, fit.t_a, fit.covariance, agrees)
 
 
 def _extend(
     begun: _Points,
     candidates: dict[int, tuple[FloatArray, FloatArray]],
-    seen: Sighting,
-    posed: PosedSighting,
+    seen: TriangulatedFrame,
+    posed: MapPose,
 ) -> None:
     """Add the features that a second frame confirms to the map under construction."""
     points, noise = begun
@@ -199,8 +199,8 @@ def _extend(
         candidates[name] = p, own
 
 
-def _refined(found: FeatureMap, sightings: Sequence[Sighting]) -> FeatureMap:
-    """Points averaged over all sightings that agree, then the poses fitted to them again.
+def _refined(found: FeatureMap, frames: Sequence[TriangulatedFrame]) -> FeatureMap:
+    """Points averaged over all frames that agree, then the poses fitted to them again.
 
     Views from all sides know together what each lacks along its line of sight. The points' noise
     is left out of the second fit: it is common to all poses.
@@ -208,7 +208,7 @@ def _refined(found: FeatureMap, sightings: Sequence[Sighting]) -> FeatureMap:
     information = {name: np.zeros((3, 3)) for name in found.points}
     weighted = {name: np.zeros(3) for name in found.points}
     for posed in found.poses:
-        seen, R = sightings[posed.frame], posed.R_world_map
+        seen, R = frames[posed.frame], posed.R_world_map
         weights = np.linalg.inv(R.T @ seen.noise[posed.agrees] @ R)
         back = (seen.p_world[posed.agrees] - posed.t_world) @ R
         for name, weight, p in zip(
@@ -222,30 +222,30 @@ def _refined(found: FeatureMap, sightings: Sequence[Sighting]) -> FeatureMap:
         for name in shown
     }
     noise = {name: np.asarray(np.linalg.inv(information[name]), np.float64) for name in shown}
-    return FeatureMap(points, noise, _fitted(found.poses, sightings, points))
+    return FeatureMap(points, noise, _fitted(found.poses, frames, points))
 
 
 def _fitted(
-    poses: Sequence[PosedSighting],
-    sightings: Sequence[Sighting],
+    poses: Sequence[MapPose],
+    frames: Sequence[TriangulatedFrame],
     points: dict[int, FloatArray],
-) -> tuple[PosedSighting, ...]:
+) -> tuple[MapPose, ...]:
     """Poses fitted to the points, those of as many features at once."""
-    groups: dict[int, list[tuple[PosedSighting, BoolArray]]] = {}
+    groups: dict[int, list[tuple[MapPose, BoolArray]]] = {}
     for posed in poses:
-        names = sightings[posed.frame].features.tolist()
+        names = frames[posed.frame].features.tolist()
         kept = posed.agrees & np.array([name in points for name in names])
         if kept.sum() >= _FEWEST:
             groups.setdefault(int(kept.sum()), []).append((posed, kept))
     fitted = []
     for group in groups.values():
-        seen = [(sightings[posed.frame], kept) for posed, kept in group]
+        seen = [(frames[posed.frame], kept) for posed, kept in group]
         p_map = [[points[name] for name in s.features[kept].tolist()] for s, kept in seen]
         p_world = np.stack([s.p_world[kept] for s, kept in seen])
         noise = np.stack([s.noise[kept] for s, kept in seen])
         fit = align(p_world, np.array(p_map), noise)
         fitted += [
-            PosedSighting(posed.frame, fit.R_a_b[k], fit.t_a[k], fit.covariance[k], kept)
+            MapPose(posed.frame, fit.R_a_b[k], fit.t_a[k], fit.covariance[k], kept)
             for k, (posed, kept) in enumerate(group)
         ]
     return tuple(sorted(fitted, key=lambda posed: posed.frame))

@@ -17,7 +17,7 @@ from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.principal_inertia import ratios_from_moments
 from pcnav.estimators.attitude_inertia.rotation_arc import fit_rotation_arc, positive
-from pcnav.estimators.features.feature_map import FeatureMap, build_map, sighting
+from pcnav.estimators.features.feature_map import FeatureMap, build_map, triangulated
 from pcnav.estimators.features.photogrammetric_frame import best_triple, photogrammetric_axes
 from pcnav.estimators.principal_axes.arc_fit import ArcFit, fit_pixels, longest_steps, weakly_held
 from pcnav.estimators.principal_axes.feature_measurements import FrameView
@@ -28,7 +28,7 @@ from pcnav.estimators.principal_axes.inertia_identification import (
     errors_in_variables,
 )
 from pcnav.estimators.principal_axes.linearised import Leg, filter_about
-from pcnav.estimators.principal_axes.principal_choice import FrameKnowledge, frame_knowledge
+from pcnav.estimators.principal_axes.principal_choice import AxesCertainty, axes_certainty
 from pcnav.estimators.principal_axes.principal_frame import (
     clearest_order,
     free_axes,
@@ -60,7 +60,7 @@ class ArcStart:
     """Those of the last frame that agree with the others."""
     triple: tuple[int, int, int]
     """The features whose photogrammetric frame gave the axes their signs."""
-    knowledge: FrameKnowledge
+    certainty: AxesCertainty
     """How well the arc shows the axes if the target turned without torque, as (10) has it."""
 
 
@@ -82,11 +82,11 @@ def start_from_arc(
     rng: np.random.Generator,
 ) -> ArcStart | None:
     """The filter's state at the last frame; None when the frames do not show one rigid body."""
-    sightings = [sighting(frame, rig) for frame in frames]
-    found = build_map(sightings, rng)
+    seen = [triangulated(frame, rig) for frame in frames]
+    found = build_map(seen, rng)
     if found is None or len(found.poses) < _MIN_POSES:
         return None
-    times = np.array([sightings[pose.frame].time_s for pose in found.poses])
+    times = np.array([frames[pose.frame].time_s for pose in found.poses])
     rotation = _identified(found, times, table.identification)
     names = sorted(found.points)
     points = np.stack([found.points[name] for name in names])
@@ -108,7 +108,7 @@ def start_from_arc(
     fit = fit_pixels(times, views, model, state)
     end, covariance = _filtered(fit, times, views, model, table.gate_probability)
     i, j, k = (names[slot] for slot in triple)
-    known = frame_knowledge(fit.state, max(1.0, fit.misfit) * fit.covariance)
+    known = axes_certainty(fit.state, max(1.0, fit.misfit) * fit.covariance)
     used = tuple(views[-1].features.tolist())
     return ArcStart(float(times[-1]), end, covariance, tuple(names), used, (i, j, k), known)
 

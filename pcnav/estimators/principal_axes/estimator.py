@@ -19,7 +19,7 @@ from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.principal_axes.arc_start import start_from_arc
 from pcnav.estimators.principal_axes.feature_following import FeatureFollower, Taken
 from pcnav.estimators.principal_axes.feature_states import PrincipalState
-from pcnav.estimators.principal_axes.principal_choice import frame_knowledge, motion_estimate
+from pcnav.estimators.principal_axes.principal_choice import axes_certainty, motion_estimate
 from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.feature_estimate import FeatureEstimate
 from pcnav.runs.status import Status
@@ -105,7 +105,7 @@ class PrincipalAxesEstimator:
         start = start_from_arc(self._arc, self._rig, self._orbit, self._table, self._rng)
         if start is None:
             return
-        if at_last or start.knowledge.is_determined:
+        if at_last or start.certainty.is_determined:
             self._follower = FeatureFollower(start, self._rig, self._orbit, self._table, self._rng)
             self._arc, self._used_at_start = [], start.used
 
@@ -120,10 +120,10 @@ def _well_formed(frame: TrackFrame, rig: StereoRig) -> TrackFrame:
 
 def _estimate(follower: FeatureFollower, time_s: float, taken: Taken) -> FeatureEstimate:
     state, covariance = follower.state, follower.covariance
-    knowledge = frame_knowledge(state, covariance)
+    certainty = axes_certainty(state, covariance)
     status = Status.COASTING
     if taken.used:
-        status = Status.LOCKED if knowledge.is_determined else Status.AMBIGUOUS
+        status = Status.LOCKED if certainty.is_determined else Status.AMBIGUOUS
     result = taken.result
     return FeatureEstimate(
         time_s=time_s,
@@ -133,5 +133,5 @@ def _estimate(follower: FeatureFollower, time_s: float, taken: Taken) -> Feature
         rejected=taken.rejected,
         nis=result.joint_nis if result is not None else float("nan"),
         nis_dof=result.joint_dof if result is not None else 0,
-        notes=knowledge.notes(),
+        notes=certainty.notes(),
     )

@@ -10,7 +10,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import rotation_angle
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.estimators.features.feature_map import Sighting, moves_rigidly, sighting
+from pcnav.estimators.features.feature_map import TriangulatedFrame, moves_rigidly, triangulated
 from pcnav.estimators.features.photogrammetric_frame import align
 from pcnav.estimators.principal_axes.arc_fit import longest_steps
 from pcnav.estimators.principal_axes.arc_start import ArcStart
@@ -26,7 +26,7 @@ from pcnav.estimators.principal_axes.feature_state_changes import (
 )
 from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
 from pcnav.estimators.principal_axes.principal_choice import (
-    frame_knowledge,
+    axes_certainty,
     free_choice,
     unique_choice,
 )
@@ -37,7 +37,7 @@ _GAP_S = 2.0
 """Without features for longer, those that re-appear must agree with one another first."""
 _CLEAR_SD = 3.0
 _NEW_POINT_DISTANCE = 16.3
-"""Squared, of two sightings of a new feature: the 99.9 % point of three components."""
+"""Squared, of two observations of a new feature: the 99.9 % point of three components."""
 
 
 @dataclass(frozen=True)
@@ -140,20 +140,20 @@ class FeatureFollower:
 
     def take(self, frame: TrackFrame) -> Taken:
         """Measure the features of a frame at the present time."""
-        sight = sighting(frame, self._rig)
+        seen = triangulated(frame, self._rig)
         slots = self._points.slots(frame.features)
         after_gap = self._time_s - max(self._points.last_used_s.values()) >= _GAP_S
         if after_gap and not self._table.unique_frame:
             self._choose_freely(slots)
         trusted = slots >= 0
         if after_gap or self._points.frames_refused:
-            trusted = self._agreeing(sight, slots)
-        taken = self._measured(frame, sight, slots, trusted, after_gap)
+            trusted = self._agreeing(seen, slots)
+        taken = self._measured(frame, seen, slots, trusted, after_gap)
         self._points = self._points.noted(self._time_s, taken.used, taken.rejected)
         if taken.used:
             self._keep_axes_unique()
             self._drop_rejected()
-            self._add_new(sight)
+            self._add_new(seen)
         return taken
 
     def _filter_of(
@@ -168,7 +168,7 @@ class FeatureFollower:
 
     # Measuring
 
-    def _agreeing(self, sight: Sighting, slots: IntArray) -> BoolArray:
+    def _agreeing(self, seen: TriangulatedFrame, slots: IntArray) -> BoolArray:
         """(n,) features of the state that together move as the body does.
 
         After a gap the prediction is wide and its gate lets wrong matches in.
@@ -178,7 +178,7 @@ class FeatureFollower:
             return known
         points = self.state.points[slots[known]]
         exact = np.broadcast_to(1e-12 * np.eye(3), (len(points), 3, 3))
-        motion = moves_rigidly(sight.p_world[known], points, sight.noise[known], exact, self._rng)
+        motion = moves_rigidly(seen.p_world[known], points, seen.noise[known], exact, self._rng)
         if motion.fit is None:
             return known
         trusted = known.copy()
@@ -188,7 +188,7 @@ class FeatureFollower:
     def _measured(
         self,
         frame: TrackFrame,
-        sight: Sighting,
+        seen: TriangulatedFrame,
         slots: IntArray,
         trusted: BoolArray,
         after_gap: bool,
@@ -201,7 +201,7 @@ class FeatureFollower:
         if self._table.measurements is FeatureMeasurements.PIXELS:
             measurements = self._pixels(frame, slots, trusted)
         else:
-            measurements = self._points_and_attitude(sight, slots, trusted)
+            measurements = self._points_and_attitude(seen, slots, trusted)
         # From a wide prediction one linearisation does not lead to the estimate.
         iterations = self._table.max_iterations if after_gap else 1
         kalman = self._filter_of(self.state, self.covariance, iterations)
@@ -223,22 +223,22 @@ class FeatureFollower:
         return [*FrameView(frame, self._rig, R_hill_world, slots[trusted]).measurements()]
 
     def _points_and_attitude(
-        self, sight: Sighting, slots: IntArray, trusted: BoolArray
+        self, seen: TriangulatedFrame, slots: IntArray, trusted: BoolArray
     ) -> list[Measurement[PrincipalState]]:
         """The printed measurements (33): the points, and the attitude that the same points give."""
-        R = self._orbit.R_hill_world(sight.time_s)
+        R = self._orbit.R_hill_world(seen.time_s)
         rows = np.flatnonzero(trusted)
         found: list[Measurement[PrincipalState]] = [
             PointMeasurement(
-                *(int(sight.features[k]), int(slots[k])),
-                *(R @ sight.p_world[k], R @ sight.noise[k] @ R.T, R),
+                *(int(seen.features[k]), int(slots[k])),
+                *(R @ seen.p_world[k], R @ seen.noise[k] @ R.T, R),
             )
             for k in rows
         ]
-        identified = [k for k in rows if int(sight.features[k]) in self._shape]
+        identified = [k for k in rows if int(seen.features[k]) in self._shape]
         if len(identified) >= 3:
-            shape = np.stack([self._shape[int(sight.features[k])] for k in identified])
-            fit = align(sight.p_world[identified], shape, sight.noise[identified])
+            shape = np.stack([self._shape[int(seen.features[k])] for k in identified])
+            fit = align(seen.p_world[identified], shape, seen.noise[identified])
             noise = fit.R_a_b.T @ fit.covariance[:3, :3] @ fit.R_a_b
             found.append(AttitudeMeasurement(fit.R_a_b, noise))
         return found
@@ -249,8 +249,8 @@ class FeatureFollower:
         """Choose the axes anew where the order of the moments is clearly another by now (17)."""
         if not self._table.unique_frame or float(self.state.ratios.min()) >= 0.0:
             return
-        knowledge = frame_knowledge(self.state, self.covariance)
-        if knowledge.order_significance > -_CLEAR_SD:
+        certainty = axes_certainty(self.state, self.covariance)
+        if certainty.order_significance > -_CLEAR_SD:
             return
         corners = None
         if set(self.triple) <= set(self.features):
@@ -285,18 +285,18 @@ class FeatureFollower:
             ]
         )
 
-    def _add_new(self, sight: Sighting) -> None:
+    def _add_new(self, seen: TriangulatedFrame) -> None:
         """Add features that two frames agree on."""
-        unknown = np.flatnonzero(self._points.slots(sight.features) < 0)
+        unknown = np.flatnonzero(self._points.slots(seen.features) < 0)
         if not len(unknown):
             return
         state, candidates = self.state, dict(self._points.candidates)
         R = state.R_world_body
-        R_hill_world = self._orbit.R_hill_world(sight.time_s)
+        R_hill_world = self._orbit.R_hill_world(seen.time_s)
         r_world = R_hill_world.T @ state.r_hill
         for k in unknown:
-            name = int(sight.features[k])
-            p, noise = R.T @ (sight.p_world[k] - r_world), R.T @ sight.noise[k] @ R
+            name = int(seen.features[k])
+            p, noise = R.T @ (seen.p_world[k] - r_world), R.T @ seen.noise[k] @ R
             before, earlier = candidates.pop(name, (p, noise))
             apart = p - before
             agree = apart @ np.linalg.solve(noise + earlier, apart) < _NEW_POINT_DISTANCE

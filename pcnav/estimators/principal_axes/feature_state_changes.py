@@ -69,7 +69,7 @@ def with_point(
 ) -> tuple[PrincipalState, FloatArray]:
     """State and covariance with one more point, seen at ``p_body`` (3,) from the present state.
 
-    ``noise`` (3, 3) is that of the sighting alone, body axes. ``f = R^T (p - r)`` errs with the
+    ``noise`` (3, 3) is that of the observation alone, body axes. ``f = R^T (p - r)`` errs with the
     position by ``-R_body_hill``, and with the attitude just as all points do by definition.
     """
     size = len(covariance)

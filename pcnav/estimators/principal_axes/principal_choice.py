@@ -30,7 +30,7 @@ _MAX_TILT_SD_RAD = 0.15
 
 
 @dataclass(frozen=True)
-class FrameKnowledge:
+class AxesCertainty:
     """How well the principal axes are known."""
 
     ratios: tuple[float, float, float]
@@ -68,14 +68,14 @@ class FrameKnowledge:
         }
 
 
-def frame_knowledge(state: PrincipalState, covariance: FloatArray) -> FrameKnowledge:
+def axes_certainty(state: PrincipalState, covariance: FloatArray) -> AxesCertainty:
     """What state and covariance (n, n) say of the axes."""
     moments = moments_from_ratios(state.ratios)
     by = -np.diff(moments_jacobian(state.ratios), axis=0)
     gap_sd = np.sqrt(np.einsum("ip,pq,iq->i", by, covariance[RATIOS, RATIOS], by))
     px, pz = state.ratios.tolist()
     tilt = float(np.linalg.eigvalsh(covariance[THETA, THETA])[-1])
-    return FrameKnowledge(
+    return AxesCertainty(
         ratios=(px, middle_ratio(state.ratios), pz),
         gaps=-np.diff(moments),
         gap_sd=gap_sd,

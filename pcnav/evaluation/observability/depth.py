@@ -11,14 +11,14 @@ from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, PoseReference
-from pcnav.estimators.depth.start import start_covariance
 from pcnav.evaluation.observability.information import reference_arc
 from pcnav.evaluation.observability.report import Subject
 from pcnav.evaluation.observability.subjects import carried, timing_of
 from pcnav.evaluation.observability.told import DEPTH
 from pcnav.filtering.error_state import Measurement
-from pcnav.perception.refinement import Comparer
+from pcnav.perception.render_compare import RenderComparer
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 
@@ -32,12 +32,12 @@ _SHARP_POSE = np.diag([1e-4] * 3 + [1e-4] * 3) ** 2
 class Views:
     """Information (6, 6) of a depth frame about the pose it shows, by rendered views.
 
-    A view is rendered and compared with itself (`pcnav.perception.refinement`): what that would
+    A view is rendered and compared with itself (`pcnav.perception.render_compare`): what that would
     tell of an error of the pose is what a frame would. Aspects that are alike share one.
     """
 
     def __init__(self, target: Target, camera: PinholeCamera, range_sigma_m: float) -> None:
-        self._comparer = Comparer(target, camera, range_sigma_m)
+        self._comparer = RenderComparer(target, camera, range_sigma_m)
         self._renderer = DepthRenderer(target.mesh, camera)
         self.lever_m = self._comparer.lever_m
         self._poses: list[FloatArray] = []

@@ -11,6 +11,7 @@ from pcnav.config.pipeline_file import PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.estimators.depth.acquisition import condensed
 from pcnav.estimators.depth.measuring import Kalman, RefinedUpdater, pose_of
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
@@ -19,7 +20,6 @@ from pcnav.estimators.depth.pose_measurement import (
     pose_covariance,
     pose_error,
 )
-from pcnav.estimators.depth.starting import condensed
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.reading import FrameReader

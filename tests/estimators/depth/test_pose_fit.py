@@ -13,7 +13,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.depth.pose_fit import PoseFit, agreeing, fit_pose, step_doubt
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
-from pcnav.perception.refinement import Comparer, FaceEvidence
+from pcnav.perception.render_compare import FaceEvidence, RenderComparer
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target, load_target
@@ -31,8 +31,8 @@ def target(repository: Path) -> Target:
 
 
 @pytest.fixture(scope="module")
-def comparer(target: Target) -> Comparer:
-    return Comparer(target, CAMERA, SIGMA_M)
+def comparer(target: Target) -> RenderComparer:
+    return RenderComparer(target, CAMERA, SIGMA_M)
 
 
 def random_pose(rng: np.random.Generator) -> FloatArray:
@@ -53,7 +53,7 @@ def squared(fit: PoseFit, truth: FloatArray) -> float:
     return float(error @ np.linalg.solve(fit.covariance, error))
 
 
-def test_converges_from_a_decimetre_and_a_degree(target: Target, comparer: Comparer) -> None:
+def test_converges_from_a_decimetre_and_a_degree(target: Target, comparer: RenderComparer) -> None:
     rng = np.random.default_rng(0)
     errors, converged = [], 0
     for k in range(12):
@@ -79,7 +79,7 @@ def test_converges_from_a_decimetre_and_a_degree(target: Target, comparer: Compa
     assert turns < np.deg2rad(0.03)
 
 
-def test_a_displaced_part_is_left_out(target: Target, comparer: Comparer) -> None:
+def test_a_displaced_part_is_left_out(target: Target, comparer: RenderComparer) -> None:
     # The long panel has been bent out by 0.15 m, which the catalogue does not know.
     (panel,) = [r for r in target.rectangles if r.name == "panel_long_front"]
     normal, origin = panel.T_model_rect[:3, 2], panel.T_model_rect[:3, 3]
@@ -105,7 +105,7 @@ def test_a_displaced_part_is_left_out(target: Target, comparer: Comparer) -> Non
     assert squared(fit, truth) < chi2.isf(1e-4, 6)
 
 
-def test_nothing_seen_gives_no_pose(target: Target, comparer: Comparer) -> None:
+def test_nothing_seen_gives_no_pose(target: Target, comparer: RenderComparer) -> None:
     truth = random_pose(np.random.default_rng(2))
     empty = np.zeros((256, 256), dtype=np.float32)
     assert fit_pose(empty, truth, WIDE, comparer) is None
@@ -114,7 +114,7 @@ def test_nothing_seen_gives_no_pose(target: Target, comparer: Comparer) -> None:
     assert fit_pose(frame_at(target, truth), away, WIDE, comparer) is None
 
 
-def test_the_guess_is_a_prior(target: Target, comparer: Comparer) -> None:
+def test_the_guess_is_a_prior(target: Target, comparer: RenderComparer) -> None:
     truth = random_pose(np.random.default_rng(3))
     frame = frame_at(target, truth)
     guess = moved_pose(truth, np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0]))
@@ -131,7 +131,9 @@ def test_the_guess_is_a_prior(target: Target, comparer: Comparer) -> None:
     assert difference @ np.linalg.solve(wide.covariance, difference) < 1.0
 
 
-def test_a_guess_as_good_as_the_frame_is_met_half_way(target: Target, comparer: Comparer) -> None:
+def test_a_guess_as_good_as_the_frame_is_met_half_way(
+    target: Target, comparer: RenderComparer
+) -> None:
     truth = random_pose(np.random.default_rng(5))
     frame, spread = frame_at(target, truth), 0.01**2 * np.eye(6)
     alone = fit_pose(frame, truth, 1e6 * np.eye(6), comparer, spread=spread)

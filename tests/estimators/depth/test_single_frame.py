@@ -11,9 +11,9 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
 from pcnav.estimators.depth.single_frame import fuse_faces, single_frame_pose
-from pcnav.perception.association import MeasuredFace, measure_by_expectation
-from pcnav.perception.expectation import Expecter
+from pcnav.perception.association import MeasuredFace, measure_by_prediction
 from pcnav.perception.perceive import PerceivedFrame, perceive
+from pcnav.perception.predicted_view import ViewPredictor
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
 from pcnav.simulation.noise import add_sensor_faults
@@ -83,8 +83,8 @@ def test_pose_of_the_whole_satellite(
 
 def test_a_face_that_contradicts_the_others_is_left_out(target: Target) -> None:
     settings = PerceptionTable()
-    expectation = Expecter(target, CAMERA, settings, SIGMA_M).expect(POSE)
-    faces, _ = measure_by_expectation(seen(target, settings, SIGMA_M), expectation, 4.0)
+    predicted = ViewPredictor(target, CAMERA, settings, SIGMA_M).predict(POSE)
+    faces, _ = measure_by_prediction(seen(target, settings, SIGMA_M), predicted, 4.0)
     assert len(faces) >= 4
     for index in range(len(faces)):
         pose = fuse_faces(_spoilt(faces, index), POSE, target.diameter_m)

@@ -10,7 +10,7 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, moved_pose
 from pcnav.estimators.depth.views import GATED, FrameView, silent_view, view_of_comparison
 from pcnav.perception.agreement import Agreement
-from pcnav.perception.refinement import Comparer, Comparison, FaceEvidence
+from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.results import ACCEPTED
 from pcnav.target.satellite import Rectangle, Target
@@ -48,7 +48,7 @@ def of_plane(rectangle: Rectangle, T: FloatArray, error: FloatArray) -> FaceEvid
 def view_of(
     frame: Frame, T: FloatArray, faces: tuple[FaceEvidence, ...], observer: ObserverPose
 ) -> FrameView:
-    rendered = Comparer.__new__(Comparer)  # not looked at
+    rendered = RenderComparer.__new__(RenderComparer)  # not looked at
     labels = np.zeros(frame.depth_m.shape, dtype=np.intp)
     comparison = Comparison(T, rendered, faces, Agreement(90, 10), labels)  # type: ignore[arg-type]
     return view_of_comparison(frame, comparison, LEVER_M, observer)
@@ -149,7 +149,7 @@ def test_records_of_a_real_frame_are_near_the_faces(
     error = np.array([0.004, -0.003, 0.005, 8e-4, -6e-4, 5e-4])
     predicted = moved_pose(truth, error)
     P = np.diag(np.repeat([0.005, 1e-3], 3) ** 2)
-    comparer = Comparer(boxsat, frame.camera, SIGMA)
+    comparer = RenderComparer(boxsat, frame.camera, SIGMA)
     comparison = comparer.compare(frame.depth_m, predicted, P)
     view = view_of_comparison(frame, comparison, comparer.lever_m, observer)
     assert len(view.records) >= 3

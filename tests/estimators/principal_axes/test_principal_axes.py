@@ -16,7 +16,7 @@ from pcnav.config.pipeline_file import OrbitModel
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.estimators.features.feature_map import build_map, sighting
+from pcnav.estimators.features.feature_map import build_map, triangulated
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.runs.status import Status
 from pcnav.simulation.feature_motion import InitialMotion
@@ -178,7 +178,7 @@ def test_another_target_is_lost_not_followed():
 
 def test_a_map_needs_agreement():
     tracks, _ = simulate_features(scenario(), np.random.default_rng(10))
-    seen = [sighting(frame, tracks.rig) for frame in tracks.frames[:20]]
+    seen = [triangulated(frame, tracks.rig) for frame in tracks.frames[:20]]
     rng = np.random.default_rng(0)
     assert build_map(seen, rng) is not None
     two = [

@@ -9,9 +9,9 @@ from pcnav.config.pipeline_file import PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform, rotation_angle
-from pcnav.perception.acquisition import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.perceive import perceive
-from pcnav.perception.refinement import Comparer
+from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance, pose_hypotheses
+from pcnav.perception.render_compare import RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 from pcnav.target.satellite import Target
@@ -21,7 +21,9 @@ SIGMA = 0.02
 SETTINGS = PerceptionTable()
 
 
-def hypotheses_of(target: Target, comparer: Comparer, frame: Frame) -> tuple[PoseHypothesis, ...]:
+def hypotheses_of(
+    target: Target, comparer: RenderComparer, frame: Frame
+) -> tuple[PoseHypothesis, ...]:
     perceived = perceive(frame, target.rectangles, SETTINGS, SIGMA, 0)
     found = pose_hypotheses(perceived, target, comparer, SIGMA)
     shares = [h.agreement.share for h in found]
@@ -41,7 +43,7 @@ def test_best_hypothesis_is_the_true_pose(
     random_pose: Callable[..., FloatArray],
 ) -> None:
     rng = np.random.default_rng(2)
-    comparer = Comparer(boxsat, camera, SIGMA, stride=4)
+    comparer = RenderComparer(boxsat, camera, SIGMA, stride=4)
     proposed = best = 0
     runs = 12
     for k in range(runs):
@@ -67,7 +69,7 @@ def test_best_hypothesis_is_the_true_pose(
 def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
     twinwing: Target, camera: PinholeCamera, shoot: Shoot
 ) -> None:
-    comparer = Comparer(twinwing, camera, SIGMA, stride=4)
+    comparer = RenderComparer(twinwing, camera, SIGMA, stride=4)
     x = np.array([0.25, 0.9, 0.2])
     z = np.array([-0.9, 0.1, 0.4])  # the sensor looks at the +x side
     z /= np.linalg.norm(z)
@@ -79,7 +81,7 @@ def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
     assert len(twinwing.symmetry_transforms) == 2
     tolerance = depth_tolerance(twinwing, SIGMA)
     equal = [
-        comparer.glance(frame.depth_m, pose, tolerance).share
+        comparer.score(frame.depth_m, pose, tolerance).share
         for pose in twinwing.equivalent_poses(T)
     ]
     assert equal[0] == pytest.approx(equal[1], abs=0.02)
@@ -96,5 +98,5 @@ def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
 
 def test_no_returns_no_hypotheses(boxsat: Target, camera: PinholeCamera) -> None:
     frame = Frame(0, 0.0, np.zeros((256, 256), dtype=np.float32), camera, np.eye(4))
-    comparer = Comparer(boxsat, camera, SIGMA, stride=4)
+    comparer = RenderComparer(boxsat, camera, SIGMA, stride=4)
     assert hypotheses_of(boxsat, comparer, frame) == ()

@@ -12,7 +12,7 @@ from pcnav.config.pipeline_file import NoiseTable
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.perception.refinement import Comparer, Comparison
+from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
@@ -58,8 +58,8 @@ def wall(boxsat: Target) -> Target:
 
 
 @pytest.fixture(scope="module")
-def comparer(boxsat: Target, camera: PinholeCamera) -> Comparer:
-    return Comparer(boxsat, camera, SIGMA)
+def comparer(boxsat: Target, camera: PinholeCamera) -> RenderComparer:
+    return RenderComparer(boxsat, camera, SIGMA)
 
 
 # Ranges.
@@ -89,7 +89,7 @@ def test_evidence_of_ranges_is_that_of_their_derivatives(
     residual = (seen - plane_ranges(camera, T))[inner].ravel()
 
     frame: DepthImage = (seen / range_per_depth(camera)).astype(np.float32)
-    (face,) = Comparer(wall, camera, SIGMA).compare(frame, T, PRIOR).faces
+    (face,) = RenderComparer(wall, camera, SIGMA).compare(frame, T, PRIOR).faces
     assert face.rectangle is wall.rectangles[0]
     assert face.n_pixels == 254 * 254
     information = J.T @ J / SIGMA**2
@@ -104,7 +104,7 @@ def test_evidence_of_ranges_is_that_of_their_derivatives(
 def test_surfaces_seen_flatter_than_84_degrees_are_not_used(
     wall: Target, camera: PinholeCamera
 ) -> None:
-    comparer = Comparer(wall, camera, SIGMA)
+    comparer = RenderComparer(wall, camera, SIGMA)
     used = []
     for degrees in (82.0, 88.0):
         turn = exp_rotation(np.array([0.0, np.radians(degrees), 0.0]))
@@ -122,7 +122,7 @@ def test_surfaces_seen_flatter_than_84_degrees_are_not_used(
 
 def test_a_bent_face_counts_for_less(wall: Target, camera: PinholeCamera) -> None:
     T = make_transform(exp_rotation(np.array([0.0, 0.3, 0.0])), np.array([0.0, 0.0, 20.0]))
-    comparer, rng = Comparer(wall, camera, SIGMA), np.random.default_rng(0)
+    comparer, rng = RenderComparer(wall, camera, SIGMA), np.random.default_rng(0)
     noise = rng.normal(0.0, SIGMA, (256, 256)) / range_per_depth(camera)
     bent = grid(lambda x, y: 0.03 * np.cos(x) * np.cos(1.3 * y), 161)
     faces = []
@@ -169,7 +169,7 @@ def updates(
     noise: NoiseTable,
     change: Change = lambda depth, _: depth,
 ) -> Updates:
-    comparer, renderer = Comparer(target, camera, SIGMA), DepthRenderer(target.mesh, camera)
+    comparer, renderer = RenderComparer(target, camera, SIGMA), DepthRenderer(target.mesh, camera)
     rng = np.random.default_rng(0)
     nees, nis, z = [], [], []
     for k in range(n):
@@ -196,7 +196,7 @@ def assert_calibrated(found: Updates) -> None:
 
 
 def test_a_clean_frame_recovers_the_displacement(
-    boxsat: Target, camera: PinholeCamera, comparer: Comparer, random_pose: DrawPose
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer, random_pose: DrawPose
 ) -> None:
     renderer, rng = DepthRenderer(boxsat.mesh, camera), np.random.default_rng(7)
     for _ in range(8):
@@ -273,7 +273,7 @@ def test_sensor_faults_leave_the_pose_right(
 
 
 def test_labels_show_the_pixels_of_each_face(
-    boxsat: Target, camera: PinholeCamera, comparer: Comparer, random_pose: DrawPose
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer, random_pose: DrawPose
 ) -> None:
     T = random_pose(np.random.default_rng(1))
     clean = DepthRenderer(boxsat.mesh, camera).render(T)
@@ -300,7 +300,7 @@ def test_labels_show_the_pixels_of_each_face(
 
 
 def test_frames_that_show_nothing_of_the_view_say_nothing(
-    boxsat: Target, camera: PinholeCamera, comparer: Comparer, random_pose: DrawPose
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer, random_pose: DrawPose
 ) -> None:
     T = random_pose(np.random.default_rng(2))
     frame = DepthRenderer(boxsat.mesh, camera).render(T).depth_m
@@ -313,10 +313,10 @@ def test_frames_that_show_nothing_of_the_view_say_nothing(
 
 
 def test_a_stride_takes_every_so_many_pixels(
-    boxsat: Target, camera: PinholeCamera, comparer: Comparer, random_pose: DrawPose
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer, random_pose: DrawPose
 ) -> None:
     rng = np.random.default_rng(4)
-    coarse = Comparer(boxsat, camera, SIGMA, 4)
+    coarse = RenderComparer(boxsat, camera, SIGMA, 4)
     T = random_pose(rng, 15.0, 16.0)
     fine = comparer.compare(DepthRenderer(boxsat.mesh, camera).render(T).depth_m, T, PRIOR)
     every = coarse.compare(fine.rendered.depth_m, T, PRIOR)
@@ -332,7 +332,7 @@ def test_a_stride_takes_every_so_many_pixels(
 
 
 def test_doubt_in_pixels_is_that_of_a_point_at_the_rim(
-    boxsat: Target, camera: PinholeCamera, comparer: Comparer
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer
 ) -> None:
     T = make_transform(np.eye(3), np.array([0.0, 0.0, 25.0]))
     shift = comparer.doubt_px(T, np.diag([0.01**2] * 3 + [0.0] * 3))
@@ -340,18 +340,18 @@ def test_doubt_in_pixels_is_that_of_a_point_at_the_rim(
     turn = comparer.doubt_px(T, np.diag([0.0] * 3 + [1e-6] * 3))
     assert turn == pytest.approx(1e-3 * 0.5 * boxsat.diameter_m * camera.fx / 25.0)
     assert comparer.lever_m == 0.5 * boxsat.diameter_m
-    coarse = Comparer(boxsat, camera, SIGMA, 4).doubt_px(T, PRIOR)
+    coarse = RenderComparer(boxsat, camera, SIGMA, 4).doubt_px(T, PRIOR)
     assert coarse == pytest.approx(0.25 * comparer.doubt_px(T, PRIOR))
 
 
-def test_a_glance_counts_returns_that_are_explained(
-    boxsat: Target, camera: PinholeCamera, comparer: Comparer, random_pose: DrawPose
+def test_a_score_counts_returns_that_are_explained(
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer, random_pose: DrawPose
 ) -> None:
     T = random_pose(np.random.default_rng(6))
     frame = DepthRenderer(boxsat.mesh, camera).render(T).depth_m
-    right = comparer.glance(frame, T, 0.01)
+    right = comparer.score(frame, T, 0.01)
     assert right.agree == np.count_nonzero(frame)
     assert right.conflict == 0
     turned = T.copy()
     turned[:3, :3] = T[:3, :3] @ exp_rotation(np.array([0.0, 0.8, 0.0]))
-    assert comparer.glance(frame, turned, 0.01).share < 0.2
+    assert comparer.score(frame, turned, 0.01).share < 0.2

@@ -71,7 +71,7 @@ class PoseObservation:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionHypothesis:
     """PoseObservations that one tumbling body can have made, in order of time."""
 
     observations: tuple[PoseObservation, ...]
@@ -114,16 +114,16 @@ class Motion:
 class Decision:
     """The motion believed, and whether another one explains the frames as well."""
 
-    motion: Motion
+    motion: MotionHypothesis
     undecided: bool
 
 
-class MotionStart:
+class MotionHypotheses:
     """Links pose hypotheses of successive frames into motions and decides between them."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
-        self._motions: tuple[Motion, ...] = ()
+        self._motions: tuple[MotionHypothesis, ...] = ()
 
     def add(
         self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[SingleFramePose]
@@ -143,7 +143,9 @@ class MotionStart:
         # What no motion so far leads to may be the beginning of the right one.
         claimed = {id(motion.observations[-1]) for motion in grown}
         begun = [
-            Motion((observation,)) for observation in observations if id(observation) not in claimed
+            MotionHypothesis((observation,))
+            for observation in observations
+            if id(observation) not in claimed
         ]
         best_first = sorted([*grown, *begun], key=lambda motion: -motion.inlier_ratio)
         self._motions = tuple(best_first[:_MAX_MOTIONS])
@@ -157,11 +159,13 @@ class MotionStart:
         )
 
     @property
-    def best(self) -> Motion | None:
+    def best(self) -> MotionHypothesis | None:
         """The motion that explains most so far."""
         return self._motions[0] if self._motions else None
 
-    def _extended(self, motion: Motion, observations: list[PoseObservation]) -> Motion | None:
+    def _extended(
+        self, motion: MotionHypothesis, observations: list[PoseObservation]
+    ) -> MotionHypothesis | None:
         """The motion with the observation that fits it best, or None when none does."""
         attitude = motion.predicted_attitude(observations[0].time_s)
         before = motion.observations[-1].p_world_model
@@ -176,7 +180,7 @@ class MotionStart:
         if not fitting:
             return None
         best = min(fitting, key=lambda pair: pair[0])[1]
-        return Motion(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
+        return MotionHypothesis(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
 
     def _decide(self) -> Decision | None:
         ripe = [motion for motion in self._motions if len(motion.observations) >= _MIN_FRAMES]
@@ -189,7 +193,7 @@ class MotionStart:
             return None
         return Decision(best, undecided=bool(undecided))
 
-    def _symmetric(self, a: Motion, b: Motion) -> bool:
+    def _symmetric(self, a: MotionHypothesis, b: MotionHypothesis) -> bool:
         """Whether the target's own symmetry turns one motion into the other."""
         relative = a.observations[-1].T_cam_model[:3, :3].T @ b.observations[-1].T_cam_model[:3, :3]
         angles = rotation_angle(self._target.symmetry_transforms[:, :3, :3] @ relative.T)
@@ -205,7 +209,7 @@ def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, 
     return tuple(s for s in observations if s.pose.inlier_ratio >= most - _MAX_LAG)
 
 
-def _rivals(best: Motion, other: Motion) -> bool:
+def _rivals(best: MotionHypothesis, other: MotionHypothesis) -> bool:
     """Whether another motion is not much less likely, over the frames that both have."""
     if other.observations[-1] is best.observations[-1]:
         return False
@@ -214,7 +218,10 @@ def _rivals(best: Motion, other: Motion) -> bool:
 
 
 def first_state(
-    motion: Motion, com_model: FloatArray, inertia_ratios: FloatArray, mean_motion_rad_s: float
+    motion: MotionHypothesis,
+    com_model: FloatArray,
+    inertia_ratios: FloatArray,
+    mean_motion_rad_s: float,
 ) -> NavigationState:
     """State at the first observation: pose from it, rates from the differences of all."""
     first, last = motion.observations[0], motion.observations[-1]

@@ -11,15 +11,15 @@ from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, NavigationState
-from pcnav.estimators.depth.single_frame import SingleFramePose
-from pcnav.estimators.depth.start import (
+from pcnav.estimators.depth.motion_hypotheses import (
     Decision,
-    Motion,
-    MotionStart,
+    MotionHypotheses,
+    MotionHypothesis,
     PoseObservation,
     first_state,
     start_covariance,
 )
+from pcnav.estimators.depth.single_frame import SingleFramePose
 from pcnav.perception.agreement import Agreement
 from pcnav.target.satellite import Target
 
@@ -61,7 +61,7 @@ def pose(T_cam_model: FloatArray, share: float) -> SingleFramePose:
 
 
 def feed(
-    start: MotionStart, k: int, *alternatives: tuple[FloatArray, float], still: bool = False
+    start: MotionHypotheses, k: int, *alternatives: tuple[FloatArray, float], still: bool = False
 ) -> Decision | None:
     """Give the frame k with hypotheses: the true pose turned by each motion, and its share."""
     T_cam_world = np.eye(4) if still else camera_pose(k)
@@ -72,7 +72,7 @@ def feed(
     return start.add(0.5 * k, T_cam_world, tuple(hypotheses))
 
 
-def follows(motion: Motion, turned: FloatArray) -> bool:
+def follows(motion: MotionHypothesis, turned: FloatArray) -> bool:
     """Whether every observation is the true attitude turned by a motion of the model."""
     angles = [
         rotation_angle((true_pose(round(s.time_s / 0.5)) @ turned)[:3, :3].T @ s.R_world_body)
@@ -84,7 +84,7 @@ def follows(motion: Motion, turned: FloatArray) -> bool:
 def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of_each_frame() -> (
     None
 ):
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     # A half turn away, and better in the second frame alone.
     shares = [(0.9, 0.6), (0.86, 0.88), (0.95, 0.6)]
     decisions = [feed(start, k, (np.eye(4), a), (HALF_TURN, b)) for k, (a, b) in enumerate(shares)]
@@ -97,7 +97,7 @@ def test_the_best_of_two_alternatives_is_followed_although_it_is_not_the_best_of
 
 
 def test_a_observation_that_explains_its_frame_badly_is_dropped_from_its_motion() -> None:
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     for k, share in enumerate((0.7, 0.95, 0.96)):
         assert feed(start, k, (np.eye(4), share)) is None
     decision = feed(start, 3, (np.eye(4), 0.97))
@@ -106,7 +106,7 @@ def test_a_observation_that_explains_its_frame_badly_is_dropped_from_its_motion(
 
 
 def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     for k in range(9):
         assert feed(start, k, (np.eye(4), 0.900), (HALF_TURN, 0.899)) is None
     decision = feed(start, 9, (np.eye(4), 0.900), (HALF_TURN, 0.899))
@@ -118,7 +118,7 @@ def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
 @pytest.mark.parametrize(("fewer_conflicts", "decides"), [(11, False), (13, True)])
 def test_a_lead_of_nine_nats_decides(fewer_conflicts: int, decides: bool) -> None:
     """A quarter of a nat for each pixel against a motion: in 3 frames 12 pixels each make 9."""
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     worse = 0.9 - fewer_conflicts / 1000
     for k in range(2):
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, worse)) is None
@@ -133,14 +133,14 @@ def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
         PoseObservation(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), share))
         for k, share in enumerate(shares)
     )
-    motion = Motion(observations)
+    motion = MotionHypothesis(observations)
     assert motion.inlier_ratio == pytest.approx(np.mean(shares))
     weights = [motion.log_weight(frames) for frames in (1, 2, 3)]
     assert weights == pytest.approx([-0.25 * n for n in (50, 250, 350)])
 
 
 def test_a_doubt_that_resolves_is_decided_then() -> None:
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     for k in range(4):
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
     decision = feed(start, 4, (np.eye(4), 0.95), (HALF_TURN, 0.5))
@@ -149,7 +149,7 @@ def test_a_doubt_that_resolves_is_decided_then() -> None:
 
 
 def test_alternatives_that_the_symmetry_makes_equal_need_no_waiting() -> None:
-    start = MotionStart(target_with(HALF_TURN))
+    start = MotionHypotheses(target_with(HALF_TURN))
     for k in range(2):
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9)) is None
     decision = feed(start, 2, (np.eye(4), 0.9), (HALF_TURN, 0.9))
@@ -158,20 +158,20 @@ def test_alternatives_that_the_symmetry_makes_equal_need_no_waiting() -> None:
 
 
 def test_another_alternative_of_a_symmetric_target_is_a_doubt_all_the_same() -> None:
-    start = MotionStart(target_with(HALF_TURN))
+    start = MotionHypotheses(target_with(HALF_TURN))
     other = make_transform(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))
     for k in range(5):
         assert feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.9), (other, 0.9)) is None
 
 
 def test_poor_explanations_are_not_believed() -> None:
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     for k in range(12):
         assert feed(start, k, (np.eye(4), 0.45)) is None
 
 
 def test_frames_without_hypotheses_are_passed_over() -> None:
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     assert feed(start, 0, (np.eye(4), 0.9)) is None
     assert feed(start, 1) is None
     assert feed(start, 2, (np.eye(4), 0.9)) is None
@@ -185,7 +185,7 @@ def test_a_broken_link_starts_over() -> None:
         make_transform(exp_rotation(np.array([0.0, 0.9, 0.0])), np.zeros(3)),
         make_transform(np.eye(3), np.array([0.0, 1.2, 0.0])),  # over 0.3 diameters
     ):
-        start = MotionStart(target_with())
+        start = MotionHypotheses(target_with())
         assert feed(start, 0, (np.eye(4), 0.9), still=True) is None
         assert feed(start, 1, (np.eye(4), 0.9), still=True) is None
         assert feed(start, 2, (jump, 0.9), still=True) is None
@@ -200,9 +200,9 @@ def test_attitude_is_predicted_at_the_last_rate() -> None:
         PoseObservation(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), 0.9))
         for k in range(3)
     )
-    ahead = Motion(observations).predicted_attitude(3.5)
+    ahead = MotionHypothesis(observations).predicted_attitude(3.5)
     np.testing.assert_allclose(ahead, true_pose(7)[:3, :3], atol=1e-12)
-    alone = Motion(observations[:1]).predicted_attitude(3.5)
+    alone = MotionHypothesis(observations[:1]).predicted_attitude(3.5)
     np.testing.assert_allclose(alone, true_pose(0)[:3, :3], atol=1e-12)
 
 
@@ -219,7 +219,7 @@ def test_first_state_of_exact_observations_is_the_true_one(mean_motion_rad_s: fl
         state = NavigationState(r0 + 0.5 * k * v, v, com, R, OMEGA, ratios)
         T = state.T_cam_model(camera_pose(k), R_hill)
         observations.append(PoseObservation(t, camera_pose(k), pose(T, 0.9)))
-    found = first_state(Motion(tuple(observations)), com, ratios, mean_motion_rad_s)
+    found = first_state(MotionHypothesis(tuple(observations)), com, ratios, mean_motion_rad_s)
     expected = NavigationState(r0, v, com, START, OMEGA, ratios)
     np.testing.assert_allclose(expected.local(found), 0.0, atol=1e-10)
 
@@ -238,7 +238,7 @@ def test_prior_keeps_what_is_known_of_the_mass_and_leaves_the_rest_to_the_data()
 def test_of_alternatives_with_one_attitude_the_near_one_is_linked() -> None:
     # Two equal wings: the same attitude, the target a wing's distance away.
     aside = make_transform(np.eye(3), np.array([0.0, 4.0, 0.0]))
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     decisions = []
     for k in range(3):
         pair = [(np.eye(4), 0.9), (aside, 0.7)]
@@ -250,7 +250,7 @@ def test_of_alternatives_with_one_attitude_the_near_one_is_linked() -> None:
 
 
 def test_the_right_motion_may_begin_after_a_wrong_one_that_goes_on() -> None:
-    start = MotionStart(target_with())
+    start = MotionHypotheses(target_with())
     for k in range(3):
         assert feed(start, k, (HALF_TURN, 0.3)) is None
     decision = None

@@ -15,7 +15,7 @@ from pcnav.perception.ambiguity import apply_case, possible_cases
 from pcnav.perception.association import MAX_YAW_SD_RAD
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.rectangles import YAW
-from pcnav.perception.refinement import Comparer
+from pcnav.perception.render_compare import RenderComparer
 from pcnav.target.satellite import Target
 
 _MAX_RECTANGLES = 4
@@ -42,13 +42,13 @@ class PoseHypothesis:
 
 
 def pose_hypotheses(
-    perceived: PerceivedFrame, target: Target, comparer: Comparer, range_sigma_m: float
+    perceived: PerceivedFrame, target: Target, comparer: RenderComparer, range_sigma_m: float
 ) -> tuple[PoseHypothesis, ...]:
     """All distinct hypotheses of a frame, the one that explains most first."""
     tolerance = depth_tolerance(target, range_sigma_m)
     hypotheses = []
     for T_cam_model, rectangle in _distinct(_proposals(perceived), target):
-        found = comparer.glance(perceived.frame.depth_m, T_cam_model, tolerance)
+        found = comparer.score(perceived.frame.depth_m, T_cam_model, tolerance)
         hypotheses.append(PoseHypothesis(T_cam_model, found, rectangle))
     return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.agreement.share))
 

@@ -18,6 +18,14 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
+from pcnav.estimators.depth.motion_hypotheses import (
+    MAX_OBSERVATIONS,
+    Decision,
+    MotionHypotheses,
+    MotionHypothesis,
+    first_state,
+    start_covariance,
+)
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, joined
 from pcnav.estimators.depth.single_frame import (
     SingleFramePose,
@@ -25,14 +33,6 @@ from pcnav.estimators.depth.single_frame import (
     best_first,
     compared_poses,
     refined_hypotheses,
-)
-from pcnav.estimators.depth.start import (
-    MAX_OBSERVATIONS,
-    Decision,
-    Motion,
-    MotionStart,
-    first_state,
-    start_covariance,
 )
 from pcnav.estimators.depth.views import (
     FrameView,
@@ -71,7 +71,7 @@ _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""
 
 
-class YoungArc:
+class InitialArc:
     """All measurements since the start, fitted as one while they are few."""
 
     def __init__(self, model: MassCentreModel, guess: NavigationState, belief: MassBelief) -> None:
@@ -108,17 +108,17 @@ class YoungArc:
 
 
 @dataclass(frozen=True)
-class Begun:
+class Initialised:
     """A track that has begun."""
 
     kalman: Kalman
-    arc: YoungArc
+    arc: InitialArc
     undecided: bool
     """Whether another motion, no equivalent one, explains the frames as well."""
     view: FrameView
 
 
-class Starter:
+class Acquisition:
     """Finds a first state without any prior on the motion."""
 
     def __init__(
@@ -134,10 +134,10 @@ class Starter:
         self._target, self._reader, self._model = target, reader, model
         self._filtering, self._belief, self._refined = filtering, belief, refined
         self._units_checked = False
-        self._start = MotionStart(target)
+        self._start = MotionHypotheses(target)
         self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
 
-    def add(self, frame: Frame, observer: ObserverPose) -> Begun | FrameView:
+    def add(self, frame: Frame, observer: ObserverPose) -> Initialised | FrameView:
         """Take in a frame: a track begun, or the frame as it was seen.
 
         Raises `InputError` when target and frame differ in units.
@@ -153,7 +153,7 @@ class Starter:
         begun = self._begin(decision)
         if begun is None:
             _log.info("frame %d: the first motion did not hold", frame.index)
-            self._start = MotionStart(self._target)
+            self._start = MotionHypotheses(self._target)
             return waiting
         return begun
 
@@ -178,12 +178,12 @@ class Starter:
         hypotheses = refined_hypotheses(perceived, self._reader, predicted)
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
-    def _begin(self, decision: Decision) -> Begun | None:
+    def _begin(self, decision: Decision) -> Initialised | None:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
         motion, belief = decision.motion, self._belief
         n = self._model.mean_motion_rad_s
         guess = first_state(motion, belief.com_model, belief.inertia_ratios, n)
-        arc = YoungArc(self._model, guess, belief)
+        arc = InitialArc(self._model, guess, belief)
         by_time = {frame.time_s: frame for frame in self._frames}
         frames = [by_time[observation.time_s] for observation in motion.observations]
         observers = [ObserverPose.of(frame.T_cam_world, frame.time_s, n) for frame in frames]
@@ -201,10 +201,10 @@ class Starter:
             gate_probability=self._filtering.gate_probability,
             max_iterations=self._filtering.iterations,
         )
-        return Begun(kalman, arc, decision.undecided, views[-1])
+        return Initialised(kalman, arc, decision.undecided, views[-1])
 
     def _compared(
-        self, motion: Motion, frames: list[Frame], observers: list[ObserverPose]
+        self, motion: MotionHypothesis, frames: list[Frame], observers: list[ObserverPose]
     ) -> list[FrameView]:
         views = []
         for observation, frame, observer in zip(
@@ -220,7 +220,11 @@ class Starter:
         return views
 
     def _fit_rectangles(
-        self, arc: YoungArc, motion: Motion, frames: list[Frame], observers: list[ObserverPose]
+        self,
+        arc: InitialArc,
+        motion: MotionHypothesis,
+        frames: list[Frame],
+        observers: list[ObserverPose],
     ) -> tuple[ArcFit | None, list[FrameView]]:
         poses = [observation.T_cam_model for observation in motion.observations]
         views: list[FrameView] = []

@@ -17,7 +17,7 @@ from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, agreement
 from pcnav.perception.contour import ContourRuns, contour_runs, mesh_edges
-from pcnav.perception.expectation import rectangle_of_triangle
+from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.satellite import Rectangle, Target
 
@@ -75,7 +75,7 @@ class Comparison:
     """(height, width) index into ``faces`` of the pixels that were used, -1 for none."""
 
 
-class Comparer:
+class RenderComparer:
     """Compares frames of one camera with one target; what never changes is built once."""
 
     def __init__(
@@ -90,7 +90,7 @@ class Comparer:
         self._face_of_triangle = rectangle_of_triangle(target)
         self._diameter_m = target.diameter_m
 
-    def coarse(self, depth_m: DepthImage) -> "Comparer":
+    def coarse(self, depth_m: DepthImage) -> "RenderComparer":
         """On every second to fourth pixel: for poses off by more than a comparison is linear over.
 
         There they are off by a quarter as many pixels, and it takes a sixteenth of the time. A
@@ -100,17 +100,17 @@ class Comparer:
         return self._at_stride(min(max(stride, 1), _COARSEST_STRIDE))
 
     @lru_cache(maxsize=_COARSEST_STRIDE)  # noqa: B019 - a handful of comparers, kept like this one
-    def _at_stride(self, stride: int) -> "Comparer":
+    def _at_stride(self, stride: int) -> "RenderComparer":
         if stride == self._stride:
             return self
-        return Comparer(self._target, self.camera, self._sigma_m, stride)
+        return RenderComparer(self._target, self.camera, self._sigma_m, stride)
 
     @property
     def lever_m(self) -> float:
         """Half the target's diameter: what a rotation moves its rim by."""
         return 0.5 * self._diameter_m
 
-    def glance(self, depth_m: DepthImage, T_cam_model: FloatArray, tolerance_m: float) -> Agreement:
+    def score(self, depth_m: DepthImage, T_cam_model: FloatArray, tolerance_m: float) -> Agreement:
         """How well the target at a pose (4, 4) explains a frame, by depths this close."""
         rendered = self._renderer.render(T_cam_model)
         return agreement(depth_m[:: self._stride, :: self._stride], rendered, tolerance_m)

@@ -1,4 +1,4 @@
-"""A second opinion on a doubtful track: where would one find the target in this frame alone?
+"""A second monitor on a doubtful track: where would one find the target in this frame alone?
 
 An update leaves out what does not fit, so a filter may go on with the faces that a wrong pose
 happens to explain. A fresh look tells: the pose tracked and the poses found without it are fitted
@@ -10,8 +10,8 @@ from enum import Enum, auto
 
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD, NATS_PER_CONFLICT
 from pcnav.estimators.depth.single_frame import SingleFramePose, refined_hypotheses, refitted
-from pcnav.estimators.depth.start import CLEAR_LEAD, NATS_PER_CONFLICT
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
@@ -27,18 +27,18 @@ _SAME_SHIFT_FRACTION = 0.05
 """Poses closer than this angle and share of the diameter are one."""
 
 
-class Verdict(Enum):
+class LockCheck(Enum):
     """What a fresh look at a frame says of a track."""
 
-    UPHELD = auto()
+    CONFIRMED = auto()
     """No other pose explains the frame nearly as well."""
     OPEN = auto()
     """Another pose explains it as well, or the first look says better."""
-    OVERTURNED = auto()
+    REJECTED = auto()
     """Looks in a row found the target clearly elsewhere."""
 
 
-class SecondOpinion:
+class LockMonitor:
     """When to look afresh, and what came of it. One for each track."""
 
     def __init__(self, target: Target, reader: FrameReader) -> None:
@@ -66,7 +66,7 @@ class SecondOpinion:
 
     def judge(
         self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
-    ) -> Verdict:
+    ) -> LockCheck:
         """Compare the pose tracked (4, 4) with the poses found in the same frame."""
         self._since_look = 0
         # What upholds a doubtful track once will do so in the next frame: doubt has other reasons.
@@ -74,13 +74,13 @@ class SecondOpinion:
         lead = self._lead_of(perceived, found, T_cam_model)
         self._votes = self._votes + 1 if lead < -CLEAR_LEAD else 0
         if self._votes >= _VOTES:
-            return Verdict.OVERTURNED
+            return LockCheck.REJECTED
         self._lead += lead
         if self._votes or self._lead <= CLEAR_LEAD:
             self._wait = min(self._wait, _MAX_WAIT_OPEN_FRAMES)
-            return Verdict.OPEN
+            return LockCheck.OPEN
         self._lead = 0.0
-        return Verdict.UPHELD
+        return LockCheck.CONFIRMED
 
     def _lead_of(
         self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray

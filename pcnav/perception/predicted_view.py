@@ -16,7 +16,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.perception.rectangles import SegmentShape, shape_of_segment
 from pcnav.perception.returns import Window, window_of_returns
 from pcnav.perception.segmentation import (
-    ExpectedSurface,
+    PredictedSurface,
     Segment,
     label_pixels,
     segment_planes,
@@ -34,7 +34,7 @@ _NO_FACE = -1
 
 
 @dataclass(frozen=True)
-class ExpectedFace:
+class PredictedFace:
     """One catalogue rectangle as the predicted pose shows it."""
 
     rectangle: Rectangle
@@ -46,18 +46,18 @@ class ExpectedFace:
 
 
 @dataclass(frozen=True)
-class Expectation:
+class PredictedView:
     """The predicted view."""
 
     rendered: RenderedDepth
-    surface: ExpectedSurface | None
+    surface: PredictedSurface | None
     """What each pixel should show; None when the target is out of view."""
-    faces: tuple[ExpectedFace, ...]
+    faces: tuple[PredictedFace, ...]
     labels: IntArray
     """(height, width) of the image: index into ``faces``, -1 for none."""
 
 
-class Expecter:
+class ViewPredictor:
     """Predicts views of one target through one camera; the ray-casting scene is built once."""
 
     def __init__(
@@ -74,14 +74,14 @@ class Expecter:
         """The clean view from a pose (4, 4)."""
         return self._renderer.render(T_cam_model)
 
-    def expect(self, T_cam_model: FloatArray) -> Expectation:
+    def predict(self, T_cam_model: FloatArray) -> PredictedView:
         """The faces that a pose (4, 4) shows."""
         rendered = self.render(T_cam_model)
         no_labels = np.full(rendered.depth_m.shape, _NO_FACE, dtype=np.intp)
         frame = Frame(0, 0.0, rendered.depth_m, rendered.camera, np.eye(4))
         window = window_of_returns(frame)
         if window is None:
-            return Expectation(rendered, None, (), no_labels)
+            return PredictedView(rendered, None, (), no_labels)
         part = window.part
         shown = np.where(
             rendered.triangle[part] >= 0, self._face_of_triangle[rendered.triangle[part]], _NO_FACE
@@ -89,7 +89,7 @@ class Expecter:
         counts = np.bincount(shown[shown >= 0], minlength=len(self._target.rectangles))
         planes, plane_of = self._visible_planes(counts, T_cam_model)
         if not planes:
-            return Expectation(rendered, None, (), no_labels)
+            return PredictedView(rendered, None, (), no_labels)
         # The frame will be segmented with this surface as a guide, so the view is, too.
         surface = self._surface(window, planes, label_pixels(window, planes, self._sigma_m)[0])
         segments, _ = segment_planes(
@@ -100,7 +100,7 @@ class Expecter:
             rounds=1,
             expected=surface.part(part),
         )
-        faces: list[ExpectedFace] = []
+        faces: list[PredictedFace] = []
         image = no_labels[part]
         for segment in segments:
             index = _rectangle_shown(segment, shown[segment.pixels], planes, plane_of)
@@ -112,17 +112,17 @@ class Expecter:
             )
             image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
             T_cam_rect = T_cam_model @ rectangle.T_model_rect
-            faces.append(ExpectedFace(rectangle, T_cam_rect, shape, len(segment.pixels)))
-        return Expectation(rendered, surface, tuple(faces), no_labels)
+            faces.append(PredictedFace(rectangle, T_cam_rect, shape, len(segment.pixels)))
+        return PredictedView(rendered, surface, tuple(faces), no_labels)
 
     def _surface(
         self, window: Window, planes: tuple[FloatArray, ...], plane_labels: IntArray
-    ) -> ExpectedSurface:
+    ) -> PredictedSurface:
         """The expected surface over the whole image."""
         range_m = window.range_m.reshape(window.shape)
         settled = settled_pixels(plane_labels, range_m, self._sigma_m)
         shape = (self.camera.height, self.camera.width)
-        surface = ExpectedSurface(
+        surface = PredictedSurface(
             planes,
             np.full(shape, _NO_FACE, dtype=np.intp),
             np.zeros(shape),
