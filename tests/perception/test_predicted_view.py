@@ -86,7 +86,9 @@ def test_a_target_out_of_view_is_expected_nowhere(predictor: ViewPredictor) -> N
         assert not predicted.rendered.depth_m.any()
 
 
-def test_moments_of_a_whole_face_sit_at_its_centre(predictor: ViewPredictor, boxsat: Target) -> None:
+def test_moments_of_a_whole_face_sit_at_its_centre(
+    predictor: ViewPredictor, boxsat: Target
+) -> None:
     # Seen straight on, the bus's +z side shows its face with the ring in front; -x is whole.
     (face,) = [r for r in boxsat.rectangles if r.name == "panel_long_front"]
     facing = np.diag([1.0, -1.0, -1.0]) @ face.T_model_rect[:3, :3].T
