@@ -4,7 +4,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import transform_points
-from pcnav.perception.ambiguity import Case, apply_case, resolve_case
+from pcnav.perception.ambiguity import AxesCase, apply_case, resolve_case
 from pcnav.perception.rectangles import RectangleObservation, observe_cloud
 from pcnav.simulation.scenario import TrueMotion
 from pcnav.target.catalogue import Rectangle
@@ -53,7 +53,7 @@ class CloudSensor:
 
 def resolved(
     observation: RectangleObservation, R_cam_rect_predicted: FloatArray, rectangle: Rectangle
-) -> tuple[FloatArray, Case]:
+) -> tuple[FloatArray, AxesCase]:
     """The observed pose (4, 4) in the case nearest to the prediction, and the case."""
     case, _ = resolve_case(observation.T_cam_rect[:3, :3], R_cam_rect_predicted, rectangle)
     return apply_case(observation.T_cam_rect, case), case

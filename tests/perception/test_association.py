@@ -58,10 +58,10 @@ def test_right_faces_from_a_prediction_that_is_off(
         frame, _ = shoot(boxsat.mesh, T, SIGMA, k)
         # What a filter predicts: a few millimetres and hundredths of a degree off.
         off = make_transform(exp_rotation(rng.normal(0.0, 1e-3, 3)), rng.normal(0.0, 5e-3, 3))
-        predicted = predictor.predict(T @ off)
-        surface = predicted.surface if predicted else None
+        view = predictor.predict(T @ off)
+        surface = view.surface if predicted else None
         perceived = perceive(frame, boxsat.rectangles, SETTINGS, SIGMA, 0, surface)
-        measured, _ = measure_by_prediction(perceived, predicted, 4.0)
+        measured, _ = measure_by_prediction(perceived, view, 4.0)
         assert len(measured) >= 2
         for face in measured:
             truth = T @ face.rectangle.T_model_rect
