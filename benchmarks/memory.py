@@ -9,7 +9,9 @@ from pathlib import Path
 from rich.table import Table
 
 from benchmarks.scenes import record, shortened
-from pcnav.config.pipeline_file import CameraTable, OrbitTable, Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import OrbitTable
+from pcnav.config.sensors import CameraTable
 from pcnav.runs.provenance import pipeline_toml
 
 SHORT_FRAMES = 500

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config.features import EstimatorKind
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import EstimatorKind, Pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.attitude_inertia.chained_inertia import ChainedInertiaEstimator
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator, RotationEstimate
@@ -107,7 +106,8 @@ def run_attitudes(
             text = json.dumps(metrics.to_json(), indent=2, allow_nan=False) + "\n"
             (staging / METRICS_FILE).write_text(text, encoding="utf-8")
         versions = library_versions()
-        (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
+        stated = pipeline_toml(as_run, versions, of_a_run=True)
+        (staging / PIPELINE_FILE).write_text(stated, encoding="utf-8")
         name, known = folder.resolve().name, found.track.has_estimate.any()
         tables = (
             tables_for_report(lambda: observability_of_run(staging, title=name)) if known else ()

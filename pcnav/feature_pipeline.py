@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcnav.config.features import EstimatorKind
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import EstimatorKind, Pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.inertia_bank.estimator import InertiaBankEstimator
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
@@ -79,7 +78,8 @@ def run_features(
             text = json.dumps(metrics.to_json(), indent=2, allow_nan=False) + "\n"
             (staging / METRICS_FILE).write_text(text, encoding="utf-8")
         versions = library_versions()
-        (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
+        stated = pipeline_toml(as_run, versions, of_a_run=True)
+        (staging / PIPELINE_FILE).write_text(stated, encoding="utf-8")
         known = track.has_estimate.any() and bool(track.last_points)
         report = FeatureReport(
             title=tracks.name,
@@ -121,7 +121,7 @@ def _inertia_bank(tracks: Tracks, pipeline: Pipeline) -> FeatureEstimator:
     return InertiaBankEstimator(tracks.rig, tracks.orbit, pipeline.inertia_bank, pipeline.seed)
 
 
-ESTIMATORS: dict[EstimatorKind, EstimatorOf] = {
+ESTIMATORS: dict[str, EstimatorOf] = {
     EstimatorKind.PRINCIPAL_AXES: _principal_axes,
     EstimatorKind.INERTIA_BANK: _inertia_bank,
 }

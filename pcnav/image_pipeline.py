@@ -6,8 +6,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcnav.config.features import EstimatorKind, EstimatorTable
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.image_motion.source import ImageSource, OnFrame, chain_of, open_source
 from pcnav.evaluation.image_metrics import evaluate_images
@@ -74,7 +73,8 @@ def run_images(
             text = json.dumps(metrics.to_json(), indent=2, allow_nan=False) + "\n"
             (staging / METRICS_FILE).write_text(text, encoding="utf-8")
         versions = library_versions()
-        (staging / PIPELINE_FILE).write_text(pipeline_toml(as_run, versions), encoding="utf-8")
+        stated = pipeline_toml(as_run, versions, of_a_run=True)
+        (staging / PIPELINE_FILE).write_text(stated, encoding="utf-8")
         told = can_be_judged(track)
         report = ImageReport(
             title=source.name,

@@ -115,7 +115,7 @@ def run(
     as_run = pipeline.model_copy(update=origin)
     with ResultWriter(out, overwrite) as writer:
         # At once: a run that is killed, or still goes on, can then be looked at.
-        writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions()))
+        writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions(), of_a_run=True))
         if on_start is not None:
             on_start(sequence, target, as_run)
         followed = _track(sequence, target, as_run, writer, on_estimate)

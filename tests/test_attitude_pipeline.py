@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pcnav.attitude_pipeline import run_attitudes
-from pcnav.config.features import EstimatorKind, EstimatorTable
-from pcnav.config.pipeline_file import Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
+from pcnav.config.scenario import ScenarioTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.evaluation.observability.sources import observability_of_pipeline, observability_of_run

@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 from pcnav import feature_pipeline
 from pcnav.cli import main
-from pcnav.config.features import EstimatorKind, EstimatorTable, FeaturesTable
-from pcnav.config.pipeline_file import BodyTable, OrbitTable, Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
+from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
+from pcnav.config.sensors import FeaturesTable
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
 from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATE, VELOCITY

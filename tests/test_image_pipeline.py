@@ -9,22 +9,10 @@ import numpy as np
 import pytest
 
 from pcnav.cli import main
-from pcnav.config.features import EstimatorKind, EstimatorTable, FeaturesTable
-from pcnav.config.images import (
-    ImageCameraTable,
-    ImageMotionTable,
-    MatchSolver,
-    ShadingTable,
-    Smoothing,
-)
-from pcnav.config.pipeline_file import (
-    BodyTable,
-    CameraTable,
-    OrbitTable,
-    Pipeline,
-    ScenarioTable,
-    read_pipeline,
-)
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Smoothing
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
+from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
+from pcnav.config.sensors import CameraTable, FeaturesTable, ImageCameraTable, ShadingTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle, rotation_from_xyzw

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 
-from pcnav.config.pipeline_file import Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.scenario import ScenarioTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle

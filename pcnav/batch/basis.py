@@ -10,8 +10,7 @@ from pathlib import Path
 
 from pcnav.batch.axes import SATELLITE_AXIS
 from pcnav.batch.case import BatchRun, Case
-from pcnav.config.features import EstimatorKind
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.pipeline_file import EstimatorKind, Pipeline, read_pipeline
 from pcnav.config.shipped import (
     shipped_mesh,
     shipped_mesh_names,

@@ -10,7 +10,6 @@ A block with both takes every row of the zip with every combination of the cross
 """
 
 import itertools
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -19,9 +18,9 @@ from pydantic import Field, model_validator
 
 from pcnav.batch.axes import AXES
 from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, Case
-from pcnav.config.pipeline_file import read_toml_model
 from pcnav.config.table import Positive, Table
 from pcnav.core.errors import InputError
+from pcnav.files.toml_file import read_toml, read_toml_model
 
 BATCH_TABLE = "batch"
 """The table that tells a grid file from a pipeline file."""
@@ -81,9 +80,8 @@ class GridFile(Table):
 def read_grid_file(path: Path) -> GridFile:
     """Read and check a grid file but for its axes. Raises `InputError`."""
     try:
-        text = path.read_text(encoding="utf-8")
-        missing = BATCH_TABLE not in tomllib.loads(text)
-    except (OSError, ValueError):
+        missing = BATCH_TABLE not in read_toml(path)
+    except InputError:
         missing = False  # said in full by what reads it next
     if missing:
         expected = "expected a grid of cases with this table; a pipeline is for `pcnav run`"

@@ -62,8 +62,7 @@ def run_into(
     view_port: int | None = None,
 ) -> None:
     from pcnav.cli.run_kinds import attitudes_run, depth_run, images_run, tracks_run
-    from pcnav.config.features import EstimatorKind
-    from pcnav.config.pipeline_file import Pipeline
+    from pcnav.config.pipeline_file import EstimatorKind, Pipeline
     from pcnav.estimators.image_motion.source import is_seen_by_one_camera
     from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording
     from pcnav.recordings.monocular import CAMERA_FILE

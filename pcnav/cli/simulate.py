@@ -29,7 +29,7 @@ def simulate(
 
 
 def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
-    from pcnav.config.features import EstimatorKind
+    from pcnav.config.pipeline_file import EstimatorKind
 
     path, content = named_pipeline(pipeline)
     if content.estimator.kind is EstimatorKind.IMAGE_MOTION:

@@ -1,178 +1,86 @@
 """The typed pipeline file: one frozen model per TOML table, the unit in every field name.
 
-A pipeline file describes a scenario to simulate, how to perceive and how to filter. Every table
-has defaults, so a file says only what differs; an unknown key or a value out of range raises
+A pipeline file describes a scenario to simulate and what to estimate with. Every table has
+defaults, so a file says only what differs; an unknown key or a value out of range raises
 `InputError` naming the file and the key.
 """
 
-import tomllib
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.config.features import (
-    EstimatorTable,
+from pcnav.config.depth import FilterTable, PerceptionTable
+from pcnav.config.image_motion import FeatureTrackerTable, ImageMotionTable
+from pcnav.config.inertia_bank import InertiaBankTable
+from pcnav.config.principal_axes import PrincipalAxesTable
+from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
+from pcnav.config.sensors import (
+    CameraTable,
     FeaturesTable,
-    InertiaBankTable,
-    PrincipalAxesTable,
+    ImageCameraTable,
+    NoiseTable,
+    ShadingTable,
     StereoTable,
 )
-from pcnav.config.images import (
-    FeatureTrackerTable,
-    ImageCameraTable,
-    ImageMotionTable,
-    ShadingTable,
-)
-from pcnav.config.table import Fraction, NonNegative, Positive, Table, Vector3, Vector5
+from pcnav.config.table import Table
 from pcnav.core.errors import InputError
+from pcnav.files.toml_file import checked, read_toml_model
 
-Model = TypeVar("Model", bound=BaseModel)
-
-
-class OrbitModel(StrEnum):
-    """How the true relative orbit is integrated."""
-
-    HILL = "hill"
-    TWO_BODY = "two_body"
-    """Two point masses, the chaser on a circle."""
-    KEPLER = "kepler"
-    """Two point masses, the chaser on an ellipse; feature tracks only."""
+Settings = TypeVar("Settings", bound=Table)
 
 
-class PerceptionMode(StrEnum):
-    """Which statistics the rectangles are recognised from."""
+class EstimatorKind(StrEnum):
+    """What a run estimates with."""
 
-    PAPER = "paper"
-    AREA_WEIGHTED = "area_weighted"
-
-
-class Measurements(StrEnum):
-    """What a frame is measured by once a pose is predicted."""
-
-    RECTANGLES = "rectangles"
-    """Poses of recognised rectangles, from the moments of segmented planes."""
-    REFINED = "refined"
-    """The frame against the view rendered at the prediction, pixel by pixel."""
-    BOTH = "both"
-    """As refined; and every frame is searched for rectangles, as a check on the track."""
+    DEPTH = "depth"
+    """Rectangles of a target with a model, from depth frames."""
+    PRINCIPAL_AXES = "principal_axes"
+    """Feature tracks in the unique frame of principal axes (Hu 2024)."""
+    INERTIA_BANK = "inertia_bank"
+    """Feature tracks under several hypotheses of the inertia (Segal 2011)."""
+    IMAGE_MOTION = "image_motion"
+    """Images of one camera, or feature tracks of them (Appl. Sci. 2022)."""
+    ATTITUDE_INERTIA = "attitude_inertia"
+    """Attitudes alone, recorded or from images of one camera (Deng 2024)."""
 
 
-class ScenarioTable(Table):
-    """[scenario]: what is simulated and for how long."""
+SETTINGS: Mapping[str, tuple[str, ...]] = {
+    EstimatorKind.DEPTH: ("perception", "filter"),
+    EstimatorKind.PRINCIPAL_AXES: ("principal_axes", "orbit"),
+    EstimatorKind.INERTIA_BANK: ("inertia_bank", "orbit"),
+    EstimatorKind.IMAGE_MOTION: ("image_motion", "feature_tracker", "attitude_inertia"),
+    EstimatorKind.ATTITUDE_INERTIA: ("attitude_inertia", "image_motion", "feature_tracker"),
+}
+"""The tables that a run with an estimator reads, beside [estimator]. The view turns stereo tracks
+without their recording by the orbit."""
+_OF_A_RUN = ("seed", "target_mesh", "sequence", "estimator")
 
-    frames: Annotated[int, Field(gt=0)] = 200
-    frame_rate_hz: Positive = 2.0
 
+class EstimatorTable(Table):
+    """[estimator]: which estimator a run uses.
 
-class OrbitTable(Table):
-    """[orbit]: the chaser's orbit and the relative orbit of the target at time 0."""
+    The settings of its kind are in the table of that name, or here beside the kind. An estimator
+    that has no table in `Pipeline` has all of its settings here, see `settings`.
+    """
 
-    model: OrbitModel = OrbitModel.HILL
-    mean_motion_rad_s: NonNegative = 0.0
-    eccentricity: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Of the chaser's ellipse, with model = "kepler"; the other models are circles."""
-    true_anomaly_deg: float = 0.0
-    """Of the chaser at time 0."""
-    r_hill_m: Vector3 = (25.0, 0.0, 0.0)
-    v_hill_m_s: Vector3 = (0.0, 0.0, 0.0)
+    model_config = ConfigDict(extra="allow")
+
+    kind: Annotated[EstimatorKind | str, Field(union_mode="left_to_right")] = EstimatorKind.DEPTH
+    """A name in `pcnav.estimators.registry`."""
+
+    def settings(self, table: type[Settings], source: Path | str = "pipeline") -> Settings:
+        """The settings beside the kind. Raises `InputError`, which names the source."""
+        return checked(source, table, self.model_extra or {}, "estimator")
 
     @model_validator(mode="after")
-    def _ellipses_are_kepler(self) -> Self:
-        if self.eccentricity > 0.0 and self.model is not OrbitModel.KEPLER:
-            raise ValueError(
-                f'eccentricity = {self.eccentricity:g} needs model = "kepler", '
-                f'"{self.model}" is a circle'
-            )
+    def _known_kinds_have_their_tables(self) -> Self:
+        if isinstance(self.kind, EstimatorKind) and self.model_extra:
+            raise ValueError(f"unknown key {next(iter(self.model_extra))}")
         return self
-
-
-class BodyTable(Table):
-    """[body]: the true rotation and mass properties of the target."""
-
-    attitude_rotvec_deg: Vector3 = (0.0, 0.0, 0.0)
-    """Rotation vector of R_world_body at time 0."""
-    omega_body_deg_s: Vector3 = (0.0, 0.0, 1.0)
-    com_model_m: Vector3 = (0.0, 0.0, 0.0)
-    inertia_ratios: Vector5 = (1.0, 1.0, 0.0, 0.0, 0.0)
-    """Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
-
-
-class CameraTable(Table):
-    """[camera]: a pinhole depth camera at the chaser's mass centre, fixed in the Hill frame."""
-
-    width_px: Annotated[int, Field(gt=0)] = 256
-    height_px: Annotated[int, Field(gt=0)] = 256
-    horizontal_fov_deg: Annotated[float, Field(gt=0.0, lt=170.0)] = 25.0
-    boresight_hill: Vector3 = (1.0, 0.0, 0.0)
-    """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
-
-
-class NoiseTable(Table):
-    """[noise]: the faults of the simulated depth sensor."""
-
-    range_sigma_m: NonNegative = 0.02
-    """Standard deviation of Gaussian noise along the ray."""
-    quantisation_m: Positive = 0.001
-    """Step of the stored z-depth (one unit of the 16-bit image)."""
-    dropout_fraction: Fraction = 0.0
-    """Share of returns lost at random."""
-    outlier_fraction: Fraction = 0.0
-    """Share of returns replaced by a uniform draw over the depth span of the target."""
-    mixed_pixel_fraction: Fraction = 0.0
-    """Share of the pixels on a depth edge that return a range between the two surfaces."""
-
-
-class PerceptionTable(Table):
-    """[perception]: from a depth frame to recognised rectangles."""
-
-    mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED
-    measurements: Measurements | None = None
-    """None takes `refined`, and in paper mode, which has nothing else, `rectangles`."""
-    range_sigma_m: Positive | None = None
-    """Noise along the ray; None takes the value the sequence states."""
-    ransac_success_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
-    """Phi of Yu 2019 (2)."""
-    minimum_plane_points: Annotated[int, Field(ge=10)] = 40
-    plane_threshold_sigma: Positive = 3.0
-    """RANSAC inlier distance in standard deviations of the range noise."""
-    size_gate_sigma: Positive = 4.0
-    """Recognition gate on sides and area, in standard deviations of their difference."""
-
-    @model_validator(mode="after")
-    def _paper_mode_measures_rectangles(self) -> Self:
-        if self.mode is PerceptionMode.PAPER and self.measured_by is not Measurements.RECTANGLES:
-            raise ValueError(
-                'mode = "paper" has rectangles only: expected measurements absent or "rectangles"'
-            )
-        return self
-
-    @property
-    def measured_by(self) -> Measurements:
-        """The choice in force."""
-        if self.measurements is not None:
-            return self.measurements
-        paper = self.mode is PerceptionMode.PAPER
-        return Measurements.RECTANGLES if paper else Measurements.REFINED
-
-
-class FilterTable(Table):
-    """[filter]: priors and process noise of the 20-state filter."""
-
-    acceleration_psd_m2_s3: NonNegative = 1e-14
-    """Power spectral density of the white disturbance acceleration."""
-    angular_acceleration_psd_rad2_s3: NonNegative = 1e-16
-    """Power spectral density of the white disturbance angular acceleration."""
-    com_sd_m: Positive | None = None
-    """Prior of the mass centre about the mesh's; None takes the target's own uncertainty."""
-    inertia_ratio_sd: Positive | None = None
-    """Prior of the inertia ratios about the mesh's; None takes the target's own uncertainty."""
-    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
-    """A measurement is rejected when its squared innovation exceeds this chi-square quantile."""
-    iterations: Annotated[int, Field(ge=1)] = 5
-    """Most Gauss-Newton steps of an iterated update; 1 is the plain EKF."""
 
 
 class Pipeline(Table):
@@ -188,18 +96,49 @@ class Pipeline(Table):
     body: BodyTable = BodyTable()
     camera: CameraTable = CameraTable()
     noise: NoiseTable = NoiseTable()
-    perception: PerceptionTable = PerceptionTable()
-    filter: FilterTable = FilterTable()
-    estimator: EstimatorTable = EstimatorTable()
     stereo: StereoTable = StereoTable()
     features: FeaturesTable = FeaturesTable()
+    image_camera: ImageCameraTable = ImageCameraTable()
+    shading: ShadingTable = ShadingTable()
+    estimator: EstimatorTable = EstimatorTable()
+    perception: PerceptionTable = PerceptionTable()
+    filter: FilterTable = FilterTable()
     principal_axes: PrincipalAxesTable = PrincipalAxesTable()
     inertia_bank: InertiaBankTable = InertiaBankTable()
     image_motion: ImageMotionTable = ImageMotionTable()
-    image_camera: ImageCameraTable = ImageCameraTable()
     feature_tracker: FeatureTrackerTable = FeatureTrackerTable()
-    shading: ShadingTable = ShadingTable()
     attitude_inertia: AttitudeInertiaTable = AttitudeInertiaTable()
+
+    def stated(self, of_a_run: bool = False) -> dict[str, Any]:
+        """Its tables, every default spelled out, as a file can state them.
+
+        Keys whose value is None are left out: TOML has no null, and None is their default.
+        ``of_a_run`` leaves out what a run does not read; of an estimator that is not listed here,
+        settings that are the default.
+        """
+        read = SETTINGS.get(self.estimator.kind)
+        if read is None:
+            default, known = Pipeline(), set[str]().union(*SETTINGS.values())
+            read = tuple(name for name in known if getattr(self, name) != getattr(default, name))
+        names = {*_OF_A_RUN, *read} if of_a_run else None
+        return self.model_dump(mode="json", exclude_none=True, include=names)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_settings_beside_the_kind(cls, found: Any) -> Any:
+        """[estimator] may hold what the table named after its kind may."""
+        estimator = found.get("estimator") if isinstance(found, dict) else None
+        if not isinstance(estimator, dict):
+            return found
+        kind, beside = estimator.get("kind"), dict(estimator)
+        beside.pop("kind", None)
+        table = found.get(kind, {}) if isinstance(kind, str) and kind in SETTINGS else None
+        if not beside or kind not in cls.model_fields or not isinstance(table, dict):
+            return found
+        twice = sorted(set(beside) & set(table))
+        if twice:
+            raise ValueError(f"{twice[0]} stands in [estimator] and in [{kind}]")
+        return {**found, "estimator": {"kind": kind}, kind: {**table, **beside}}
 
 
 _TABLES_OF_A_GRID = ("batch", "base", "grid")
@@ -214,27 +153,3 @@ def read_pipeline(path: Path) -> Pipeline:
             raise
         expected = "expected a pipeline; this is a grid of cases, which is for `pcnav table`"
         raise InputError(path, error.field, expected) from error
-
-
-def read_toml_model(path: Path, model: type[Model]) -> Model:
-    """A TOML file checked against a pydantic model. Raises `InputError` in one line."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            path, "file", f"expected a readable TOML file ({error.strerror})"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, "file", f"expected valid TOML ({error})") from error
-    try:
-        return model.model_validate(table)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "file"
-        if first["type"] == "extra_forbidden":
-            raise InputError(
-                path, field, "unknown key; expected one of the documented keys"
-            ) from error
-        if first["type"] == "missing":
-            raise InputError(path, field, "missing; expected a value") from error
-        raise InputError(path, field, f"{first['msg']}, got {first.get('input')!r}") from error

@@ -4,8 +4,9 @@ In a checkout they lie in ``meshes/`` and ``pipelines/`` beside the package; a w
 same folders inside it, as ``pcnav/data/meshes`` and ``pcnav/data/pipelines``.
 """
 
-import tomllib
 from pathlib import Path
+
+from pcnav.files.toml_file import read_toml
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _MESH_SUFFIXES = (".glb", ".obj", ".ply", ".stl")
@@ -43,7 +44,7 @@ def shipped_grid_names() -> tuple[str, ...]:
 
 
 def _is_grid(path: Path) -> bool:
-    return _GRID_TABLE in tomllib.loads(path.read_text(encoding="utf-8"))
+    return _GRID_TABLE in read_toml(path)
 
 
 def _find(name: str, files: tuple[Path, ...]) -> Path | None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from pcnav.config.pipeline_file import Measurements, PerceptionMode
+from pcnav.config.depth import Measurements, PerceptionMode
 from pcnav.core._extras import small_gicp
 from pcnav.estimators.names import EstimatorName
 from pcnav.estimators.peers.icp import FEWER_NEIGHBOURS, Open3dIcp, SmallGicp

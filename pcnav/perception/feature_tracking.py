@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pcnav.config.images import FeatureTrackerTable
+from pcnav.config.image_motion import FeatureTrackerTable
 from pcnav.core._extras import opencv
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera

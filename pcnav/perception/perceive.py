@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise

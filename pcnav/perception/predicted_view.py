@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.rectangles import SegmentShape, shape_of_segment

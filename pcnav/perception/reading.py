@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from pcnav.config.pipeline_file import Measurements, PerceptionMode, PerceptionTable
+from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.pipeline_file import PerceptionMode
+from pcnav.config.depth import PerceptionMode
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform

@@ -16,12 +16,12 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from pcnav.config.pipeline_file import read_toml_model
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.files.csv_table import read_csv
 from pcnav.files.new_folder import new_folder
+from pcnav.files.toml_file import read_toml_model
 from pcnav.recordings.attitude_file import ATTITUDE_FILE, read_attitude_file, write_attitude_file
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.track_table import checked_tracks, frame_rows, write_track_table

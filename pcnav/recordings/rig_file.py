@@ -7,11 +7,11 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from pcnav.config.pipeline_file import read_toml_model
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.files.toml_file import read_toml_model
 
 RIG_FILE = "rig.toml"
 

@@ -8,10 +8,10 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from pcnav.config.pipeline_file import read_toml_model
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+from pcnav.files.toml_file import read_toml_model
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
 
 SEQUENCE_FILE = "sequence.toml"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config.images import ImageMotionTable
+from pcnav.config.image_motion import ImageMotionTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.estimators.image_motion.chain import ChainFrame
 from pcnav.estimators.image_motion.rates import continuous_xyzw, rotation_history

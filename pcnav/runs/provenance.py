@@ -32,14 +32,16 @@ def library_versions_with_peers() -> dict[str, str]:
     return library_versions() | _versions(_PEERS)
 
 
-def pipeline_toml(pipeline: Pipeline, versions: Mapping[str, str]) -> str:
-    """The pipeline as run, every default spelled out, as TOML that `read_pipeline` reads back.
+def pipeline_toml(
+    pipeline: Pipeline, versions: Mapping[str, str], *, of_a_run: bool = False
+) -> str:
+    """A pipeline, every default spelled out, as TOML that `read_pipeline` reads back.
 
-    The versions go into comments at the top, so the file can be run again as it is. Keys whose
-    value is None are left out: TOML has no null, and None is their default.
+    The versions go into comments at the top, so the file can be run again as it is.
+    ``of_a_run`` leaves out the tables that describe a simulation or another estimator.
     """
     comments = "".join(f"# {name} {text}\n" for name, text in versions.items())
-    return comments + "\n" + tomli_w.dumps(pipeline.model_dump(mode="json", exclude_none=True))
+    return comments + "\n" + tomli_w.dumps(pipeline.stated(of_a_run))
 
 
 def _versions(distributions: Mapping[str, tuple[str, ...]]) -> dict[str, str]:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pcnav.config.pipeline_file import OrbitModel
+from pcnav.config.scenario import OrbitModel
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative, step_relative

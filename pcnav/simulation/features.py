@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config.features import Boresight, FeaturesTable, StereoTable
-from pcnav.config.pipeline_file import OrbitModel, OrbitTable, Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import OrbitModel, OrbitTable
+from pcnav.config.sensors import Boresight, FeaturesTable, StereoTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.core.errors import InputError

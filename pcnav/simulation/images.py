@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from pcnav.config.images import ImageCameraTable, ShadingTable
+from pcnav.config.sensors import ImageCameraTable, ShadingTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.spatial import invert_transform, transform_points

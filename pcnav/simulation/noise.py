@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcnav.config.pipeline_file import NoiseTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import range_per_depth
 from pcnav.target.rendering import RenderedDepth, depth_beyond_edge

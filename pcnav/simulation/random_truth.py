@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pcnav.config.pipeline_file import BodyTable, Pipeline, read_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.scenario import BodyTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.config.table import Vector3, Vector5
 from pcnav.core.arrays import FloatArray

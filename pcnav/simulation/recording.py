@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config.pipeline_file import NoiseTable, Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.errors import InputError
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.poses import nearest_rotation

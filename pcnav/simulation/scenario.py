@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pcnav.config.pipeline_file import BodyTable, CameraTable, OrbitModel, OrbitTable, Pipeline
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import BodyTable, OrbitModel, OrbitTable
+from pcnav.config.sensors import CameraTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera, R_cam_hill
 from pcnav.core.errors import InputError

@@ -9,10 +9,10 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from pcnav.config.pipeline_file import read_toml_model
 from pcnav.config.table import Positive, Vector3, Vector5
 from pcnav.core.errors import InputError
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+from pcnav.files.toml_file import read_toml_model
 
 _Name = Annotated[str, Field(min_length=1)]
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config.features import EstimatorKind
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import EstimatorKind, Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, rotation_from_xyzw

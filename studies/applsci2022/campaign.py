@@ -9,7 +9,7 @@ import numpy as np
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import run_seed
-from pcnav.config.images import ImageMotionTable, MatchSolver, Reference, Smoothing
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference, Smoothing
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import log_rotation
 from pcnav.estimators.image_motion.chain import ChainFrame, run_chain

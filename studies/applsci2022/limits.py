@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.images import ImageMotionTable
+from pcnav.config.image_motion import ImageMotionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.estimators.image_motion.refinement import motion_gain

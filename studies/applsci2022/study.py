@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcnav.config.images import ImageMotionTable
+from pcnav.config.image_motion import ImageMotionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.estimators.image_motion.rates import continuous_xyzw, rotation_history

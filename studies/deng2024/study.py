@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.config.pipeline_file import BodyTable, Pipeline, ScenarioTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import BodyTable, ScenarioTable
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.estimators.attitude_inertia.rotation_model import INERTIA
 from pcnav.files.text_table import TextTable

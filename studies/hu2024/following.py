@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.batch.monte_carlo import Case, Run
-from pcnav.config.features import FeatureMeasurements, PrincipalAxesTable
+from pcnav.config.principal_axes import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.principal_inertia import middle_ratio, ratios_from_moments

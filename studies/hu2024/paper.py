@@ -2,8 +2,8 @@
 
 from functools import lru_cache
 
-from pcnav.config.features import PrincipalAxesTable
 from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.simulation.features import FeatureScenario, feature_scenario
 
 from ..pipelines import shipped

@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import run_seed
-from pcnav.config.features import InertiaBankTable
+from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.core.arrays import FloatArray, IntArray
 
 from ..progress import Progress

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.features import InertiaBankTable
+from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.features import InertiaBankTable
+from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative

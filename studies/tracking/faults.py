@@ -10,7 +10,7 @@ import trimesh
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import Case, Run, runs_of
-from pcnav.config.pipeline_file import NoiseTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.files.text_table import TextTable, number

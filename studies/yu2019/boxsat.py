@@ -7,13 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.config.pipeline_file import (
-    Measurements,
-    NoiseTable,
-    PerceptionMode,
-    PerceptionTable,
-    Pipeline,
-)
+from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import NoiseTable
 from pcnav.config.shipped import shipped_mesh
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError

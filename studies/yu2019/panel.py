@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import run_all
-from pcnav.config.pipeline_file import NoiseTable, PerceptionMode, PerceptionTable, Pipeline
+from pcnav.config.depth import PerceptionMode, PerceptionTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
 from pcnav.files.text_table import TextTable, number

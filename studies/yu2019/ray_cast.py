@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from pcnav.batch.cluster import Workers
-from pcnav.config.pipeline_file import PerceptionMode, Pipeline
+from pcnav.config.depth import PerceptionMode
+from pcnav.config.pipeline_file import Pipeline
 
 from ..folder import Chapter, StudyFigure
 from ..panels import error_panel, panels_figure

@@ -14,7 +14,8 @@ from pcnav.batch.depth_run import DepthRun, given_to
 from pcnav.batch.following import recorded_frames
 from pcnav.batch.record import Column, RunRecord
 from pcnav.batch.scenario import run_pipeline
-from pcnav.config.pipeline_file import Measurements, PerceptionMode, Pipeline
+from pcnav.config.depth import Measurements, PerceptionMode
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, V_HILL

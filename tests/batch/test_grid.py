@@ -245,7 +245,7 @@ def test_a_bad_grid_is_one_line_with_file_and_field(tmp_path: Path, fault: str) 
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ("frames = 8\n", "batch: Value error, expected frames or duration_s, one of them"),
+        ("frames = 8\n", "batch: expected frames or duration_s, one of them"),
         ("runs = 3\n", "batch.runs: missing"),
         ("[batch]\n", "batch: expected a grid of cases with this table"),
         ('name = "small"\n', "batch.name: missing"),

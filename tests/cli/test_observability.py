@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.config.features import EstimatorKind, EstimatorTable
-from pcnav.config.pipeline_file import Pipeline, ScenarioTable, read_pipeline
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
+from pcnav.config.scenario import ScenarioTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.evaluation.observability.sources import (

@@ -4,16 +4,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from pcnav.config.pipeline_file import (
-    Measurements,
-    OrbitModel,
-    PerceptionMode,
-    PerceptionTable,
-    Pipeline,
-    read_pipeline,
-)
+from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
+from pcnav.config.scenario import OrbitModel
+from pcnav.config.table import Table
 from pcnav.core.errors import InputError
 
 
@@ -205,3 +202,69 @@ def test_an_old_key_beside_its_new_name_is_refused(tmp_path: Path) -> None:
     path.write_text("[image_motion]\nfewest_matches = 9\nmin_matches = 10\n")
     with pytest.raises(InputError, match="fewest_matches"):
         read_pipeline(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("a = " + "[" * 3000 + "]" * 3000, "nested"),
+        ("a = " + "{a = " * 3000 + "1" + "}" * 3000, "nested"),
+        (".".join(["a"] * 50_000) + " = 1", "nested"),
+        ("[" + " . ".join(["a"] * 50) + "]", "nested"),
+        ("seed = " + "1" * 5000, "valid TOML"),
+        ("# " + "x" * 1_000_000, "1,000,000 bytes"),
+    ],
+)
+def test_a_file_beyond_all_bounds_is_refused_in_one_line(
+    tmp_path: Path, text: str, word: str
+) -> None:
+    error = refusal(tmp_path, text)
+    assert error.field == "file"
+    assert word in str(error) and len(str(error)) < 300
+
+
+def test_a_wrong_value_is_repeated_in_part_only(tmp_path: Path) -> None:
+    error = refusal(tmp_path, f'[camera]\nwidth_px = "{"x" * 5000}"\n')
+    assert error.field == "camera.width_px" and len(str(error)) < 300
+
+
+def test_settings_may_stand_beside_the_kind(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    texts = (
+        '[estimator]\nkind = "principal_axes"\narc_s = 7.0\n',
+        '[estimator]\nkind = "principal_axes"\n[principal_axes]\narc_s = 7.0\n',
+    )
+    read = []
+    for text in texts:
+        path.write_text(text)
+        read.append(read_pipeline(path))
+    assert read[0] == read[1] and read[0].principal_axes.arc_s == 7.0
+    path.write_text(tomli_w.dumps(read[0].stated(of_a_run=True)))
+    assert read_pipeline(path) == read[0]
+    for text, field, word in (
+        (texts[0] + "[principal_axes]\narc_s = 8.0\n", "file", "arc_s stands in"),
+        (texts[0].replace("arc_s", "arcs"), "principal_axes.arcs", "unknown key"),
+        ("[estimator]\narc_s = 7.0\n", "estimator", "unknown key arc_s"),
+    ):
+        error = refusal(tmp_path, text)
+        assert error.field == field and word in str(error)
+
+
+def test_a_run_states_only_what_it_reads() -> None:
+    pipeline = Pipeline(seed=3, estimator=EstimatorTable(kind=EstimatorKind.DEPTH))
+    assert set(pipeline.stated(of_a_run=True)) == {"seed", "estimator", "perception", "filter"}
+    assert set(pipeline.stated()) >= {"scenario", "noise", "principal_axes"}
+
+
+def test_an_estimator_may_bring_its_own_settings(tmp_path: Path) -> None:
+    class Own(Table):
+        window: int = 3
+
+    path = tmp_path / "p.toml"
+    path.write_text('[estimator]\nkind = "momentum"\nwindow = 5\n[stereo]\nbaseline_m = 2.0\n')
+    pipeline = read_pipeline(path)
+    assert pipeline.estimator.settings(Own).window == 5
+    assert pipeline.stated(of_a_run=True)["estimator"] == {"kind": "momentum", "window": 5}
+    path.write_text('[estimator]\nkind = "momentum"\nwindows = 5\n')
+    with pytest.raises(InputError, match=r"estimator\.windows: unknown key"):
+        read_pipeline(path).estimator.settings(Own, path)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.config.pipeline_file import PerceptionMode, PerceptionTable
+from pcnav.config.depth import PerceptionMode, PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform

@@ -7,7 +7,8 @@ import pytest
 import trimesh
 from scipy.ndimage import gaussian_filter, shift
 
-from pcnav.config.images import FeatureTrackerTable, ImageMotionTable, ShadingTable
+from pcnav.config.image_motion import FeatureTrackerTable, ImageMotionTable
+from pcnav.config.sensors import ShadingTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform, rotation_angle

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.config.pipeline_file import PerceptionMode
+from pcnav.config.depth import PerceptionMode
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
 from pcnav.perception.rectangles import (

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.stats import chi2
 
-from pcnav.config.pipeline_file import NoiseTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.config.features import Boresight, FeaturesTable, StereoTable
-from pcnav.config.pipeline_file import BodyTable, OrbitModel, OrbitTable, Pipeline, ScenarioTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import BodyTable, OrbitModel, OrbitTable, ScenarioTable
+from pcnav.config.sensors import Boresight, FeaturesTable, StereoTable
 from pcnav.core.errors import InputError
 from pcnav.dynamics.kepler import propagate_relative
 from pcnav.dynamics.orbit import hill_transition

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from pcnav.config.images import ImageCameraTable, ShadingTable
 from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.sensors import ImageCameraTable, ShadingTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.camera import PinholeCamera, project
 from pcnav.core.spatial import exp_rotation, make_transform, transform_points

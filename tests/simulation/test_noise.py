@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from scipy import stats
 
-from pcnav.config.pipeline_file import NoiseTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import DepthImage
 from pcnav.core.camera import PinholeCamera, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform

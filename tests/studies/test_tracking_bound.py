@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import BodyTable, OrbitTable, Pipeline, ScenarioTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import (

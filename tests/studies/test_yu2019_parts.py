@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import (
-    BodyTable,
-    Measurements,
-    OrbitTable,
-    PerceptionMode,
-    PerceptionTable,
-    Pipeline,
-    ScenarioTable,
-)
+from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.perception.rectangles import distribution, observe_cloud

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.config.pipeline_file import FilterTable
+from pcnav.config.depth import FilterTable
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass import MassBelief

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.pipeline_file import FilterTable
+from pcnav.config.depth import FilterTable
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.inertia_parameters import (
     parameter_covariance,

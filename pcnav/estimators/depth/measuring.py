@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pcnav.config.pipeline_file import Measurements
+from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.pose_fit import step_doubt

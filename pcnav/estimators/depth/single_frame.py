@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.config.pipeline_file import Measurements
+from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.config.pipeline_file import FilterTable, Measurements, PerceptionTable
+from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, InitialArc, Initialised

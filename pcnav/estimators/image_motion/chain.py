@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.config.images import ImageMotionTable, MatchSolver, Reference
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, log_rotation, rotation_angle

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.config.images import ImageMotionTable, Smoothing
+from pcnav.config.image_motion import ImageMotionTable, Smoothing
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, xyzw_from_rotation
 from pcnav.estimators.image_motion.chain import ChainFrame

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from pcnav.config.images import ImageMotionTable, MatchSolver
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import log_rotation, rotation_angle
 from pcnav.estimators.image_motion import degeneracy

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pcnav.config.features import InertiaBankTable
+from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import skew
 from pcnav.core.stereo import StereoRig

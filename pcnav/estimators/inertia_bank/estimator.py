@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pcnav.config.features import BankEstimate, InertiaBankTable, inertia_matrix
+from pcnav.config.inertia_bank import BankEstimate, InertiaBankTable, inertia_matrix
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_from_xyzw

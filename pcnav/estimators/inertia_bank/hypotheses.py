@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from pcnav.config.features import Likelihood
+from pcnav.config.inertia_bank import Likelihood
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.estimators.inertia_bank.relative_state import RelativeStates
 from pcnav.filtering.batched_filter import BatchedUpdate

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
 
-from pcnav.config.pipeline_file import FilterTable, PerceptionTable
+from pcnav.config.depth import FilterTable, PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.runs.results import FrameEstimate

@@ -1,6 +1,6 @@
 """pcnav itself: the tracker in the modes of its perception, and every frame on its own."""
 
-from pcnav.config.pipeline_file import Measurements, PerceptionMode
+from pcnav.config.depth import Measurements, PerceptionMode
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.single_frame import single_frame_pose
 from pcnav.estimators.depth.tracker import Tracker

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.config.features import Identification, PrincipalAxesTable
+from pcnav.config.principal_axes import Identification, PrincipalAxesTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcnav.config.features import PrincipalAxesTable
+from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.stereo import StereoRig

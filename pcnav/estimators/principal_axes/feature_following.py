@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pcnav.config.features import FeatureMeasurements, PrincipalAxesTable
+from pcnav.config.principal_axes import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import rotation_angle
 from pcnav.core.stereo import StereoRig

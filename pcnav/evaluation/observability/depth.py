@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pcnav.config.pipeline_file import FilterTable
+from pcnav.config.depth import FilterTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.config.features import EstimatorKind
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.pipeline_file import EstimatorKind, Pipeline, read_pipeline
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, rotation_from_xyzw

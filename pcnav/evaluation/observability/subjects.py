@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.config.features import InertiaBankTable, PrincipalAxesTable
+from pcnav.config.inertia_bank import InertiaBankTable
+from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.dynamics.inertia_parameters import inertia_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.config.images import ImageMotionTable
+from pcnav.config.image_motion import ImageMotionTable
 from pcnav.core.spatial import log_rotation
 from pcnav.estimators.attitude_inertia.chained_inertia import ChainedInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_fit import AttitudeArc

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import NoiseTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import FilterTable
+from pcnav.config.depth import FilterTable
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios
 from pcnav.dynamics.state import (
     COM_MODEL,

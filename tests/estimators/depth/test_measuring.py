@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from pcnav.config.pipeline_file import PerceptionTable
+from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState

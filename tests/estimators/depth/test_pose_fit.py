@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from pcnav.config.pipeline_file import NoiseTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform

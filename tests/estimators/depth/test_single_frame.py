@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import Measurements, NoiseTable, PerceptionMode, PerceptionTable
+from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
+from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle

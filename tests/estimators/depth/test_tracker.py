@@ -10,13 +10,8 @@ import pytest
 import trimesh
 from scipy.stats import chi2
 
-from pcnav.config.pipeline_file import (
-    FilterTable,
-    Measurements,
-    PerceptionTable,
-    Pipeline,
-    read_pipeline,
-)
+from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation, rotation_angle

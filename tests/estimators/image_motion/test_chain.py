@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from pcnav.config.images import ImageMotionTable, MatchSolver, Reference, Smoothing
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference, Smoothing
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from pcnav.config.images import ImageMotionTable, MatchSolver
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation, rotation_angle

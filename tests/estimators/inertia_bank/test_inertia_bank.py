@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pcnav.config.features import BankEstimate, InertiaBankTable
+from pcnav.config.inertia_bank import BankEstimate, InertiaBankTable
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import log_rotation, xyzw_from_rotation
 from pcnav.core.stereo import StereoRig

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pcnav.config.features import InertiaBankTable, Likelihood
+from pcnav.config.inertia_bank import InertiaBankTable, Likelihood
 from pcnav.estimators.inertia_bank.bank import InertiaBank, add_points, keep_points, start_motion
 from pcnav.estimators.inertia_bank.hypotheses import log_likelihood, moment_matched, normalised
 from pcnav.estimators.inertia_bank.relative_state import PixelMeasurements, RelativeStates

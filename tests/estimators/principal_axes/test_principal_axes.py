@@ -5,14 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.config.features import (
-    FeatureMeasurements,
-    FeaturesTable,
-    Identification,
-    PrincipalAxesTable,
-    StereoTable,
-)
-from pcnav.config.pipeline_file import OrbitModel
+from pcnav.config.principal_axes import FeatureMeasurements, Identification, PrincipalAxesTable
+from pcnav.config.scenario import OrbitModel
+from pcnav.config.sensors import FeaturesTable, StereoTable
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.kepler import KeplerOrbit

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.config.features import InertiaBankTable, PrincipalAxesTable
+from pcnav.config.inertia_bank import InertiaBankTable
+from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.core.spatial import exp_rotation
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit

@@ -1,11 +1,11 @@
-"""Tables of the pipeline file for images of one camera: the camera, the tracker, the chain."""
+"""Settings of the estimator on images of one camera (Appl. Sci. 2022): the chain, the tracker."""
 
 from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from pcnav.config.table import Fraction, NonNegative, Positive, Table, Vector3
+from pcnav.config.table import Fraction, NonNegative, Positive, Table
 
 
 class MatchSolver(StrEnum):
@@ -78,25 +78,6 @@ class ImageMotionTable(Table):
         return self
 
 
-class ImageCameraTable(Table):
-    """[image_camera]: a simulated camera at the chaser's mass centre.
-
-    It is fixed in the Hill frame and looks along ``boresight_hill`` of [camera]. The defaults are
-    the paper's.
-    """
-
-    images: bool = False
-    """Whether shaded images of the target's mesh are simulated; otherwise the tracks alone."""
-
-    width_px: Annotated[int, Field(gt=0)] = 2048
-    height_px: Annotated[int, Field(gt=0)] = 2048
-    focal_px: Positive = 2909.0
-    centre_px: tuple[float, float] | None = None
-    """Principal point; None takes the middle of the image."""
-    pixel_sigma_px: NonNegative = 0.1
-    """Noise of each coordinate of simulated tracks."""
-
-
 class FeatureTrackerTable(Table):
     """[feature_tracker]: corners followed through images.
 
@@ -130,19 +111,3 @@ class FeatureTrackerTable(Table):
     the noise of the image places less well than this is let go."""
     geometric_check_px: Positive = 1.5
     """Largest distance of a match from the motion that most matches share; frame to frame."""
-
-
-class ShadingTable(Table):
-    """[shading]: how simulated images look."""
-
-    sun_hill: Vector3 = (-0.8, 0.3, -0.5)
-    """Direction to the sun, Hill axes at time 0; it stays where it is among the stars."""
-    ambient: Fraction = 0.15
-    """Light from everywhere, as a share of the sun's."""
-    texture_cell_m: Positive = 0.12
-    """Size of the blobs of the texture, which is fixed to the target."""
-    texture_contrast: Fraction = 0.8
-    noise_levels: NonNegative = 1.0
-    """Standard deviation of the sensor noise, grey levels of 255."""
-    supersampling: Annotated[int, Field(ge=1, le=4)] = 2
-    """Rays per pixel and axis."""

@@ -1,0 +1,76 @@
+"""Settings of the estimator on depth frames: from a frame to evidence, and the filter."""
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from pcnav.config.table import NonNegative, Positive, Table
+
+
+class PerceptionMode(StrEnum):
+    """Which statistics the rectangles are recognised from."""
+
+    PAPER = "paper"
+    AREA_WEIGHTED = "area_weighted"
+
+
+class Measurements(StrEnum):
+    """What a frame is measured by once a pose is predicted."""
+
+    RECTANGLES = "rectangles"
+    """Poses of recognised rectangles, from the moments of segmented planes."""
+    REFINED = "refined"
+    """The frame against the view rendered at the prediction, pixel by pixel."""
+    BOTH = "both"
+    """As refined; and every frame is searched for rectangles, as a check on the track."""
+
+
+class PerceptionTable(Table):
+    """[perception]: from a depth frame to recognised rectangles."""
+
+    mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED
+    measurements: Measurements | None = None
+    """None takes `refined`, and in paper mode, which has nothing else, `rectangles`."""
+    range_sigma_m: Positive | None = None
+    """Noise along the ray; None takes the value the sequence states."""
+    ransac_success_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
+    """Phi of Yu 2019 (2)."""
+    minimum_plane_points: Annotated[int, Field(ge=10)] = 40
+    plane_threshold_sigma: Positive = 3.0
+    """RANSAC inlier distance in standard deviations of the range noise."""
+    size_gate_sigma: Positive = 4.0
+    """Recognition gate on sides and area, in standard deviations of their difference."""
+
+    @model_validator(mode="after")
+    def _paper_mode_measures_rectangles(self) -> Self:
+        if self.mode is PerceptionMode.PAPER and self.measured_by is not Measurements.RECTANGLES:
+            raise ValueError(
+                'mode = "paper" has rectangles only: expected measurements absent or "rectangles"'
+            )
+        return self
+
+    @property
+    def measured_by(self) -> Measurements:
+        """The choice in force."""
+        if self.measurements is not None:
+            return self.measurements
+        paper = self.mode is PerceptionMode.PAPER
+        return Measurements.RECTANGLES if paper else Measurements.REFINED
+
+
+class FilterTable(Table):
+    """[filter]: priors and process noise of the 20-state filter."""
+
+    acceleration_psd_m2_s3: NonNegative = 1e-14
+    """Power spectral density of the white disturbance acceleration."""
+    angular_acceleration_psd_rad2_s3: NonNegative = 1e-16
+    """Power spectral density of the white disturbance angular acceleration."""
+    com_sd_m: Positive | None = None
+    """Prior of the mass centre about the mesh's; None takes the target's own uncertainty."""
+    inertia_ratio_sd: Positive | None = None
+    """Prior of the inertia ratios about the mesh's; None takes the target's own uncertainty."""
+    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
+    """A measurement is rejected when its squared innovation exceeds this chi-square quantile."""
+    iterations: Annotated[int, Field(ge=1)] = 5
+    """Most Gauss-Newton steps of an iterated update; 1 is the plain EKF."""

@@ -1,0 +1,58 @@
+"""Tables of the pipeline file for what moves: the scenario, the orbits, the target's body."""
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from pcnav.config.table import NonNegative, Positive, Table, Vector3, Vector5
+
+
+class OrbitModel(StrEnum):
+    """How the true relative orbit is integrated."""
+
+    HILL = "hill"
+    TWO_BODY = "two_body"
+    """Two point masses, the chaser on a circle."""
+    KEPLER = "kepler"
+    """Two point masses, the chaser on an ellipse; feature tracks only."""
+
+
+class ScenarioTable(Table):
+    """[scenario]: what is simulated and for how long."""
+
+    frames: Annotated[int, Field(gt=0)] = 200
+    frame_rate_hz: Positive = 2.0
+
+
+class OrbitTable(Table):
+    """[orbit]: the chaser's orbit and the relative orbit of the target at time 0."""
+
+    model: OrbitModel = OrbitModel.HILL
+    mean_motion_rad_s: NonNegative = 0.0
+    eccentricity: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Of the chaser's ellipse, with model = "kepler"; the other models are circles."""
+    true_anomaly_deg: float = 0.0
+    """Of the chaser at time 0."""
+    r_hill_m: Vector3 = (25.0, 0.0, 0.0)
+    v_hill_m_s: Vector3 = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _ellipses_are_kepler(self) -> Self:
+        if self.eccentricity > 0.0 and self.model is not OrbitModel.KEPLER:
+            raise ValueError(
+                f'eccentricity = {self.eccentricity:g} needs model = "kepler", '
+                f'"{self.model}" is a circle'
+            )
+        return self
+
+
+class BodyTable(Table):
+    """[body]: the true rotation and mass properties of the target."""
+
+    attitude_rotvec_deg: Vector3 = (0.0, 0.0, 0.0)
+    """Rotation vector of R_world_body at time 0."""
+    omega_body_deg_s: Vector3 = (0.0, 0.0, 1.0)
+    com_model_m: Vector3 = (0.0, 0.0, 0.0)
+    inertia_ratios: Vector5 = (1.0, 1.0, 0.0, 0.0, 0.0)
+    """Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""

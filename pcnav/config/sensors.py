@@ -1,0 +1,134 @@
+"""Tables of the pipeline file for what is simulated of a motion: cameras, rig, points, faults."""
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from pcnav.config.table import Fraction, NonNegative, Positive, Table, Vector3
+
+
+class CameraTable(Table):
+    """[camera]: a pinhole depth camera at the chaser's mass centre, fixed in the Hill frame."""
+
+    width_px: Annotated[int, Field(gt=0)] = 256
+    height_px: Annotated[int, Field(gt=0)] = 256
+    horizontal_fov_deg: Annotated[float, Field(gt=0.0, lt=170.0)] = 25.0
+    boresight_hill: Vector3 = (1.0, 0.0, 0.0)
+    """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
+
+
+class NoiseTable(Table):
+    """[noise]: the faults of the simulated depth sensor."""
+
+    range_sigma_m: NonNegative = 0.02
+    """Standard deviation of Gaussian noise along the ray."""
+    quantisation_m: Positive = 0.001
+    """Step of the stored z-depth (one unit of the 16-bit image)."""
+    dropout_fraction: Fraction = 0.0
+    """Share of returns lost at random."""
+    outlier_fraction: Fraction = 0.0
+    """Share of returns replaced by a uniform draw over the depth span of the target."""
+    mixed_pixel_fraction: Fraction = 0.0
+    """Share of the pixels on a depth edge that return a range between the two surfaces."""
+
+
+class Boresight(StrEnum):
+    """Where a stereo rig looks."""
+
+    TARGET = "target"
+    """At the target."""
+    HILL = "hill"
+    """Along the boresight, fixed in the Hill frame."""
+
+
+class StereoTable(Table):
+    """[stereo]: a stereo rig whose left camera sits at the chaser's mass centre."""
+
+    baseline_m: Positive = 1.0
+    focal_px: Positive = 1000.0
+    width_px: Annotated[int, Field(gt=0)] = 1024
+    height_px: Annotated[int, Field(gt=0)] = 1024
+    pixel_sigma_px: Positive = 0.1
+    """Standard deviation of each measured coordinate."""
+    pointing: Boresight = Boresight.TARGET
+    boresight_hill: Vector3 = (1.0, 0.0, 0.0)
+    """Direction the rig looks along when it is fixed in the Hill frame; image down is nadir where
+    that is possible."""
+    pointing_error_deg: NonNegative = 0.3
+    """Standard deviation of a constant offset about each axis of a rig that looks at the target:
+    it holds the target in view, it does not know where the mass centre is."""
+
+
+class FeaturesTable(Table):
+    """[features]: simulated points of the target and how their tracks behave."""
+
+    count: Annotated[int, Field(ge=1)] = 10
+    """Points drawn at random when none are listed."""
+    half_extent_m: Positive = 1.5
+    """The points drawn are uniform in a cube of this half side about the mass centre."""
+    points_m: tuple[Vector3, ...] = ()
+    """Body axes, from the mass centre; replaces the points drawn."""
+    normals_body: tuple[Vector3, ...] = ()
+    """Outward surface normals of the points listed; without any, a point's own direction."""
+    hidden_by_normals: bool = False
+    """Whether a point is seen only while its normal faces the rig."""
+    max_view_angle_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+    """Between the normal and the direction to the rig, beyond which a point is hidden."""
+    blackouts_s: tuple[tuple[float, float], ...] = ()
+    """Spans of time, end excluded, in which nothing is seen."""
+    mean_tracked_s: Positive | None = None
+    """Mean time until a single track is lost; None for never."""
+    mean_lost_s: Positive = 5.0
+    """Mean time until a lost track is found again."""
+    wrong_match_fraction: Fraction = 0.0
+    """Share of observations that are those of another feature or of a random place."""
+    acceleration_psd_m2_s3: NonNegative = 0.0
+    """Power spectral density of a white disturbance acceleration of the true target."""
+    angular_acceleration_psd_rad2_s3: NonNegative = 0.0
+    """Power spectral density of a white disturbance angular acceleration of the true target."""
+
+    @model_validator(mode="after")
+    def _spans_and_normals_fit(self) -> Self:
+        if any(end <= start for start, end in self.blackouts_s):
+            raise ValueError("blackouts_s: expected spans [start, end] with end after start")
+        if self.normals_body and len(self.normals_body) != len(self.points_m):
+            raise ValueError("normals_body: expected one for every one of points_m")
+        if any(x == y == z == 0.0 for x, y, z in self.normals_body):
+            raise ValueError("normals_body: expected directions, got 0, 0, 0")
+        return self
+
+
+class ImageCameraTable(Table):
+    """[image_camera]: a simulated camera at the chaser's mass centre.
+
+    It is fixed in the Hill frame and looks along ``boresight_hill`` of [camera]. The defaults are
+    the paper's.
+    """
+
+    images: bool = False
+    """Whether shaded images of the target's mesh are simulated; otherwise the tracks alone."""
+
+    width_px: Annotated[int, Field(gt=0)] = 2048
+    height_px: Annotated[int, Field(gt=0)] = 2048
+    focal_px: Positive = 2909.0
+    centre_px: tuple[float, float] | None = None
+    """Principal point; None takes the middle of the image."""
+    pixel_sigma_px: NonNegative = 0.1
+    """Noise of each coordinate of simulated tracks."""
+
+
+class ShadingTable(Table):
+    """[shading]: how simulated images look."""
+
+    sun_hill: Vector3 = (-0.8, 0.3, -0.5)
+    """Direction to the sun, Hill axes at time 0; it stays where it is among the stars."""
+    ambient: Fraction = 0.15
+    """Light from everywhere, as a share of the sun's."""
+    texture_cell_m: Positive = 0.12
+    """Size of the blobs of the texture, which is fixed to the target."""
+    texture_contrast: Fraction = 0.8
+    noise_levels: NonNegative = 1.0
+    """Standard deviation of the sensor noise, grey levels of 255."""
+    supersampling: Annotated[int, Field(ge=1, le=4)] = 2
+    """Rays per pixel and axis."""

@@ -1,0 +1,80 @@
+"""TOML files, read within bounds and checked against a pydantic model."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from pcnav.core.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_MAX_BYTES = 1_000_000
+"""Of a file of settings; points and hypotheses by the thousand fit."""
+_MAX_DEPTH = 32
+"""Of brackets, and of keys between dots: the parser's time and memory grow as its square."""
+_MAX_SHOWN = 80
+"""Characters of a wrong value that a message repeats."""
+_DOTTED_KEY = re.compile(rf"(?:[\w\"'-]+\s*\.\s*){{{_MAX_DEPTH}}}")
+_COMMENT = re.compile(r"#[^\n]*")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises `InputError` for a file that cannot be read, is no TOML, or is larger or nested deeper
+    than any file of settings is.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(path, "file", f"expected TOML of at most {_MAX_BYTES:,} bytes")
+        text = path.read_text(encoding="utf-8")
+        if _is_deep(text):
+            raise InputError(path, "file", f"expected TOML nested at most {_MAX_DEPTH} deep")
+        return tomllib.loads(text)
+    except OSError as error:
+        expected = f"expected a readable TOML file ({error.strerror})"
+        raise InputError(path, "file", expected) from error
+    except ValueError as error:
+        # Invalid TOML and text are of this kind, and integers of thousands of digits.
+        raise InputError(path, "file", f"expected valid TOML ({error})") from error
+
+
+def read_toml_model(path: Path, model: type[Model]) -> Model:
+    """A TOML file checked against a pydantic model. Raises `InputError` in one line."""
+    return checked(path, model, read_toml(path))
+
+
+def checked(path: Path | str, model: type[Model], found: object, within: str = "") -> Model:
+    """What a file says, checked against a model. Raises `InputError` in one line.
+
+    ``within`` is the key in the file that the model is of.
+    """
+    try:
+        return model.model_validate(found)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in (within, *first["loc"]) if part != "") or "file"
+        expected = first["msg"].removeprefix("Value error, ")
+        if first["type"] == "extra_forbidden":
+            expected = "unknown key; expected one of the documented keys"
+        elif first["type"] == "missing":
+            expected = "missing; expected a value"
+        elif first["type"] != "value_error":
+            shown = repr(first.get("input"))
+            cut = shown if len(shown) <= _MAX_SHOWN else f"{shown[:_MAX_SHOWN]}..."
+            expected = f"{expected}, got {cut}"
+        raise InputError(path, field, expected) from error
+
+
+def _is_deep(text: str) -> bool:
+    """Whether brackets or dotted keys go deeper than allowed; what stands in comments is none."""
+    content = _COMMENT.sub("", text)
+    depth = 0
+    for bracket in re.findall(r"[\[\]{}]", content):
+        depth = depth + 1 if bracket in "[{" else max(depth - 1, 0)
+        if depth > _MAX_DEPTH:
+            return True
+    return _DOTTED_KEY.search(content) is not None
