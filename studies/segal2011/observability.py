@@ -15,13 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.spatial import exp_rotation, log_rotation
-from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_from_parameters
-from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
-from pcnav.dynamics.rotation_step import rotate, torque_free
+from pcnav.dynamics.inertia_parameters import parameters_of
+from pcnav.estimators.attitude_inertia.rotation_model import (
+    INERTIA,
+    SIZE,
+    THETA,
+    RotationState,
+    TorqueFreeModel,
+)
 
-_STEP = 1e-5
-_PARAMETERS = 5
 OBSERVABLE_SD = 0.05
 """Over the mean moment of inertia, in the least known direction: below it, the arc shows all five
 inertia parameters to a twentieth."""
@@ -31,14 +33,13 @@ inertia parameters to a twentieth."""
 class ArcInformation:
     """What an arc tells of the inertia, the rest of the motion unknown."""
 
-    information: FloatArray
-    """(5, 5) of the parameters N = 3 I / tr(I) (yy, zz, xy, xz, yz)."""
+    root: FloatArray
+    """(5, 5) R of the information R^T R on the parameters N = 3 I / tr(I) (yy, zz, xy, xz, yz)."""
 
     def standard_deviations(self) -> FloatArray:
-        """(5,) along the principal directions, best known first; infinite for unobservable."""
-        values = np.maximum(np.linalg.eigvalsh(self.information), 0.0)[::-1]
+        """(5,) along the principal directions, best known first; boundless for unobservable."""
         with np.errstate(divide="ignore"):
-            return np.asarray(1.0 / np.sqrt(values))
+            return np.asarray(1.0 / np.linalg.svd(self.root, compute_uv=False))
 
     @property
     def observable(self) -> bool:
@@ -50,12 +51,8 @@ class ArcInformation:
 
         To first order; the log likelihoods of the two then differ by half of its square.
         """
-        apart = _parameters(other) - _parameters(inertia)
-        return float(np.sqrt(np.maximum(apart @ self.information @ apart, 0.0)))
-
-
-def _parameters(inertia: FloatArray) -> FloatArray:
-    return parameters_from_ratios(ratios_from_inertia(inertia))
+        apart = parameters_of(other) - parameters_of(inertia)
+        return float(np.linalg.norm(self.root @ apart))
 
 
 def arc_information(
@@ -70,53 +67,26 @@ def arc_information(
     Args:
         inertia: of any scale, body axes.
         omega_body: (3,) rad/s.
-        times_s: (n,) of the frames, evenly spaced.
+        times_s: (n,) of the frames.
         attitude_sd_rad: of the turn since the first frame, about each axis, of every frame.
         axes_sd_rad: how well the body axes are known within the points before the arc.
 
-    Derivatives are numerical. Unknowns that are eliminated: attitude at the first frame, rate, and
-    the axes of the body.
+    Unknowns that are eliminated: attitude at the first frame, rate, and the axes of the body.
     """
-    jacobian = _derivatives(inertia, omega_body, times_s) / attitude_sd_rad
-    size = jacobian.shape[-1]
-    flat = jacobian.reshape(-1, size)
-    full = flat.T @ flat
-    axes = slice(6, 9)
-    full[axes, axes] += np.eye(3) / axes_sd_rad**2
-    rest, wanted = slice(0, size - _PARAMETERS), slice(size - _PARAMETERS, size)
-    # Scaled to a unit diagonal: rates and angles differ by orders of magnitude.
-    scale = 1.0 / np.sqrt(np.diagonal(full)[rest])
-    nuisance = full[rest, rest] * scale * scale[:, None]
-    cross = full[rest, wanted] * scale[:, None]
-    left = full[wanted, wanted] - cross.T @ np.linalg.pinv(nuisance, hermitian=True) @ cross
-    return ArcInformation(0.5 * (left + left.T))
-
-
-def _derivatives(inertia: FloatArray, omega_body: FloatArray, times_s: FloatArray) -> FloatArray:
-    """(n, 3, 14) of the turn since the first frame, world axes.
-
-    By an offset of it, by the rate (world axes), the body axes and the inertia parameters.
-    """
-    parameters = _parameters(inertia)
-    unknowns = np.repeat(np.eye(11), 2, axis=0)
-    unknowns[1::2] *= -1.0
-    # A rate's natural unit is a radian over the arc.
-    rate_unit = 1.0 / max(float(times_s[-1] - times_s[0]), 1.0)
-    bodies = []
-    for unknown in _STEP * unknowns:
-        ratios = ratios_from_parameters(parameters + unknown[6:])
-        turn = exp_rotation(unknown[3:6])
-        bodies.append(turn @ inertia_from_ratios(ratios) @ turn.T)
-    tensors = np.stack(bodies)
-    rates = omega_body + _STEP * rate_unit * unknowns[:, :3]
-    # Body axes at the first frame serve as world axes.
-    slope = torque_free(tensors, np.asarray(np.linalg.inv(tensors)))
-    R = np.broadcast_to(np.eye(3), tensors.shape)
-    jacobian = np.zeros((len(times_s), 3, 14))
-    jacobian[..., :3] = np.eye(3)
-    for k in range(1, len(times_s)):
-        step = rotate(slope, rates, float(times_s[k] - times_s[k - 1]))
-        R, rates = R @ step.turn, step.omega_body
-        apart = log_rotation(R[0::2] @ np.swapaxes(R[1::2], -1, -2)) / (2.0 * _STEP)
-        jacobian[k, :, 3:] = apart.T
-    return jacobian
+    model = TorqueFreeModel(0.0)
+    state = RotationState(np.eye(3), omega_body, parameters_of(inertia))
+    transition = np.eye(SIZE)
+    rows = [np.hstack([np.eye(3) / axes_sd_rad, np.zeros((3, SIZE))])]
+    for step_s in np.diff(times_s, prepend=times_s[0]).tolist():
+        if step_s > 0.0:
+            state, step, _ = model.propagate(state, 0.0, step_s)
+            transition = step @ transition
+        # The points turn as the body does, and lie in it by a turn that does not change.
+        rows.append(np.hstack([np.eye(3), transition[THETA]]) / attitude_sd_rad)
+    jacobian = np.concatenate(rows)
+    # The inertia stands last: what the others leave of it is the last block of the root.
+    wanted = slice(3 + INERTIA.start, 3 + INERTIA.stop)
+    # To a unit length: rates and angles differ by orders of magnitude.
+    jacobian[:, : wanted.start] /= np.linalg.norm(jacobian[:, : wanted.start], axis=0)
+    _, root = np.linalg.qr(jacobian)
+    return ArcInformation(root[wanted, wanted])

@@ -1,21 +1,42 @@
 """The study of Segal 2011 as a list of verbs: draw, filter, compare, pick, couple."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
 import numpy as np
 
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
-from pcnav.config.shipped import shipped_pipeline
-from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.core.errors import InputError
-from pcnav.files.text_table import TextTable, number
+from pcnav.batch.monte_carlo import batches, runs_of
+from pcnav.core.arrays import IntArray
+from pcnav.files.text_table import TextTable
 
-from ..folder import Chapter, Study
-from ..progress import Progress
+from ..folder import Study
+from ..pipelines import shipped
+from ..tables import Claim, cell, verdict
+from ..text import study_text
 from ..work import Work
-from . import campaign, paper
-from .campaign import Case, CaseResult, run_cases, work_of
-from .chapters import ATTITUDE, bank_chapter, coupling_chapter, estimates_of, plain_chapter
+from . import paper
 from .draws import Draw, physical_share
-from .picking import Picks, picking_chapter, picks_of
+from .errors import (
+    ATTITUDE,
+    Filter,
+    bank_figure,
+    bank_table,
+    coupling_figures,
+    coupling_table,
+    estimates_of,
+    plain_figures,
+    plain_table,
+)
+from .picking import SEPARATED, Picks, picking_table, picks_of
+from .runs import (
+    RUNS_PER_BATCH,
+    STUDY,
+    Found,
+    bank_cases,
+    coupling_cases,
+    motion_cases,
+    run_batch,
+)
 
 RUNS = 1000
 """Of Fig. 4; a tenth of them make Figs. 2, 3, 5 and 6 and the motions that are not printed."""
@@ -35,175 +56,128 @@ def study(runs: int, work: Work) -> Study:
 
     Raises `InputError` when the shipped pipeline is missing or bad, `RunError` when a run fails.
     """
-    pipeline = _pipeline()
+    pipeline = shipped(STUDY)
     few = max(_FEWEST, runs // _PLAIN_SHARE)
     quick = runs < _QUICK_RUNS
     motion = paper.true_motion(duration_s=_QUICK_S if quick else paper.DURATION_S)
-    cases = [
-        Case("physical draws", runs, campaign.drawn_and_truth, motion, blend=paper.HYPOTHESES),
-        Case("draws as printed", runs, campaign.drawn_as_printed, motion, blend=paper.HYPOTHESES),
-        *campaign.coupling_cases(few, motion),
-        *campaign.motion_cases(few, motion),
-    ]
-    progress = Progress(work_of(cases), work.on_progress)
-    results = run_cases(cases, work.workers, progress)
-    physical, printed, (plain, no_arm), others = results[0], results[1], results[2:4], results[4:]
-    picks = [picks_of("as printed", physical, _WITH_TRUTH, _TRUTH)]
-    last: IntArray = np.arange(5)
-    picks += [
-        picks_of(case.name, result, last, 4) for case, result in zip(cases[4:], others, strict=True)
-    ]
+    banks, couplings, motions = bank_cases(motion), coupling_cases(motion), motion_cases(motion)
+    # All at once keeps every core busy to the end.
+    planned = runs_of(STUDY, banks, runs) + runs_of(STUDY, [*couplings, *motions], few)
+    results = work.plan(run_batch, batches(planned, RUNS_PER_BATCH))
+    work.run()
+    found = {name: Found.joined(parts) for name, parts in results.by_case.items()}
+    physical, printed = found["physical draws"], found["draws as printed"]
+    picks = [picks_of("as printed", banks[0], physical, _WITH_TRUTH, _TRUTH)]
+    picks += [picks_of(case.name, case, found[case.name], np.arange(5), 4) for case in motions]
+    known = Filter.of(physical, _TRUTH, few)
+    filters = {"coupled": known} | {
+        case.name: Filter.of(found[case.name], 0, few) for case in couplings
+    }
     rng = np.random.default_rng(0)
-    share = {draw.value: physical_share(draw, _SHARE_DRAWS, rng) for draw in Draw}
-    coupled, nees = _by_coupling(physical, plain, no_arm, few)
-    verdict = _verdict(physical, printed, picks, coupled)
+    share = {f"{draw.name.lower()}_share": physical_share(draw, _SHARE_DRAWS, rng) for draw in Draw}
+    cut = (
+        "Because of the few runs asked for, the arc was cut: this shows that the study works, not "
+        "what the estimator can do."
+    )
+    text, times_s = study_text(Path(__file__).parent), motion.times_s
+    settings = text.table(
+        "settings",
+        "Settings",
+        text_columns=3,
+        anomaly_deg=cell(np.degrees(paper.ORBIT.true_anomaly_rad)),
+        interval_s=paper.FRAME_INTERVAL_S,
+        duration_s=paper.DURATION_S,
+        bank=paper.BANK,
+    )
     return Study(
-        title="Segal, Carmi and Gurfil 2011, rebuilt",
-        lead="Vision-Based Relative State Estimation of Non-Cooperative Spacecraft Under Modeling "
-        "Uncertainty: every figure, with what the paper states of it.",
+        title=text.title,
+        lead=text.lead,
         headline=_headline(physical, picks),
         chapters=(
-            Chapter("What is shown", _text(quick), (verdict, _settings())),
-            plain_chapter(physical, _TRUTH, few),
-            bank_chapter(physical, printed, share),
-            picking_chapter(picks),
-            coupling_chapter(coupled, nees, motion.times_s),
+            text.chapter(
+                "What is shown",
+                [_verdict(physical, printed, picks, filters), settings],
+                cut=cut if quick else "",
+            ),
+            text.chapter(
+                "The filter that knows the inertia",
+                [plain_table(known, times_s)],
+                plain_figures(known, times_s),
+            ),
+            text.chapter(
+                "The bank against a random inertia",
+                [
+                    bank_table("bank_physical", "physical", physical),
+                    bank_table("bank_printed", "as printed", printed),
+                ],
+                [
+                    bank_figure("figure4", "Fig. 4", ", physical draws", physical, times_s),
+                    bank_figure(
+                        "figure4_printed", "Fig. 4, draws as printed", "", printed, times_s
+                    ),
+                ],
+                **{name: cell(100.0 * value) for name, value in share.items()},
+            ),
+            text.chapter(
+                "Is the true inertia found?",
+                [picking_table(picks)],
+                separated=SEPARATED,
+                bank=paper.BANK,
+            ),
+            text.chapter(
+                "Kinematic coupling",
+                [coupling_table(filters)],
+                coupling_figures(filters, times_s),
+            ),
         ),
         summary_keys=("verdict", "picking"),
-        pipelines={"segal2011": pipeline},
+        pipelines={STUDY: pipeline},
         runs=runs,
     )
 
 
-def _pipeline() -> Pipeline:
-    path = shipped_pipeline("segal2011")
-    if path is None:
-        raise InputError("segal2011.toml", "pipeline", "expected it among the shipped pipelines")
-    return read_pipeline(path)
-
-
-def _by_coupling(
-    physical: CaseResult, plain: CaseResult, no_arm: CaseResult, runs: int
-) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Errors (frames, runs, 5) and NEES (frames, runs) of the filters with the true inertia."""
-    found = {
-        "coupled": (physical.found, _TRUTH),
-        "errors in body axes": (plain.found, 0),
-        "no lever arm": (no_arm.found, 0),
-    }
-    errors = {name: each.errors[:, :runs, h] for name, (each, h) in found.items()}
-    return errors, {name: each.nees[:, :runs, h] for name, (each, h) in found.items()}
-
-
 def _verdict(
-    physical: CaseResult, printed: CaseResult, picks: list[Picks], coupled: dict[str, FloatArray]
+    physical: Found, printed: Found, picks: Sequence[Picks], filters: Mapping[str, Filter]
 ) -> TextTable:
-    rows: list[tuple[str, ...]] = []
-    for draws, result in (("physical draws", physical), ("draws as printed", printed)):
-        estimates = estimates_of(result)
+    claims = []
+    for draws, found in (("physical draws", physical), ("draws as printed", printed)):
+        estimates = estimates_of(found)
         for p in (50, 90):
             random, bank = (
                 float(np.percentile(estimates[name][-1, :, ATTITUDE], p))
                 for name in ("random inertia", "bank, most probable")
             )
-            rows.append(
-                (
-                    f"attitude at the end, {p} %, {draws}",
-                    "the bank is better (Fig. 4)",
-                    f"{number(bank)} deg, random inertia {number(random)} deg",
-                    "yes" if bank < random else "no",
-                )
-            )
-    rows += [_pick_row(each) for each in picks if np.any(each.observable)]
-    for name in ("errors in body axes", "no lever arm"):
-        with_it, without = (float(np.median(coupled[key][-1, :, 0])) for key in ("coupled", name))
-        rows.append(
-            (
-                f"median position error at the end, coupled against {name}",
-                "the coupling is better (Fig. 5)",
-                f"{number(with_it)} m against {number(without)} m",
-                "yes" if with_it < without else "no",
-            )
-        )
-    header = ("quantity", "expected", "ours", "met")
-    return TextTable("verdict", "Expected against ours", header, tuple(rows), text_columns=4)
+            quantity = f"attitude at the end, {p} %, {draws}"
+            ours = f"{cell(bank)} deg, random inertia {cell(random)} deg"
+            claims.append(Claim("", quantity, "the bank is better (Fig. 4)", ours, bank < random))
+    for each in picks:
+        if np.any(each.observable):
+            quantity = f"true inertia picked where observable: {each.name}"
+            claims.append(Claim("", quantity, "at least 95 %", _picked(each), _share(each) >= 95.0))
+    with_it, *others = (float(np.median(each.errors[-1, :, 0])) for each in filters.values())
+    for name, without in zip(list(filters)[1:], others, strict=True):
+        quantity = f"median position error at the end, coupled against {name}"
+        ours = f"{cell(with_it)} m against {cell(without)} m"
+        expected = "the coupling is better (Fig. 5)"
+        claims.append(Claim("", quantity, expected, ours, with_it < without))
+    return verdict("Expected against ours", claims, None, "expected", text_columns=4)
 
 
-def _pick_row(picks: Picks) -> tuple[str, ...]:
-    share = 100.0 * float(np.mean(picks.right[picks.observable]))
-    return (
-        f"true inertia picked where observable: {picks.name}",
-        "at least 95 %",
-        f"{number(share)} % of {int(picks.observable.sum())} runs",
-        "yes" if share >= 95.0 else "no",
-    )
+def _share(picks: Picks) -> float:
+    return 100.0 * float(np.mean(picks.right[picks.observable]))
 
 
-def _headline(physical: CaseResult, picks: list[Picks]) -> tuple[tuple[str, str], ...]:
-    estimates = estimates_of(physical)
-    shown = []
+def _picked(picks: Picks) -> str:
+    return f"{cell(_share(picks))} % of {int(picks.observable.sum())} runs"
+
+
+def _headline(physical: Found, picks: Sequence[Picks]) -> tuple[tuple[str, str], ...]:
+    estimates, shown = estimates_of(physical), []
     for label, name in (
         ("random inertia", "random inertia"),
         ("bank of five", "bank, most probable"),
     ):
-        values = np.percentile(estimates[name][-1, :, ATTITUDE], (50, 90))
-        text = f"{number(float(values[0]))} and {number(float(values[1]))} deg"
-        shown.append((f"attitude, 50 and 90 %: {label}", text))
-    printed = picks[0]
-    share = _pick_row(printed)[2] if np.any(printed.observable) else "never observable"
-    return (*shown, ("true inertia picked where observable", share))
-
-
-def _settings() -> TextTable:
-    table, motion_s = paper.BANK, paper.DURATION_S
-    rows = (
-        ("chaser's orbit", "a = 7170 km, e = 0.05", "the same"),
-        (
-            "true anomaly at the start",
-            "not printed; its rate is 0.0656 deg/s",
-            f"{number(float(np.degrees(paper.ORBIT.true_anomaly_rad)))} deg, which has that rate",
-        ),
-        ("relative orbit (18)", "the along-track line lost a sign", "-2 nu' rho1', exact"),
-        ("target inertia (14)", "not symmetric: 26 and 20", "20"),
-        ("image noise", "1e-5 of the focal length", "the same: 0.01 px of a 1000 px lens"),
-        ("points", "10, uniform within 1.5 m", "the same, all seen in every frame"),
-        ("frame interval", "not printed", f"{paper.FRAME_INTERVAL_S:g} s"),
-        ("length of a run", "not printed", f"{motion_s:g} s"),
-        (
-            "position, first estimate",
-            "not printed",
-            f"median of the triangulated points, {table.mass_centre_sd_m:g} m",
-        ),
-        ("velocity, first estimate", "not printed", f"0, {table.velocity_sd_m_s:g} m/s"),
-        (
-            "attitude, first estimate",
-            "not printed",
-            f"off by {table.attitude_sd_deg:g} deg, standard deviation about each axis",
-        ),
-        ("rate, first estimate", "not printed", f"0, {table.rate_sd_deg_s:g} deg/s"),
-        ("points, first estimate", "not printed", "triangulated, with that covariance"),
-        (
-            "process noise",
-            "not printed",
-            f"{table.acceleration_psd_m2_s3:g} m^2/s^3, "
-            f"{table.angular_acceleration_psd_rad2_s3:g} rad^2/s^3; none in the truth",
-        ),
-        ("weights of hypotheses", "noise covariance alone (12)", "innovation covariance, and (12)"),
-    )
-    return TextTable("settings", "Settings", ("setting", "paper", "here"), rows, text_columns=3)
-
-
-def _text(quick: bool) -> tuple[str, ...]:
-    lines = [
-        "The paper prints no number of a result: its figures are curves whose axes are not in the "
-        "text, so the shapes and the orders can be compared, the values cannot. Initial "
-        "uncertainty, process noise, frame interval and length of a run are not printed either, "
-        "and all of them move the curves. What the text claims is checked in the first table; what "
-        "was chosen is in the second.",
-    ]
-    if quick:
-        lines.append(
-            "Because of the few runs asked for, the arc was cut: this shows that the study works, "
-            "not what the estimator can do."
-        )
-    return tuple(lines)
+        low, high = np.percentile(estimates[name][-1, :, ATTITUDE], (50, 90))
+        shown.append((f"attitude, 50 and 90 %: {label}", f"{cell(low)} and {cell(high)} deg"))
+    picked = _picked(picks[0]) if np.any(picks[0].observable) else "never observable"
+    return (*shown, ("true inertia picked where observable", picked))

@@ -1,7 +1,6 @@
 """The parts of the Segal 2011 study: its scenario against the print, its filters, its judge."""
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,22 +8,28 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from pcnav.batch.cluster import Workers
+from pcnav.batch.monte_carlo import batches, runs_of
 from pcnav.core.spatial import exp_rotation, log_rotation
+from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
 from pcnav.dynamics.rigid_body import is_physical_inertia
+from pcnav.simulation.scenario import rotate_torque_free
 from studies import run_study
-from studies.progress import Progress
 from studies.segal2011 import paper
-from studies.segal2011.campaign import Case, drawn_and_truth, motion_cases, run_cases, truth_only
 from studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share
-from studies.segal2011.monte_carlo import QUANTITIES, Batch, run_batch
-from studies.segal2011.observability import _derivatives, arc_information
+from studies.segal2011.observability import arc_information
 from studies.segal2011.picking import picks_of
-from tests.dynamics.reference import turned
-
-HERE = Workers(jobs=1)
-QUIET = Progress(1, lambda done, total: None)
+from studies.segal2011.runs import (
+    QUANTITIES,
+    Bank,
+    Found,
+    bank_cases,
+    coupling_cases,
+    four_and_truth,
+    motion_cases,
+    run_batch,
+    truth_only,
+)
 
 
 def test_relative_orbit_is_the_printed_one_with_its_sign_mended():
@@ -89,28 +94,29 @@ def test_draws():
         )
 
 
+def followed(bank: Bank, count: int) -> Found:
+    return run_batch(batches(runs_of("test", [bank.case("test")], count), count)[0])
+
+
 def test_a_batch_is_its_runs():
     """Errors do not depend on what else is in the array."""
-    motion = paper.true_motion(duration_s=40.0)
-    rng = np.random.default_rng(1)
-    inertia = np.stack([drawn_and_truth(rng)[-2:] for _ in range(3)])
-    batch = Batch("together", motion, paper.BANK, (5, 6, 7), inertia, 2)
-    together = run_batch(batch)
-    alone = run_batch(replace(batch, seeds=(6,), inertia=inertia[1:2]))
-    np.testing.assert_allclose(together.errors[:, 1:2], alone.errors, rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(
-        together.log_innovation[-1, 1], alone.log_innovation[-1, 0], rtol=1e-6
-    )
-    np.testing.assert_allclose(together.blended[1:2], alone.blended, rtol=1e-5, atol=1e-9)
+    bank = Bank(four_and_truth, paper.true_motion(duration_s=40.0), blend=2)
+    runs = runs_of("test", [bank.case("test")], 3)
+    together = run_batch(batches(runs, 3)[0])
+    alone = [run_batch(batch) for batch in batches(runs, 1)]
+    joined = Found.joined(alone)
+    np.testing.assert_array_equal(together.inertia, joined.inertia)
+    np.testing.assert_allclose(together.errors, joined.errors, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(together.log_innovation[-1], joined.log_innovation[-1], rtol=1e-6)
+    np.testing.assert_allclose(together.blended, joined.blended, rtol=1e-5, atol=1e-9)
 
 
 def test_the_filter_that_knows_the_inertia_is_consistent_and_improves():
-    motion = paper.true_motion(duration_s=200.0)
-    result = run_cases([Case("plain", 20, truth_only, motion)], HERE, QUIET)[0]
-    nees = result.found.nees[:, :, 0].mean(axis=1)
+    found = followed(Bank(truth_only, paper.true_motion(duration_s=200.0)), 20)
+    nees = found.nees[:, :, 0].mean(axis=1)
     # The priors are wider than the truth is spread, hence the lower side is not judged.
     assert np.all(nees < chi2.ppf(0.999, 12 * 20) / 20)
-    errors = np.median(result.found.errors[:, :, 0], axis=1)
+    errors = np.median(found.errors[:, :, 0], axis=1)
     last = dict(zip(QUANTITIES, errors[-1], strict=True))
     assert last["position, m"] < 0.6 * errors[0, 0]
     assert last["velocity, m/s"] < 0.05 * errors[0, 1]
@@ -118,31 +124,27 @@ def test_the_filter_that_knows_the_inertia_is_consistent_and_improves():
 
 
 def test_without_coupled_errors_the_stated_covariance_is_wrong():
-    motion = paper.true_motion(duration_s=60.0)
-    plain = paper.BANK.model_copy(update={"kinematic_coupling": False})
-    cases = [Case(str(t), 4, truth_only, motion, t) for t in (paper.BANK, plain)]
-    coupled, uncoupled = run_cases(cases, HERE, QUIET)
-    assert coupled.found.nees[-1].mean() < 30.0
-    assert uncoupled.found.nees[-1].mean() > 300.0
+    coupled = Bank(truth_only, paper.true_motion(duration_s=60.0))
+    uncoupled = coupling_cases(coupled.motion)[0].settings
+    assert followed(coupled, 4).nees[-1].mean() < 30.0
+    assert followed(uncoupled, 4).nees[-1].mean() > 300.0
 
 
 def test_truth_is_picked_and_the_bank_beats_a_random_inertia():
-    motion = paper.true_motion()
-    case = Case("bank", 8, drawn_and_truth, motion, blend=5)
-    result = run_cases([case], HERE, QUIET)[0]
-    picks = picks_of("as printed", result, np.arange(1, 6), 5)
+    case = bank_cases(paper.true_motion())[0]
+    found = followed(case.settings, 8)
+    picks = picks_of("as printed", case, found, np.arange(1, 6), 5)
     assert picks.rank == 11
     assert picks.observable.sum() >= 6
     assert np.all(picks.right[picks.observable])
-    bank = result.errors_of(result.picked(np.arange(5)))[-1, :, 2]
-    random = result.found.errors[-1, :, 0, 2]
+    bank = found.errors_of(found.picked(np.arange(5)))[-1, :, 2]
+    random = found.errors[-1, :, 0, 2]
     assert np.median(bank) < np.median(random)
     assert np.percentile(bank, 90) < np.percentile(random, 90)
 
 
 def test_rank_of_a_pure_spin_is_eight():
-    motion = paper.true_motion()
-    spin = motion_cases(2, motion)[3].motion
+    spin = motion_cases(paper.true_motion())[3].settings.motion
     information = arc_information(
         paper.TARGET_INERTIA, spin.omega_body[0], spin.times_s, paper.ATTITUDE_SD_RAD, 1e-9
     )
@@ -151,27 +153,29 @@ def test_rank_of_a_pure_spin_is_eight():
     assert not information.observable
 
 
-def test_derivatives_of_the_arc_against_another_integrator():
-    rng = np.random.default_rng(3)
+def test_information_of_an_arc_is_that_of_its_numerical_derivatives():
     omega, times = np.array([0.02, 0.015, -0.01]), np.linspace(0.0, 60.0, 31)
-    jacobian = _derivatives(paper.TARGET_INERTIA, omega, times)
+    sd, axes_sd = 1e-3, 0.02
 
-    def turn(inertia, rate):
-        return turned(inertia, rate, 60.0)[0]
+    def turns(unknown):
+        """Of the points since the first frame: offset, rate, axes of the body, inertia."""
+        offset, rate, axes = (unknown[k : k + 3] for k in (0, 3, 6))
+        N = inertia_of(parameters_of(paper.TARGET_INERTIA) + unknown[9:])
+        R = exp_rotation(axes)
+        attitudes, _ = rotate_torque_free(np.eye(3), omega + rate, R @ N @ R.T, times)
+        return exp_rotation(offset) @ attitudes
 
-    step = 1e-4
-    rate, axes, change = (rng.normal(size=3) for _ in range(3))
-    mean = np.trace(paper.TARGET_INERTIA) / 3.0
-    tensor = np.diag([-change[0] - change[1], change[0], change[1]])
-    tensor[0, 1] = tensor[1, 0] = change[2]
-    found = []
-    for sign in (step, -step):
-        axis = exp_rotation(sign * axes)
-        body = axis @ (paper.TARGET_INERTIA / mean + sign * tensor) @ axis.T
-        found.append(turn(body, omega + sign * rate / 60.0))
-    expected = log_rotation(found[0] @ found[1].T) / (2.0 * step)
-    unknown = np.concatenate([np.zeros(3), rate, axes, change[:2], change[2:], [0.0, 0.0]])
-    np.testing.assert_allclose(jacobian[-1] @ unknown, expected, rtol=1e-4, atol=1e-5)
+    step, columns = 1e-4, []
+    for direction in np.eye(14):
+        after, before = turns(step * direction), turns(-step * direction)
+        columns.append(log_rotation(after @ np.swapaxes(before, 1, 2)).ravel() / (2.0 * step))
+    jacobian = np.stack(columns, axis=1) / sd
+    full = jacobian.T @ jacobian
+    full[6:9, 6:9] += np.eye(3) / axes_sd**2
+    expected = np.linalg.inv(np.linalg.inv(full)[9:, 9:])
+    root = arc_information(paper.TARGET_INERTIA, omega, times, sd, axes_sd).root
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(root.T @ root / scale, expected / scale, atol=1e-4)
 
 
 @pytest.mark.study
