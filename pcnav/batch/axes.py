@@ -1,12 +1,12 @@
 """The axes that a grid may have, the values they take, and what those change in a pipeline."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue
+from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, shown_value
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.estimators.names import EstimatorName
 
@@ -125,3 +125,18 @@ _ALL = (
 )
 AXES = {axis.name: axis for axis in _ALL}
 """Every axis by its name, in the order in which a case lists them."""
+
+
+def axis_label(name: str) -> str:
+    """An axis in words, with its unit."""
+    axis = AXES.get(name)
+    return name if axis is None else axis.label
+
+
+def axis_setting(name: str, values: Sequence[AxisValue]) -> str:
+    """An axis and the values it has, with its unit: ``distance 10, 20 and 40 m``."""
+    axis = AXES.get(name)
+    title = name if axis is None else axis.title
+    unit = "" if axis is None or axis.unit in ("", "1") else f" {axis.unit}"
+    *most, last = map(shown_value, values)
+    return f"{title} {', '.join(most)} and {last}{unit}" if most else f"{title} {last}{unit}"

@@ -15,9 +15,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from pcnav.batch.metrics import Better, Metric
-from pcnav.batch.resampling import CONFIDENCE, Pool, once
-from pcnav.batch.samples import CellSamples
-from pcnav.batch.statistics import replicates_of
+from pcnav.batch.resampling import CONFIDENCE
 from pcnav.core.arrays import FloatArray
 
 _MIN_ERROR = 1e-12
@@ -25,6 +23,8 @@ _MIN_ERROR = 1e-12
 _MIN_RATIO = 0.01
 """A change of an error by less is no regression and no progress, however sure it is."""
 _ROUNDING = 1e-12
+
+VERDICTS = ("worse", "better", "not sure", "same")
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,6 @@ class Change:
     def can_err(self) -> bool:
         """Whether chance has a part in it: a number that no run changed cannot raise an alarm."""
         return self.worsening != 0.0 or self.deviation > 0.0
-
-
-VERDICTS = ("worse", "better", "not sure", "same")
 
 
 @dataclass(frozen=True)
@@ -104,19 +101,22 @@ def judged(changes: Sequence[Change]) -> tuple[JudgedChange, ...]:
 
 
 def case_change(
-    place: str, metric: Metric, old: CellSamples, new: CellSamples, paired: bool
+    place: str, metric: Metric, old: FloatArray, new: FloatArray, paired: bool
 ) -> Change | None:
     """The change of one metric in one case; None where too few runs have a number.
 
-    Of runs that are paired the mean and the deviation of what changed from one to the other, as in
-    a paired t-test; else those of two samples, with Welch's degrees of freedom.
+    Args:
+        place: the case.
+        metric: what is compared.
+        old: (n,) the metric of every run by itself; nan where it has no number.
+        new: (m,) likewise, m = n and run by run the same truth and noise where ``paired``.
+        paired: takes the mean and the deviation of what changed from one to the other, as in a
+            paired t-test; else those of two samples, with Welch's degrees of freedom.
     """
-    values = [_of_each_run(metric, each) for each in (old, new)]
+    known = [np.isfinite(each) for each in (old, new)]
     if paired:
-        both = np.isfinite(values[0]) & np.isfinite(values[1])
-        values = [each[both] for each in values]
-    else:
-        values = [each[np.isfinite(each)] for each in values]
+        known = [known[0] & known[1]] * 2
+    values = [old[known[0]], new[known[1]]]
     if min(map(len, values)) < 2:
         return None
     sizes = [_badness(metric, each) for each in values]
@@ -158,15 +158,6 @@ def mean_change(place: str, changes: Sequence[Change]) -> Change:
         deviation=float(np.sqrt(variances.sum())) / len(changes),
         degrees=_satterthwaite(variances, degrees),
     )
-
-
-def _of_each_run(metric: Metric, samples: CellSamples) -> FloatArray:
-    """(runs,) the metric of every run by itself; nan where it has no number."""
-    found = [
-        replicates_of(Pool.of([sample]), once(1), [metric])[0, 0]
-        for sample in samples.samples[metric.quantity.name]
-    ]
-    return np.array(found, dtype=np.float64)
 
 
 def _badness(metric: Metric, values: FloatArray) -> FloatArray:

@@ -1,15 +1,30 @@
 """Two batches side by side: what got worse beyond chance, for a machine that has to decide."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import pandas as pd
+
 from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun
-from pcnav.batch.changes import Change, JudgedChange, case_change, judged, mean_change
+from pcnav.batch.changes import (
+    VERDICTS,
+    Change,
+    JudgedChange,
+    case_change,
+    judged,
+    mean_change,
+)
 from pcnav.batch.metrics import Metric, named_metrics
-from pcnav.batch.samples import SETTLED, CellSamples, Window, collect
-from pcnav.batch.statistics import quantities_of
+from pcnav.batch.record import RunRecord
+from pcnav.batch.resampling import Pool, once
+from pcnav.batch.samples import SETTLED, EvaluationWindow
+from pcnav.batch.statistics import replicates_of, samples_of
 from pcnav.batch.store import RunStore
+from pcnav.batch.tables import metric_label
 from pcnav.core.errors import InputError
+from pcnav.files.text_table import TextTable, display_unit, number
 
 COMPARED = (
     "position_sym_rms_m",
@@ -22,6 +37,9 @@ COMPARED = (
     "pose_pct",
 )
 """Unless other metrics are asked for."""
+_SAME_RUN = ["case", "index", "seed"]
+"""Columns of `run_values`: runs that agree in them met the same truth and noise."""
+_HEADER = ("where", "metric", "old", "new", "worse by", "interval", "runs", "verdict")
 
 
 @dataclass(frozen=True)
@@ -43,9 +61,14 @@ class Comparison:
     """Whether both batches were made from the same grid, satellites and settings included."""
 
     @property
+    def changes(self) -> tuple[JudgedChange, ...]:
+        """All."""
+        return (*self.overall, *self.cases)
+
+    @property
     def regressions(self) -> tuple[JudgedChange, ...]:
         """What got worse beyond the confidence."""
-        return tuple(c for c in (*self.overall, *self.cases) if c.verdict == "worse")
+        return tuple(each for each in self.changes if each.verdict == "worse")
 
     @property
     def is_regression(self) -> bool:
@@ -57,106 +80,160 @@ def compare(
     old: RunStore,
     new: RunStore,
     metrics: Sequence[str] | None = None,
-    window: Window = SETTLED,
+    window: EvaluationWindow = SETTLED,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Comparison:
-    """Compare the cases that two batches share, one case at a time in memory.
+    """Compare the cases that two batches share; one record at a time is in memory.
 
     Runs with the same index and seed are paired. Raises `InputError` for an unknown metric and for
     batches without a case in common.
     """
     wanted = named_metrics(COMPARED if metrics is None else metrics)
-    olds, news = _by_case(old), _by_case(new)
+    headers = [list(store.headers()) for store in (old, new)]
+    olds, news = (dict.fromkeys(each.run.case.name for each in found) for found in headers)
     shared = [case for case in olds if case in news]
     if not shared:
         expected = f"expected a case that {old.folder} has, too; found none"
         raise InputError(new.folder, "cases", expected)
-    changes: list[list[Change]] = []
-    failed: list[BatchRun] = []
-    repaired = 0
-    for k, case in enumerate(shared):
-        on_progress(k, len(shared))
-        samples = [
-            collect((store.record(run.key) for run in runs), quantities_of(wanted), window)
-            for store, runs in ((old, olds[case]), (new, news[case]))
-        ]
-        changes.append(_changes(case, wanted, *samples))
-        failed += _now_failing(*samples)
-        repaired += len(_now_failing(*reversed(samples)))
-    overall = _overall([olds[case][0] for case in shared], changes, wanted)
-    verdicts = judged([*overall, *(change for of_case in changes for change in of_case)])
+    tables, done, total = [], 0, sum(map(len, headers))
+    for store, found in zip((old, new), headers, strict=True):
+        rows = []
+        for header in found:
+            on_progress(done, total)
+            done += 1
+            if header.run.case.name in shared:
+                rows.append(_row_of(store.record(header.key), wanted, window))
+        tables.append(pd.DataFrame(rows))
+    pairs = tables[0].merge(tables[1], on=_SAME_RUN, suffixes=("_old", "_new"))
+    failed_old, failed_new = pairs["failed_old"], pairs["failed_new"]
+    changes = {case: _changes(case, wanted, *tables) for case in shared}
+    overall = _overall(tables[0], changes, wanted)
+    verdicts = judged([*overall, *(change for of_case in changes.values() for change in of_case)])
     return Comparison(
         overall=verdicts[: len(overall)],
         cases=verdicts[len(overall) :],
-        newly_failed=tuple(failed),
-        repaired=repaired,
+        newly_failed=tuple(pairs["run_new"][~failed_old & failed_new]),
+        repaired=int((failed_old & ~failed_new).sum()),
         only_old=len(olds) - len(shared),
         only_new=len(news) - len(shared),
         same_grid=old.grid_toml == new.grid_toml,
     )
 
 
-def _by_case(store: RunStore) -> dict[str, list[BatchRun]]:
-    """The finished runs of a batch by the name of their case."""
-    found: dict[str, list[BatchRun]] = {}
-    for header in store.headers():
-        found.setdefault(header.run.case.name, []).append(header.run)
-    return found
+def _row_of(
+    record: RunRecord, metrics: Sequence[Metric], window: EvaluationWindow
+) -> dict[str, object]:
+    """A run with every metric of it alone; nan where it has no number."""
+    run, failed = record.run, record.failure is not None
+    axes = dict(run.case.axes)
+    who = f"{ESTIMATOR_AXIS}={axes[ESTIMATOR_AXIS]}" if ESTIMATOR_AXIS in axes else "all"
+    row: dict[str, object] = {"case": run.case.name, "index": run.index, "seed": run.seed}
+    row |= {"run": run, "failed": failed, "estimator": who}
+    samples = {} if failed else samples_of(record, metrics, window)
+    for metric in metrics:
+        value = np.nan
+        if not failed:
+            pool = Pool.of([samples[metric.quantity.name]])
+            value = replicates_of(pool, once(1), [metric])[0, 0]
+        row[metric.name] = value
+    return row
 
 
 def _changes(
-    case: str, metrics: Sequence[Metric], old: CellSamples, new: CellSamples
+    case: str, metrics: Sequence[Metric], old: pd.DataFrame, new: pd.DataFrame
 ) -> list[Change]:
-    pairs = _pairs(old.runs, new.runs)
+    """Of one case, as far as runs have numbers; in pairs where there are two."""
+    old, new = (each[(each["case"] == case) & ~each["failed"]] for each in (old, new))
+    both = old[_SAME_RUN].merge(new[_SAME_RUN])
     # One pair tells nothing of its spread: all runs then tell more, unpaired.
-    paired = len(pairs) > 1
+    paired = len(both) > 1
     if paired:
-        old = _chosen(old, [first for first, _ in pairs])
-        new = _chosen(new, [second for _, second in pairs])
-    found = (case_change(case, metric, old, new, paired) for metric in metrics)
+        old, new = both.merge(old), both.merge(new)
+    found = []
+    for metric in metrics:
+        before, now = (each[metric.name].to_numpy(dtype=np.float64) for each in (old, new))
+        found.append(case_change(case, metric, before, now, paired))
     return [change for change in found if change is not None]
 
 
-def _pairs(old: Sequence[BatchRun], new: Sequence[BatchRun]) -> list[tuple[int, int]]:
-    """Places of the runs that met the same truth and noise."""
-    place = {(run.index, run.seed): k for k, run in enumerate(new)}
-    return [
-        (k, place[run.index, run.seed])
-        for k, run in enumerate(old)
-        if (run.index, run.seed) in place
-    ]
-
-
-def _chosen(samples: CellSamples, places: Sequence[int]) -> CellSamples:
-    return CellSamples(
-        runs=tuple(samples.runs[k] for k in places),
-        failed=samples.failed,
-        samples={name: tuple(each[k] for k in places) for name, each in samples.samples.items()},
-    )
-
-
-def _now_failing(old: CellSamples, new: CellSamples) -> list[BatchRun]:
-    """Runs that have a result in the first and failed in the second."""
-    well = {(run.index, run.seed) for run in old.runs}
-    return [run for run in new.failed if (run.index, run.seed) in well]
-
-
 def _overall(
-    firsts: Sequence[BatchRun], changes: Sequence[Sequence[Change]], metrics: Sequence[Metric]
+    runs: pd.DataFrame, changes: dict[str, list[Change]], metrics: Sequence[Metric]
 ) -> list[Change]:
-    """Means over the cases of each estimator; ``firsts`` has a run of each case."""
-    groups: dict[str, list[Change]] = {}
-    for run, of_case in zip(firsts, changes, strict=True):
-        groups.setdefault(_estimator(run), []).extend(of_case)
+    """Means over the cases of each estimator."""
     found = []
-    for estimator, of_estimator in groups.items():
+    for estimator, of_estimator in runs.groupby("estimator", sort=False):
+        cases = [change for case in of_estimator["case"].unique() for change in changes[case]]
         for metric in metrics:
-            same = [change for change in of_estimator if change.metric is metric]
+            same = [change for change in cases if change.metric is metric]
             if len(same) > 1:
                 found.append(mean_change(f"{estimator}: mean of {len(same)} cases", same))
     return found
 
 
-def _estimator(run: BatchRun) -> str:
-    axes = dict(run.case.axes)
-    return f"{ESTIMATOR_AXIS}={axes[ESTIMATOR_AXIS]}" if ESTIMATOR_AXIS in axes else "all"
+def overall_table(comparison: Comparison) -> TextTable:
+    """The means over the cases of each estimator, as far as they differ."""
+    return _table("overall", "All cases", comparison.overall, comparison)
+
+
+def case_table(comparison: Comparison, *, only_sure: bool) -> TextTable:
+    """Case by case, as far as they differ; ``only_sure`` leaves out what may be chance."""
+    kept = [c for c in comparison.cases if not only_sure or c.verdict in ("worse", "better")]
+    title = "Cases that changed for sure" if only_sure else "Case by case"
+    return _table("cases", title, kept, comparison)
+
+
+def verdict_lines(comparison: Comparison) -> tuple[str, ...]:
+    """What the comparison comes to, in a few lines."""
+    counts = Counter(each.verdict for each in comparison.changes)
+    verdicts = ", ".join(f"{counts[word]} {word}" for word in VERDICTS)
+    lines = [f"{len(comparison.changes)} numbers compared: {verdicts}"]
+    if not comparison.same_grid:
+        lines.append("the two grids differ, in their cases or in what they stand on: grid.toml")
+    if comparison.only_old or comparison.only_new:
+        lines.append(
+            f"not compared: {comparison.only_old} cases only in the old batch, "
+            f"{comparison.only_new} only in the new one"
+        )
+    lines += [f"fails now and did not before: {run}" for run in comparison.newly_failed]
+    if comparison.repaired:
+        lines.append(f"{comparison.repaired} runs that failed before have a result now")
+    return tuple(lines)
+
+
+def _table(
+    key: str, title: str, changes: Sequence[JudgedChange], comparison: Comparison
+) -> TextTable:
+    tests = sum(each.change.can_err for each in comparison.changes)
+    note = (
+        f"Means of each run's own value, of errors geometric ones. The intervals of all {tests} "
+        "numbers that differ hold together with 95 % (Student's t over runs, in pairs where the "
+        "seeds are the same, Bonferroni's correction). Worse or better is what lies beyond them "
+        "and, for an error, is at least 1 %."
+    )
+    rows = tuple(_texts(each) for each in changes if each.change.can_err)
+    return TextTable(key, title, _HEADER, rows, note, text_columns=2)
+
+
+def _texts(each: JudgedChange) -> tuple[str, ...]:
+    change = each.change
+    scale, unit = display_unit(change.metric.unit, max(change.old, change.new))
+    pairing = "paired" if change.paired else "not paired"
+    return (
+        change.place,
+        metric_label(change.metric, unit),
+        number(scale * change.old),
+        number(scale * change.new),
+        _amount(each, change.worsening),
+        f"{_amount(each, each.low)} to {_amount(each, each.high)}",
+        f"{change.runs} {pairing}",
+        each.verdict,
+    )
+
+
+def _amount(each: JudgedChange, worsening: float) -> str:
+    """A worsening: of a logarithm the change in per cent, else the difference."""
+    if each.change.is_ratio:
+        # Beyond this the interval says nothing but that there are too few runs.
+        return f"{100.0 * np.expm1(min(worsening, 5.0)):+.1f} %"
+    unit = each.change.metric.unit
+    return f"{worsening:+.3g}" + (f" {unit}" if unit != "1" else "")

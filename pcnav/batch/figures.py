@@ -1,28 +1,42 @@
-"""Small figures of a batch: errors along one axis, one line an estimator, with their confidence."""
+"""Small figures of a batch: errors along one axis, one line an estimator, with their confidence.
+
+A curve of an error over the range must not mix the range with what else changed from case to case:
+only combinations of the other axes that were run at every point of the curve enter it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
 
-from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, BatchRun, shown_value
-from pcnav.batch.formats import is_wide, metric_label, shown_unit
+from pcnav.batch.axes import axis_label, axis_setting
+from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, shown_value
 from pcnav.batch.metrics import Metric
-from pcnav.batch.pivot import AxisOrder, Layout, PivotTable, ReadRun, Values, pivot
-from pcnav.batch.row_heads import axis_label, axis_setting
-from pcnav.batch.samples import Window
-from pcnav.batch.statistics import Estimate
-from pcnav.batch.sweeps import Sweep, sweeps
+from pcnav.batch.samples import EvaluationWindow
+from pcnav.batch.statistics import MetricValue
+from pcnav.batch.tables import (
+    ReadRun,
+    TableLayout,
+    axes_of,
+    is_wide,
+    metric_label,
+    pivot,
+    shown_unit,
+    varying_axes,
+)
 from pcnav.report.figures import CATEGORIES, add_legend, new_figure, style_axes, svg_bytes
 
+FACET_AXIS = "satellite"
+"""Never pooled in a figure: errors in metres follow the size of the target."""
 _HEIGHT_IN = 2.9
 _MARKERS = ("o", "s", "^", "D", "v")
 _LOG_FROM = 2.5
 """Values that span this factor get a logarithmic axis."""
 _APART = 0.018
-"""By how much of the axis the points of two estimators are drawn apart, so that bars stay told."""
+"""By how much of the axis the points of two estimators are drawn apart: bars stay visible."""
 _LABELS_APART = 0.07
 """Of the axis: values closer than this share a label."""
 
@@ -38,57 +52,115 @@ class Drawing:
     svg: bytes
 
 
+@dataclass(frozen=True)
+class Sweep:
+    """Runs that differ in one axis of numbers and are alike in all others: one figure's worth."""
+
+    axis: str
+    facet: AxisValue | None
+    """The satellite; None where the batch does not tell them apart."""
+    runs: pd.DataFrame
+    """Of `run_table`."""
+
+    @property
+    def key(self) -> str:
+        """Name of its figure's file."""
+        return self.axis if self.facet is None else f"{self.axis}_{shown_value(self.facet)}"
+
+    @property
+    def pooled(self) -> dict[str, list[AxisValue]]:
+        """Values of the other axes: one where they are fixed, several where runs are pooled."""
+        but = (self.axis, ESTIMATOR_AXIS, FACET_AXIS)
+        return {
+            name: list(self.runs[name].cat.remove_unused_categories().cat.categories)
+            for name in axes_of(self.runs)
+            if name not in but
+        }
+
+
+def sweeps(runs: pd.DataFrame) -> tuple[Sweep, ...]:
+    """All sweeps of a batch along axes of numbers, axis by axis."""
+    facets = list(runs[FACET_AXIS].cat.categories) if FACET_AXIS in runs else [None]
+    found = []
+    for axis in varying_axes(runs):
+        if any(isinstance(value, str) for value in runs[axis].cat.categories):
+            continue
+        for facet in facets:
+            members = runs if facet is None else runs[runs[FACET_AXIS] == facet]
+            kept = _alike(axis, members)
+            if len(kept):
+                found.append(Sweep(axis, facet, kept))
+    return tuple(found)
+
+
+def _alike(axis: str, runs: pd.DataFrame) -> pd.DataFrame:
+    """The runs of the curves with the most points; none where no curve has two."""
+    values = runs[list(axes_of(runs))].astype(object)
+    others = [name for name in values if name not in (axis, ESTIMATOR_AXIS)]
+    everyone = pd.Series(0, runs.index)
+    setting = values.groupby(others, sort=False).ngroup() if others else everyone
+    who = values.get(ESTIMATOR_AXIS, everyone)
+    # Which points each estimator has in each setting of the other axes.
+    met = values[axis].groupby([setting, who], sort=False).agg(frozenset)
+    points = max(met, key=len)
+    if len(points) < 2:
+        return runs.iloc[:0]
+    # The settings in which the most estimators have all these points, and these estimators.
+    complete = met.rename_axis(["setting", "who"])[met.map(points.issubset)].index.to_frame()
+    having = complete["who"].groupby("setting", sort=False).agg(frozenset)
+    estimators = max(having, key=len)
+    settings = having.index[having.map(estimators.issubset)]
+    return runs[values[axis].isin(points) & setting.isin(settings) & who.isin(estimators)]
+
+
 def figures(
-    runs: Sequence[BatchRun], read: ReadRun, metrics: Sequence[Metric], window: Window
+    runs: pd.DataFrame, read: ReadRun, metrics: Sequence[Metric], window: EvaluationWindow
 ) -> tuple[Drawing, ...]:
     """A figure for every sweep of a batch."""
-    estimators = AxisOrder.of(runs).values.get(ESTIMATOR_AXIS, ())
-    return tuple(
-        _figure(sweep, _table(sweep, read, metrics, window), estimators, window)
-        for sweep in sweeps(runs)
-    )
-
-
-def _table(sweep: Sweep, read: ReadRun, metrics: Sequence[Metric], window: Window) -> PivotTable:
-    has_estimators = any(name == ESTIMATOR_AXIS for name, _ in sweep.runs[0].case.axes)
-    columns = (ESTIMATOR_AXIS,) if has_estimators else ()
-    layout = Layout(sweep.key, sweep.key, (sweep.axis,), columns, tuple(metrics))
-    return pivot(layout, sweep.runs, read, window)
+    return tuple(_figure(sweep, read, metrics, window) for sweep in sweeps(runs))
 
 
 def _figure(
-    sweep: Sweep, table: PivotTable, estimators: Sequence[AxisValue], window: Window
+    sweep: Sweep, read: ReadRun, metrics: Sequence[Metric], window: EvaluationWindow
 ) -> Drawing:
-    metrics = table.layout.metrics
+    who = (ESTIMATOR_AXIS,) if ESTIMATOR_AXIS in sweep.runs else ()
+    layout = TableLayout(sweep.key, sweep.key, (sweep.axis,), who, tuple(metrics))
+    cells = pivot(layout, sweep.runs, read, window)
     figure = new_figure(_HEIGHT_IN)
     panels: list[Axes] = list(figure.subplots(1, len(metrics), squeeze=False)[0])
     for axes, metric in zip(panels, metrics, strict=True):
         style_axes(axes)
-        _draw(axes, table, metric, estimators)
+        _draw(axes, cells, metric, _estimators(sweep.runs))
         axes.set_xlabel(axis_label(sweep.axis))
     add_legend(figure, panels[0])
-    title = axis_label(sweep.axis).partition(",")[0]
-    title = f"Error against {title}"
+    title = f"Error against {axis_label(sweep.axis).partition(',')[0]}"
     if sweep.facet is not None:
         title += f": {shown_value(sweep.facet)}"
-    return Drawing(sweep.key, title, _caption(sweep, table, window), svg_bytes(figure))
+    failed = sum(cell.failed for cell in cells)
+    return Drawing(sweep.key, title, _caption(sweep, failed, window), svg_bytes(figure))
 
 
-def _draw(axes: Axes, table: PivotTable, metric: Metric, estimators: Sequence[AxisValue]) -> None:
-    scale, unit = shown_unit(table, metric)
-    places = np.array([float(row[0]) for row in table.rows])
+def _estimators(runs: pd.DataFrame) -> list[AxisValue]:
+    """All of the batch, in order: the same colour and mark in all its figures."""
+    return list(runs[ESTIMATOR_AXIS].cat.categories) if ESTIMATOR_AXIS in runs else []
+
+
+def _draw(axes: Axes, cells: pd.Series, metric: Metric, estimators: list[AxisValue]) -> None:
+    scale, unit = shown_unit(metric, cells)
+    found = cells.map(lambda cell: _shown(cell.values[metric.name]))
+    lines = found.unstack(1) if estimators else found.to_frame(metric.title)
+    places = lines.index.get_level_values(0).to_numpy(dtype=float)
     logarithmic = bool(places.min() > 0.0 and places.max() >= _LOG_FROM * places.min())
     coordinate = np.log(places) if logarithmic else places
     span = float(np.ptp(coordinate))
-    for k, column in enumerate(table.columns):
-        shifted = coordinate + _APART * span * (k - 0.5 * (len(table.columns) - 1))
-        x = np.exp(shifted) if logarithmic else shifted
-        value, low, high = scale * _series(table, metric, column)
+    for k, name in enumerate(lines.columns.tolist()):
+        shifted = coordinate + _APART * span * (k - 0.5 * (lines.shape[1] - 1))
+        known = [each if isinstance(each, tuple) else (np.nan,) * 3 for each in lines[name]]
+        value, low, high = scale * np.array(known).T
         bars = np.nan_to_num(np.stack([value - low, high - value]))
-        # The same colour and mark in all figures of a batch.
-        place = estimators.index(column[0]) if column else 0
+        place = estimators.index(name) if estimators else 0
         axes.errorbar(
-            x,
+            np.exp(shifted) if logarithmic else shifted,
             value,
             np.maximum(bars, 0.0),
             color=CATEGORIES[place % len(CATEGORIES)],
@@ -98,26 +170,17 @@ def _draw(axes: Axes, table: PivotTable, metric: Metric, estimators: Sequence[Ax
             linewidth=1.1,
             elinewidth=0.9,
             capsize=2,
-            label=shown_value(column[0]) if column else metric.title,
+            label=shown_value(name),
         )
     _scale_horizontal(axes, places, coordinate, logarithmic)
     _scale_vertical(axes)
     axes.set_ylabel(metric_label(metric, unit))
 
 
-def _series(table: PivotTable, metric: Metric, column: Values) -> np.ndarray:
-    """(3, n) value and interval along the rows; nan where there is no number."""
-    cells = [table.of(row, column) for row in table.rows]
-    found = [None if cell is None else cell.estimates[metric.name] for cell in cells]
-    nothing = (np.nan, np.nan, np.nan)
-    # An interval that tells nothing would make the axis tell nothing either.
-    rows = [nothing if e is None else _shown(e) for e in found]
-    return np.array(rows, dtype=np.float64).T
-
-
-def _shown(estimate: Estimate) -> tuple[float, float, float]:
-    value = estimate.value
-    return (value, value, value) if is_wide(estimate) else (value, estimate.low, estimate.high)
+def _shown(found: MetricValue) -> tuple[float, float, float]:
+    """Value and interval; an interval that tells nothing would make the axis tell nothing."""
+    value = found.value
+    return (value, value, value) if is_wide(found) else (value, found.low, found.high)
 
 
 def _scale_horizontal(
@@ -151,13 +214,12 @@ def _scale_vertical(axes: Axes) -> None:
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
-def _caption(sweep: Sweep, table: PivotTable, window: Window) -> str:
-    text = f"Over the {window.text}; bars are 95 % confidence intervals by drawing runs again."
-    fixed = [axis_setting(name, values) for name, values in sweep.pooled if len(values) == 1]
-    mixed = [axis_setting(name, values) for name, values in sweep.pooled if len(values) > 1]
+def _caption(sweep: Sweep, failed: int, window: EvaluationWindow) -> str:
+    text = f"Over {window.text}; bars are 95 % confidence intervals by drawing runs again."
+    fixed = [axis_setting(name, each) for name, each in sweep.pooled.items() if len(each) == 1]
+    mixed = [axis_setting(name, each) for name, each in sweep.pooled.items() if len(each) > 1]
     if fixed:
         text += f" At {', '.join(fixed)}."
     if mixed:
         text += f" Pooled over {', '.join(mixed)}, the same at every point."
-    failed = sum(cell.failed for _, _, cell in table)
     return f"{text} {failed} failed runs are not in it." if failed else text

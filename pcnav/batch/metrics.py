@@ -4,7 +4,7 @@ A metric is a statistic of a quantity: the quantity says which numbers of a run 
 statistic what is made of those of many runs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -18,7 +18,7 @@ from pcnav.batch.samples import (
     value,
 )
 from pcnav.core.errors import InputError
-from pcnav.evaluation.metrics import BLOCKS, PERCENTILES
+from pcnav.evaluation.metrics import BLOCKS
 
 
 class Family(StrEnum):
@@ -52,34 +52,17 @@ class Statistic(StrEnum):
     MAX = "max"
 
     @property
-    def percent(self) -> int | None:
+    def percent(self) -> float | None:
         """The percentile that it is, if it is one."""
-        return _PERCENT.get(self)
+        if self is Statistic.MEDIAN:
+            return 50.0
+        return float(self[1:]) if self.startswith("p") else None
 
     @property
     def words(self) -> str:
         """As in a title; empty for a plain mean, which needs none."""
-        percent = self.percent
-        if self is Statistic.MEDIAN or percent is None:
-            return _TITLES[self]
-        return f"{percent} %"
-
-
-_PERCENT = {
-    Statistic.MEDIAN: 50,
-    Statistic.P70: 70,
-    Statistic.P90: 90,
-    Statistic.P95: 95,
-    Statistic.P99: 99,
-}
-_TITLES = {
-    Statistic.RMS: "RMS",
-    Statistic.MEAN: "",
-    Statistic.MEDIAN: "median",
-    Statistic.MAX: "maximum",
-}
-if tuple(_PERCENT.values()) != PERCENTILES:
-    raise RuntimeError("the percentiles of tables are those of a single run's metrics")
+        words = {Statistic.RMS: "RMS", Statistic.MEAN: "", Statistic.MAX: "maximum"}
+        return words.get(self, f"{self[1:]} %" if self.startswith("p") else str(self))
 
 
 @dataclass(frozen=True)
@@ -141,15 +124,7 @@ _SUFFIX = {
     "%": "_pct",
     "1": "",
 }
-_OF_ERRORS = (
-    Statistic.RMS,
-    Statistic.MEDIAN,
-    Statistic.P70,
-    Statistic.P90,
-    Statistic.P95,
-    Statistic.P99,
-    Statistic.MAX,
-)
+_OF_ERRORS = tuple(statistic for statistic in Statistic if statistic is not Statistic.MEAN)
 _ERRORS = tuple(
     Quantity(name, title, unit, Family.ERRORS, column(source))
     for name, title, unit, source in (
@@ -166,51 +141,65 @@ _ERRORS = tuple(
     )
 )
 _TRAJECTORY = (
-    ("ate_rmse_m", "absolute trajectory error", "m", "ate_rmse_m"),
-    ("rpe_translation_rmse_m", "relative translation error", "m", "rpe_translation_rmse_m"),
-    ("rpe_rotation_rmse_deg", "relative rotation error", "deg", "rpe_rotation_rmse_deg"),
+    ("ate_rmse_m", "absolute trajectory error", "m"),
+    ("rpe_translation_rmse_m", "relative translation error", "m"),
+    ("rpe_rotation_rmse_deg", "relative rotation error", "deg"),
 )
 _BLOCK_TITLES = {
-    "r_hill": "NEES of position",
-    "v_hill": "NEES of velocity",
-    "com_model": "NEES of mass centre",
-    "theta_body": "NEES of attitude",
-    "omega_body": "NEES of rate",
-    "inertia_ratios": "NEES of inertia ratios",
-    "all": "NEES of all states",
+    "r_hill": "position",
+    "v_hill": "velocity",
+    "com_model": "mass centre",
+    "theta_body": "attitude",
+    "omega_body": "rate",
+    "inertia_ratios": "inertia ratios",
+    "all": "all states",
 }
 _BOUNDED = (
-    ("position_over_crb", "position over bound", "position_sym_error_m", "crb_position_m"),
-    ("attitude_over_crb", "attitude over bound", "attitude_sym_error_deg", "crb_attitude_deg"),
-    ("rate_over_crb", "rate over bound", "rate_error_deg_s", "crb_rate_deg_s"),
-    ("com_over_crb", "mass centre over bound", "com_error_m", "crb_com_m"),
-    (
-        "inertia_ratio_over_crb",
-        "inertia ratios over bound",
-        "inertia_ratio_error",
-        "crb_inertia_ratio",
-    ),
+    ("position", "position", "position_sym_error_m", "crb_position_m"),
+    ("attitude", "attitude", "attitude_sym_error_deg", "crb_attitude_deg"),
+    ("rate", "rate", "rate_error_deg_s", "crb_rate_deg_s"),
+    ("com", "mass centre", "com_error_m", "crb_com_m"),
+    ("inertia_ratio", "inertia ratios", "inertia_ratio_error", "crb_inertia_ratio"),
+)
+_LOCKING = (
+    ("never_locked", "runs never locked", "%", per_cent_without("time_to_lock_s"), Better.LOWER),
+    ("locked_right", "frames locked right", "%", value("share_locked_right", 100), Better.HIGHER),
+    ("locked_wrong", "frames locked wrong", "%", value("share_locked_wrong", 100), Better.LOWER),
+    ("unlocked", "frames not locked", "%", value("share_unlocked", 100), Better.LOWER),
+    ("frames_lost", "frames lost after the lock, a run", "1", value("frames_lost"), Better.LOWER),
+    ("pose", "frames with a pose", "%", per_cent_known("position_error_m"), Better.HIGHER),
 )
 
 
-def _all_metrics() -> tuple[Metric, ...]:
-    metrics = [
-        Metric(f"{quantity.name}_{statistic}{_SUFFIX[quantity.unit]}", quantity, statistic)
-        for quantity in _ERRORS
-        for statistic in _OF_ERRORS
-    ]
-    for name, title, unit, source in _TRAJECTORY:
-        quantity = Quantity(name, title, unit, Family.ERRORS, value(source))
-        metrics.append(Metric(name, quantity, Statistic.RMS))
+def _all_metrics() -> Iterator[Metric]:
+    for quantity in _ERRORS:
+        for statistic in _OF_ERRORS:
+            yield Metric(
+                f"{quantity.name}_{statistic}{_SUFFIX[quantity.unit]}", quantity, statistic
+            )
+    for name, title, unit in _TRAJECTORY:
+        yield Metric(name, Quantity(name, title, unit, Family.ERRORS, value(name)), Statistic.RMS)
     for block, part in BLOCKS.items():
         name, size = f"nees_{block}", part.stop - part.start
-        metrics.append(_consistency(name, _BLOCK_TITLES[block], per_degree(name, size), size))
-    metrics.append(_consistency("nis", "NIS", per_degree("nis", "nis_dof"), None))
+        title = f"NEES of {_BLOCK_TITLES[block]}"
+        yield _consistency(name, title, per_degree(name, size), size)
+    yield _consistency("nis", "NIS", per_degree("nis", "nis_dof"), None)
     for name, title, source, bound in _BOUNDED:
-        ratio = columns_ratio(source, bound)
-        quantity = Quantity(name, title, "1", Family.BOUND, ratio, Better.NEAR_ONE)
-        metrics.append(Metric(name, quantity, Statistic.RMS))
-    return (*metrics, *_locking(), *_cost())
+        quantity = Quantity(
+            f"{name}_over_crb",
+            f"{title} over bound",
+            "1",
+            Family.BOUND,
+            columns_ratio(source, bound),
+            Better.NEAR_ONE,
+        )
+        yield Metric(quantity.name, quantity, Statistic.RMS)
+    to_lock = Quantity("time_to_lock", "time to lock", "s", Family.LOCKING, value("time_to_lock_s"))
+    yield Metric("time_to_lock_s", to_lock, Statistic.MEDIAN)
+    for name, title, unit, sample_of, better in _LOCKING:
+        quantity = Quantity(name, title, unit, Family.LOCKING, sample_of, better)
+        yield Metric(name + _SUFFIX[unit], quantity, Statistic.MEAN)
+    yield from _cost()
 
 
 def _consistency(name: str, title: str, sample_of: SampleOf, size: int | None) -> Metric:
@@ -218,48 +207,15 @@ def _consistency(name: str, title: str, sample_of: SampleOf, size: int | None) -
     return Metric(name, quantity, Statistic.MEAN, size)
 
 
-def _locking() -> list[Metric]:
-    rows = (
-        ("time_to_lock", "time to lock", "s", value("time_to_lock_s"), Statistic.MEDIAN),
-        ("never_locked", "runs never locked", "%", per_cent_without("time_to_lock_s"), None),
-        ("locked_right", "frames locked right", "%", value("share_locked_right", 100.0), None),
-        ("locked_wrong", "frames locked wrong", "%", value("share_locked_wrong", 100.0), None),
-        ("unlocked", "frames not locked", "%", value("share_unlocked", 100.0), None),
-        ("frames_lost", "frames lost after the lock, a run", "1", value("frames_lost"), None),
-        ("pose", "frames with a pose", "%", per_cent_known("position_error_m"), None),
-    )
-    higher = {"locked_right", "pose"}
-    return [
-        Metric(
-            name + _SUFFIX[unit],
-            Quantity(
-                name,
-                title,
-                unit,
-                Family.LOCKING,
-                sample_of,
-                Better.HIGHER if name in higher else Better.LOWER,
-            ),
-            statistic or Statistic.MEAN,
-        )
-        for name, title, unit, sample_of, statistic in rows
-    ]
-
-
-def _cost() -> list[Metric]:
-    per_frame = Quantity("frame", "time of a frame", "ms", Family.COST, column("frame_ms"))
-    of_frames = [
-        Metric(f"frame_{statistic}_ms", per_frame, statistic)
-        for statistic in (Statistic.MEDIAN, Statistic.P95, Statistic.P99, Statistic.MAX)
-    ]
-    mean_ms = value("ms_per_frame")
+def _cost() -> Iterator[Metric]:
+    mean_ms, peak_mb = value("ms_per_frame"), value("peak_memory_mb")
     per_run = Quantity("ms_per_frame", "mean time of a frame", "ms", Family.COST, mean_ms)
-    memory = Quantity("peak_memory", "peak memory", "MB", Family.COST, value("peak_memory_mb"))
-    return [
-        Metric("ms_per_frame", per_run, Statistic.MEAN),
-        *of_frames,
-        Metric("peak_memory_mb", memory, Statistic.MAX),
-    ]
+    yield Metric("ms_per_frame", per_run, Statistic.MEAN)
+    per_frame = Quantity("frame", "time of a frame", "ms", Family.COST, column("frame_ms"))
+    for statistic in (Statistic.MEDIAN, Statistic.P95, Statistic.P99, Statistic.MAX):
+        yield Metric(f"frame_{statistic}_ms", per_frame, statistic)
+    memory = Quantity("peak_memory", "peak memory", "MB", Family.COST, peak_mb)
+    yield Metric("peak_memory_mb", memory, Statistic.MAX)
 
 
 METRICS = {metric.name: metric for metric in _all_metrics()}
@@ -279,8 +235,7 @@ def named_metrics(names: Sequence[str]) -> tuple[Metric, ...]:
 def _all_names() -> str:
     """Every name; those that differ in their statistic alone are told together."""
     together = [f"{quantity.name}_STAT{_SUFFIX[quantity.unit]}" for quantity in _ERRORS]
-    told = {metric.name for metric in METRICS.values() if metric.quantity in _ERRORS}
-    others = [name for name in METRICS if name not in told]
+    others = [name for name, metric in METRICS.items() if metric.quantity not in _ERRORS]
     return f"{', '.join([*together, *others])}; STAT is one of {', '.join(_OF_ERRORS)}"
 
 

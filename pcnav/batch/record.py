@@ -57,6 +57,11 @@ class RunRecord:
         """Number of rows."""
         return len(next(iter(self.columns.values()), ()))
 
+    def numbers(self, name: str) -> FloatArray:
+        """(n,) a column of numbers; nan where there is none of that name."""
+        found = self.columns.get(name)
+        return found if isinstance(found, np.ndarray) else np.full(self.frames, np.nan)
+
 
 @dataclass(frozen=True)
 class RecordHeader:
@@ -67,6 +72,8 @@ class RecordHeader:
     run: BatchRun
     failure: str | None
     versions: Mapping[str, str]
+    numbers: int
+    """In its frames."""
 
 
 def write_record(folder: Path, record: RunRecord) -> Path:
@@ -102,7 +109,7 @@ def read_record(path: Path) -> RunRecord:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
         raise _not_a_record(path, str(error)) from error
-    about = _about(path, table.schema)
+    about = _about(path, table.schema.metadata)
     names = table.column_names if about["failure"] is None else []
     return RunRecord(
         run=_run(about),
@@ -115,13 +122,13 @@ def read_record(path: Path) -> RunRecord:
 
 
 def read_header(path: Path) -> RecordHeader:
-    """Read what stands before the frames. Raises `InputError` as `read_record` does."""
+    """Read what stands beside the frames. Raises `InputError` as `read_record` does."""
     try:
-        schema = pq.read_schema(path)
+        found = pq.read_metadata(path)
     except (pa.ArrowException, OSError) as error:
         raise _not_a_record(path, str(error)) from error
-    about = _about(path, schema)
-    return RecordHeader(about["key"], _run(about), about["failure"], about["versions"])
+    about, numbers = _about(path, found.metadata), found.num_rows * found.num_columns
+    return RecordHeader(about["key"], _run(about), about["failure"], about["versions"], numbers)
 
 
 def _run(about: dict[str, Any]) -> BatchRun:
@@ -164,9 +171,9 @@ def _column(stored: pa.ChunkedArray) -> Column:
     return np.asarray(stored.to_numpy(), dtype=np.float64)
 
 
-def _about(path: Path, schema: pa.Schema) -> dict[str, Any]:
+def _about(path: Path, metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]:
     """The JSON of a file, of this format."""
-    text = (schema.metadata or {}).get(_KEY)
+    text = (metadata or {}).get(_KEY)
     if text is None:
         raise _not_a_record(path, "a Parquet file without the values of a run")
     try:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from pcnav.batch.samples import Sample, pooled
+from pcnav.batch.samples import Sample
 from pcnav.core.arrays import FloatArray, IntArray
 
 DRAWS = 2000
@@ -41,7 +41,11 @@ class Pool:
     @classmethod
     def of(cls, samples: Sequence[Sample]) -> "Pool":
         """Put the samples of runs together."""
-        return cls(*pooled(samples), len(samples))
+        values = np.concatenate([sample.values for sample in samples] or [np.empty(0)])
+        weights = np.concatenate([sample.weights for sample in samples] or [np.empty(0)])
+        run = np.repeat(np.arange(len(samples)), [len(sample.values) for sample in samples])
+        order = np.argsort(values, kind="stable")
+        return cls(values[order], weights[order], run[order], len(samples))
 
     def sums(self, values: FloatArray) -> FloatArray:
         """(runs,) sum of values (n,) by run."""

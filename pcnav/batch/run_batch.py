@@ -6,12 +6,12 @@ from pathlib import Path
 from pcnav.batch.cluster import Workers
 from pcnav.batch.depth_run import DepthRun
 from pcnav.batch.grid import GridPlan
-from pcnav.batch.pivot import AxisOrder
 from pcnav.batch.record import RunRecord
-from pcnav.batch.samples import SETTLED, Window
+from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
 from pcnav.batch.store import new_store
 from pcnav.batch.stored import OnBatchProgress, run_stored
+from pcnav.batch.tables import run_table
 from pcnav.batch.tabulate import TableSummary, tabulate
 from pcnav.core.errors import InputError
 
@@ -21,7 +21,7 @@ def run_batch(
     out: Path,
     workers: Workers,
     wanted: Wanted = STANDARD,
-    window: Window = SETTLED,
+    window: EvaluationWindow = SETTLED,
     on_progress: OnBatchProgress = lambda done, total, failed: None,
 ) -> TableSummary:
     """Run all of a grid that ``out`` has no record of yet, and write its tables.
@@ -31,7 +31,7 @@ def run_batch(
     run; ``OSError`` when a record cannot be written.
     """
     # What the table is asked for is looked at first: half an hour later is late to hear of a typo.
-    asked_layout(wanted, AxisOrder.of(plan.runs))
+    asked_layout(wanted, run_table(plan.runs))
     plan.check()
     is_new = not out.exists()
     store = new_store(out, plan.to_toml(), plan.runs)

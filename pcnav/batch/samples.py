@@ -1,23 +1,16 @@
-"""What a statistic is taken of: numbers of one run, by frame or one for the whole run.
+"""Numbers of one run that a metric is taken of: by frame within a window, or one for the run."""
 
-A quantity says which numbers of a run's record it is about; only these are kept of a record, so
-that the frames of many runs never lie in memory together.
-"""
-
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.batch.case import BatchRun
 from pcnav.batch.record import RunRecord
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-
-SECOND_HALF = 0.5
+from pcnav.core.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
-class Window:
+class EvaluationWindow:
     """Which frames of a run the errors are taken over.
 
     A filter's beginning is another question than what it settles at: unless told otherwise the
@@ -32,8 +25,7 @@ class Window:
         if not len(time_s):
             return np.zeros(0, dtype=np.bool_)
         elapsed = time_s - time_s[0]
-        start = SECOND_HALF * elapsed[-1] if self.from_s is None else self.from_s
-        return np.asarray(elapsed >= start)
+        return np.asarray(elapsed >= (0.5 * elapsed[-1] if self.from_s is None else self.from_s))
 
     @property
     def text(self) -> str:
@@ -45,7 +37,7 @@ class Window:
         return f"the frames from {self.from_s:g} s after the first on"
 
 
-SETTLED = Window()
+SETTLED = EvaluationWindow()
 """The second half of each run."""
 
 
@@ -58,66 +50,30 @@ class Sample:
     weights: FloatArray
     """(k,) in a mean."""
 
-
-SampleOf = Callable[[RunRecord, Window], Sample]
-"""Takes a quantity's numbers from a record."""
-
-
-@dataclass(frozen=True)
-class CellSamples:
-    """The numbers of all runs that one cell of a table is about."""
-
-    runs: tuple[BatchRun, ...]
-    """Those that came to an end, in order."""
-    failed: tuple[BatchRun, ...]
-    samples: dict[str, tuple[Sample, ...]]
-    """By quantity, one sample per run of `runs`."""
-
-    @property
-    def strata(self) -> tuple[str, ...]:
-        """The case of each run: runs are drawn again within their case."""
-        return tuple(run.case.name for run in self.runs)
+    @classmethod
+    def known(cls, values: FloatArray, weights: FloatArray | None = None) -> "Sample":
+        """Of values (n,), those that are not finite left out."""
+        weights = np.ones(len(values)) if weights is None else weights
+        finite = np.isfinite(values) & np.isfinite(weights)
+        return cls(values[finite], weights[finite])
 
 
-def collect(
-    records: Iterable[RunRecord], quantities: dict[str, SampleOf], window: Window
-) -> CellSamples:
-    """The samples of some quantities of records that are read one after the other."""
-    runs: list[BatchRun] = []
-    failed: list[BatchRun] = []
-    samples: dict[str, list[Sample]] = {name: [] for name in quantities}
-    for record in records:
-        if record.failure is not None:
-            failed.append(record.run)
-            continue
-        runs.append(record.run)
-        for name, sample_of in quantities.items():
-            samples[name].append(sample_of(record, window))
-    kept = {name: tuple(of_runs) for name, of_runs in samples.items()}
-    return CellSamples(tuple(runs), tuple(failed), kept)
-
-
-def known(values: FloatArray, weights: FloatArray | None = None) -> Sample:
-    """A sample of values (n,), those that are not finite left out."""
-    weights = np.ones(len(values)) if weights is None else weights
-    finite = np.isfinite(values) & np.isfinite(weights)
-    return Sample(values[finite], weights[finite])
+SampleOf = Callable[[RunRecord, EvaluationWindow], Sample]
+"""Takes a quantity's numbers from a record; only these are kept of it."""
 
 
 def column(name: str) -> SampleOf:
     """Values frame by frame within the window."""
-    return lambda record, window: known(numbers(record, name)[_within(record, window)])
+    return lambda record, window: Sample.known(within(record, window, name))
 
 
 def columns_ratio(name: str, other: str) -> SampleOf:
     """One column over another, frame by frame within the window."""
 
-    def sample(record: RunRecord, window: Window) -> Sample:
-        inside = _within(record, window)
-        below = numbers(record, other)[inside]
-        ratio = np.full(len(below), np.nan)
-        np.divide(numbers(record, name)[inside], below, out=ratio, where=below > 0.0)
-        return known(ratio)
+    def sample(record: RunRecord, window: EvaluationWindow) -> Sample:
+        above, below = within(record, window, name), within(record, window, other)
+        positive = below > 0.0
+        return Sample.known(above[positive] / below[positive])
 
     return sample
 
@@ -128,54 +84,36 @@ def per_degree(name: str, degrees: int | str) -> SampleOf:
     In a mean each frame weighs as many times as it has degrees of freedom.
     """
 
-    def sample(record: RunRecord, window: Window) -> Sample:
-        inside = _within(record, window)
-        squared = numbers(record, name)[inside]
+    def sample(record: RunRecord, window: EvaluationWindow) -> Sample:
+        squared = within(record, window, name)
         if isinstance(degrees, str):
-            of_frame = numbers(record, degrees)[inside]
+            of_frame = within(record, window, degrees)
         else:
             of_frame = np.full(len(squared), float(degrees))
         used = of_frame > 0.0
-        return known(squared[used] / of_frame[used], of_frame[used])
+        return Sample.known(squared[used] / of_frame[used], of_frame[used])
 
     return sample
 
 
 def per_cent_known(name: str) -> SampleOf:
     """100 for each frame within the window that has a value in the column, 0 for the others."""
-    return lambda record, window: known(
-        100.0 * np.isfinite(numbers(record, name)[_within(record, window)])
-    )
+    return lambda record, window: Sample.known(100.0 * np.isfinite(within(record, window, name)))
 
 
 def value(name: str, scale: float = 1.0) -> SampleOf:
     """The one value that the whole run has."""
-    return lambda record, _: known(np.array([scale * record.values.get(name, np.nan)]))
+    return lambda record, _: Sample.known(np.array([scale * record.values.get(name, np.nan)]))
 
 
 def per_cent_without(name: str) -> SampleOf:
     """100 for a run that has no such value, 0 for one that has."""
-    return lambda record, _: known(
+    return lambda record, _: Sample.known(
         np.array([0.0 if np.isfinite(record.values.get(name, np.nan)) else 100.0])
     )
 
 
-def numbers(record: RunRecord, name: str) -> FloatArray:
-    """(n,) a column of a record; nan where it has none of that name."""
-    found = record.columns.get(name)
-    if isinstance(found, np.ndarray):
-        return found
-    return np.full(record.frames, np.nan)
-
-
-def pooled(samples: Sequence[Sample]) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Values, weights and the index of their run (n,), sorted by value."""
-    values = np.concatenate([sample.values for sample in samples] or [np.empty(0)])
-    weights = np.concatenate([sample.weights for sample in samples] or [np.empty(0)])
-    run = np.repeat(np.arange(len(samples)), [len(sample.values) for sample in samples])
-    order = np.argsort(values, kind="stable")
-    return values[order], weights[order], run[order]
-
-
-def _within(record: RunRecord, window: Window) -> BoolArray:
-    return window.frames(numbers(record, "time_s"))
+def within(record: RunRecord, window: EvaluationWindow, name: str) -> FloatArray:
+    """(k,) a column of a record in the frames of a window; nan where it has none of that name."""
+    inside = window.frames(record.numbers("time_s"))
+    return record.numbers(name)[inside]

@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import pandas as pd
+
 from pcnav.batch.case import ESTIMATOR_AXIS
-from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics, of_family
-from pcnav.batch.pivot import AxisOrder, Layout
+from pcnav.batch.metrics import METRICS, Family, named_metrics, of_family
+from pcnav.batch.tables import TableLayout, axes_of, varying_axes
 from pcnav.core.errors import InputError
 
 DEFAULT_METRICS = ("position_sym_rms_m", "attitude_sym_rms_deg")
@@ -34,7 +36,7 @@ STANDARD = Wanted()
 """Nothing in particular: the tables that every batch has."""
 
 
-def asked_layout(wanted: Wanted, order: AxisOrder) -> Layout:
+def asked_layout(wanted: Wanted, runs: pd.DataFrame) -> TableLayout:
     """The table asked for. Raises `InputError` for an unknown axis or metric, or one given twice.
 
     Without rows: every axis on which cases differ and that is not a column. Without columns: the
@@ -42,70 +44,79 @@ def asked_layout(wanted: Wanted, order: AxisOrder) -> Layout:
     """
     columns = wanted.columns
     if columns is None:
-        columns = () if ESTIMATOR_AXIS in (wanted.rows or ()) else (ESTIMATOR_AXIS,)
-        columns = tuple(axis for axis in columns if axis in order.values)
-    order.check("--columns", columns)
-    rows = wanted.rows
-    if rows is None:
-        rows = _scenario(order, but=columns)
-    order.check("--rows", rows)
+        columns = () if ESTIMATOR_AXIS in (wanted.rows or ()) else _estimator(runs)
+    _check_axes("--columns", columns, runs)
+    rows = _scenario(runs, but=columns) if wanted.rows is None else wanted.rows
+    _check_axes("--rows", rows, runs)
     both = set(rows) & set(columns)
     if both:
         raise InputError("--columns", min(both), "expected an axis that is not among the rows")
     metrics = named_metrics(DEFAULT_METRICS if wanted.metrics is None else wanted.metrics)
-    return Layout("pivot", "As asked for", rows, columns, metrics)
+    return TableLayout("pivot", "As asked for", rows, columns, metrics)
 
 
-def default_layouts(order: AxisOrder) -> tuple[Layout, ...]:
+def default_layouts(runs: pd.DataFrame) -> tuple[TableLayout, ...]:
     """The tables that every batch has; the cost is apart, because no two machines agree on it."""
-    scenario = _scenario(order, but=(ESTIMATOR_AXIS,))
-    who = tuple(axis for axis in (_SATELLITE, ESTIMATOR_AXIS) if axis in order.values)
-    cases = (*scenario, ESTIMATOR_AXIS) if ESTIMATOR_AXIS in order.values else scenario
+    scenario, estimator = _scenario(runs, but=(ESTIMATOR_AXIS,)), _estimator(runs)
+    cases, satellite = (*scenario, *estimator), tuple({_SATELLITE} & set(axes_of(runs)))
+    shown = tuple(axis for axis in (_SATELLITE, _RESOLUTION) if axis in varying_axes(runs))
     summary = (
         *("position_sym_median_m", "position_sym_p95_m"),
         *("attitude_sym_median_deg", "attitude_sym_p95_deg"),
         *("locked_right_pct", "locked_wrong_pct", "pose_pct"),
     )
-    model = ("add_rms_m", "add_s_rms_m", "ate_rmse_m", "rpe_translation_rmse_m")
+    trajectory = ("ate_rmse_m", "rpe_translation_rmse_m", "rpe_rotation_rmse_deg")
+    model = ("add_rms_m", "add_s_rms_m", *trajectory)
     states = ("velocity_rms_m_s", "rate_rms_deg_s", "com_rms_m", "inertia_ratio_rms")
-    shown = tuple(axis for axis in (_SATELLITE, _RESOLUTION) if axis in order.varying)
     layouts = (
-        ("summary", "Summary, cases pooled", who, (), named_metrics(summary), True),
-        _errors(order, scenario),
+        ("summary", "Summary, cases pooled", (*satellite, *estimator), named_metrics(summary)),
+        ("errors", "Errors of the pose", scenario, named_metrics(DEFAULT_METRICS)),
         (
             "model",
             "Distances of the model's points, and of the trajectory",
             cases,
-            (),
-            named_metrics((*model, "rpe_rotation_rmse_deg")),
+            named_metrics(model),
         ),
-        ("states", "Errors of the other states", cases, (), named_metrics(states)),
-        ("locking", "Locking", cases, (), of_family(Family.LOCKING)),
-        ("consistency", "Consistency", cases, (), of_family(Family.CONSISTENCY)),
-        ("bound", "RMS error over the posterior Cramer-Rao bound", cases, (), _bound()),
-        ("cost", "Cost", (*shown, ESTIMATOR_AXIS), (), of_family(Family.COST)),
+        ("states", "Errors of the other states", cases, named_metrics(states)),
+        ("locking", "Locking", cases, of_family(Family.LOCKING)),
+        ("consistency", "Consistency", cases, of_family(Family.CONSISTENCY)),
+        (
+            "bound",
+            "RMS error over the posterior Cramer-Rao bound",
+            cases,
+            of_family(Family.BOUND),
+        ),
+        ("cost", "Cost", (*shown, *estimator), of_family(Family.COST)),
     )
-    return tuple(Layout(*layout) for layout in layouts)
+    return tuple(
+        TableLayout(
+            *(key, title, rows, estimator if key == "errors" else (), metrics),
+            shared=key == "summary",
+        )
+        for key, title, rows, metrics in layouts
+    )
 
 
-def statistics_layout(order: AxisOrder) -> Layout:
+def statistics_layout(runs: pd.DataFrame) -> TableLayout:
     """Every metric of every case but the cost."""
     metrics = tuple(m for m in METRICS.values() if m.quantity.family is not Family.COST)
-    return Layout(STATISTICS, "Every metric of every case", tuple(order.values), (), metrics)
+    return TableLayout(STATISTICS, "Every metric of every case", axes_of(runs), (), metrics)
 
 
-def _errors(
-    order: AxisOrder, scenario: tuple[str, ...]
-) -> tuple[str, str, tuple[str, ...], tuple[str, ...], tuple[Metric, ...]]:
-    columns = (ESTIMATOR_AXIS,) if ESTIMATOR_AXIS in order.values else ()
-    return "errors", "Errors of the pose", scenario, columns, named_metrics(DEFAULT_METRICS)
+def _estimator(runs: pd.DataFrame) -> tuple[str, ...]:
+    return (ESTIMATOR_AXIS,) if ESTIMATOR_AXIS in runs else ()
 
 
-def _bound() -> tuple[Metric, ...]:
-    return of_family(Family.BOUND)
-
-
-def _scenario(order: AxisOrder, but: Sequence[str]) -> tuple[str, ...]:
+def _scenario(runs: pd.DataFrame, but: Sequence[str]) -> tuple[str, ...]:
     """The axes on which cases differ, or the first one where they differ in none."""
-    axes = tuple(axis for axis in order.varying if axis not in but)
-    return axes or tuple(axis for axis in order.values if axis not in but)[:1]
+    axes = tuple(axis for axis in varying_axes(runs) if axis not in but)
+    return axes or tuple(axis for axis in axes_of(runs) if axis not in but)[:1]
+
+
+def _check_axes(option: str, axes: Sequence[str], runs: pd.DataFrame) -> None:
+    """Raises `InputError`, which lists the axes, for one that the batch does not have."""
+    for axis in axes:
+        if axis not in axes_of(runs):
+            raise InputError(option, axis, f"expected some of: {', '.join(axes_of(runs))}")
+    if len(set(axes)) < len(axes):
+        raise InputError(option, ",".join(axes), "expected each axis once")

@@ -1,6 +1,6 @@
 """The numbers of one cell of a table: statistics over its runs, with their confidence."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +18,9 @@ from pcnav.batch.resampling import (
     percentiles,
     root_mean_square,
 )
-from pcnav.batch.samples import CellSamples, SampleOf, Window, collect
+from pcnav.batch.samples import EvaluationWindow, Sample
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.evaluation.metrics import chi_square_bounds
+from pcnav.core.statistics import chi_square_bounds
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """One number over the runs of a cell."""
+class MetricValue:
+    """One metric over the runs of a cell."""
 
     value: float
     """nan where no run has any."""
@@ -64,59 +64,70 @@ class Estimate:
         return "fail: below" if self.value < self.bounds.lower else "pass"
 
 
-MISSING = Estimate(np.nan, np.nan, np.nan, 0, 0)
-
-
 @dataclass(frozen=True)
-class CellStatistics:
+class Cell:
     """All that is known of one cell."""
 
     runs: int
     """Asked for, failed ones included."""
     failed: int
-    estimates: dict[str, Estimate]
+    values: dict[str, MetricValue]
     """By the name of the metric."""
 
 
-def cell_statistics(
-    records: Iterable[RunRecord], metrics: Sequence[Metric], window: Window
-) -> CellStatistics:
+def cell_of(
+    records: Iterable[RunRecord], metrics: Sequence[Metric], window: EvaluationWindow
+) -> Cell:
     """Statistics over the runs of one cell, whose records are read one after the other."""
-    samples = collect(records, quantities_of(metrics), window)
-    return CellStatistics(
-        runs=len(samples.runs) + len(samples.failed),
-        failed=len(samples.failed),
-        estimates=estimates_of(samples, metrics),
-    )
+    samples: dict[str, list[Sample]] = {metric.quantity.name: [] for metric in metrics}
+    strata, failed = [], 0
+    for record in records:
+        if record.failure is not None:
+            failed += 1
+            continue
+        strata.append(record.run.case.name)
+        for name, sample in samples_of(record, metrics, window).items():
+            samples[name].append(sample)
+    return Cell(len(strata) + failed, failed, values_of(samples, strata, metrics))
 
 
-def quantities_of(metrics: Sequence[Metric]) -> dict[str, SampleOf]:
-    """What has to be collected for some metrics."""
-    return {metric.quantity.name: metric.quantity.sample_of for metric in metrics}
+def samples_of(
+    record: RunRecord, metrics: Sequence[Metric], window: EvaluationWindow
+) -> dict[str, Sample]:
+    """The numbers of a run that metrics are taken of, by quantity."""
+    quantities = {metric.quantity.name: metric.quantity for metric in metrics}
+    return {name: each.sample_of(record, window) for name, each in quantities.items()}
 
 
-def estimates_of(samples: CellSamples, metrics: Sequence[Metric]) -> dict[str, Estimate]:
-    """Estimates by the name of the metric; those of one quantity are taken together."""
-    found: dict[str, Estimate] = {}
-    counts = draws(samples.strata)
-    for name in dict.fromkeys(metric.quantity.name for metric in metrics):
+def values_of(
+    samples: Mapping[str, Sequence[Sample]], strata: Sequence[str], metrics: Sequence[Metric]
+) -> dict[str, MetricValue]:
+    """Values by the name of the metric; those of one quantity are taken together.
+
+    Args:
+        samples: one a run by quantity.
+        strata: the case of each run: runs are drawn again within their case.
+        metrics: of these quantities.
+    """
+    found: dict[str, MetricValue] = {}
+    counts = draws(strata)
+    for name, of_runs in samples.items():
         same = [metric for metric in metrics if metric.quantity.name == name]
-        pool = Pool.of(samples.samples[name])
-        spread = Spread.of(pool, samples.strata)
+        pool = Pool.of(of_runs)
+        spread = Spread.of(pool, strata)
         seen = replicates_of(pool, once(pool.runs), same)[0]
         drawn = replicates_of(pool, counts, same)
         for k, metric in enumerate(same):
-            found[metric.name] = _estimate(metric, pool, spread, float(seen[k]), drawn[:, k])
+            found[metric.name] = _value(metric, pool, spread, float(seen[k]), drawn[:, k])
     return {metric.name: found[metric.name] for metric in metrics}
 
 
 def replicates_of(pool: Pool, counts: IntArray, metrics: Sequence[Metric]) -> FloatArray:
     """(b, m) metrics of one quantity, for draws (b, runs)."""
+    percent = np.array([metric.statistic.percent or np.nan for metric in metrics])
+    ranked = np.flatnonzero(np.isfinite(percent))
     found = np.full((len(counts), len(metrics)), np.nan)
-    ranked = [k for k, metric in enumerate(metrics) if metric.statistic.percent is not None]
-    if ranked:
-        percent = [float(metrics[k].statistic.percent or 0) for k in ranked]
-        found[:, ranked] = percentiles(pool, counts, percent)
+    found[:, ranked] = percentiles(pool, counts, percent[ranked].tolist())
     for k, metric in enumerate(metrics):
         if metric.statistic in _STATISTICS:
             found[:, k] = _STATISTICS[metric.statistic](pool, counts)
@@ -130,24 +141,24 @@ _STATISTICS = {
 }
 
 
-def _estimate(
+def _value(
     metric: Metric, pool: Pool, spread: Spread, seen: float, drawn: FloatArray
-) -> Estimate:
+) -> MetricValue:
     if not np.isfinite(seen):
-        return MISSING
+        return MetricValue(np.nan, np.nan, np.nan, 0, 0)
     low, high = (np.nan, np.nan)
     if metric.statistic is not Statistic.MAX:
         low, high = interval(seen, drawn, spread, metric.differs_by_factors)
         # Nothing here is negative, and no share is more than all.
         low, high = max(low, 0.0), min(high, 100.0 if metric.unit == "%" else np.inf)
     bounds = consistency_bounds(metric, pool, spread) if metric.is_consistency else None
-    return Estimate(seen, low, high, spread.runs, len(pool.values), bounds)
+    return MetricValue(seen, low, high, spread.runs, len(pool.values), bounds)
 
 
 def consistency_bounds(metric: Metric, pool: Pool, spread: Spread) -> Bounds:
     """95 % chi-square bounds of a mean squared normalised error per degree of freedom.
 
-    The errors of one run's frames hang together: however many there are, a run may tell no more
+    The errors of one run's frames are correlated: however many there are, a run may tell no more
     than one of them. The bounds of the NEES are those of as many independent frames as there are
     runs, which hold whatever the correlation and are wider than need be without it. Innovations of
     a consistent filter are white: each frame counts for the NIS.
@@ -156,5 +167,5 @@ def consistency_bounds(metric: Metric, pool: Pool, spread: Spread) -> Bounds:
         degrees = float(pool.weights.sum())
     else:
         degrees = float(metric.degrees_per_run * spread.runs)
-    lower, upper = chi_square_bounds(np.array(degrees))
+    lower, upper = chi_square_bounds(degrees)
     return Bounds(float(lower) / degrees, float(upper) / degrees)

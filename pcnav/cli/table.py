@@ -13,7 +13,7 @@ from pcnav.core.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pcnav.batch.samples import Window
+    from pcnav.batch.samples import EvaluationWindow
     from pcnav.batch.standard_tables import Wanted
     from pcnav.batch.tabulate import TableSummary
 
@@ -58,11 +58,11 @@ def table(
     `pcnav table runs/accuracy --rows range_m --columns estimator --metrics attitude_rms_deg`,
     `pcnav table --compare runs/old runs/new`
     """
-    from pcnav.batch.samples import Window
+    from pcnav.batch.samples import EvaluationWindow
     from pcnav.batch.standard_tables import Wanted
 
     wanted = Wanted(_names(rows), _names(columns), _names(metrics))
-    window = Window(from_s)
+    window = EvaluationWindow(from_s)
     running: dict[str, object] = {
         "--jobs": jobs,
         "--scheduler": scheduler,
@@ -104,7 +104,7 @@ def _run(
     out: Path,
     where: tuple[int | None, str | None],
     wanted: "Wanted",
-    window: "Window",
+    window: "EvaluationWindow",
 ) -> None:
     """Run a grid, or go on with it, and tabulate."""
     from pcnav.batch.threads import one_thread_each
@@ -128,17 +128,17 @@ def _run_alone(name: str, case: str, index: int, out: Path) -> None:
     with one_thread_each():
         from pcnav.batch.grid import named_grid
         from pcnav.batch.run_batch import run_alone
-        from pcnav.batch.tabulate import run_table
+        from pcnav.batch.tabulate import single_run_table
 
         record = run_alone(named_grid(name), case, index, out)
     if record.failure is not None:
         typer.echo(f"failed: {record.run}: {record.failure}")
         raise typer.Exit(1)
-    _wide_console().print(run_table(record).to_rich())
+    _wide_console().print(single_run_table(record).to_rich())
 
 
 def _tabulate(
-    folder: Path, out: Path | None, wanted: "Wanted", window: "Window", overwrite: bool
+    folder: Path, out: Path | None, wanted: "Wanted", window: "EvaluationWindow", overwrite: bool
 ) -> None:
     """Tabulate a batch without running anything."""
     from pcnav.batch.store import open_store
@@ -156,10 +156,11 @@ def _tabulate(
     _print_summary(summary)
 
 
-def _compare(old: Path, new: Path, metrics: tuple[str, ...] | None, window: "Window") -> None:
+def _compare(
+    old: Path, new: Path, metrics: tuple[str, ...] | None, window: "EvaluationWindow"
+) -> None:
     """Print what changed; exit code 1 on a regression."""
-    from pcnav.batch.compare import compare
-    from pcnav.batch.compare_tables import case_table, overall_table, verdict_lines
+    from pcnav.batch.compare import case_table, compare, overall_table, verdict_lines
     from pcnav.batch.store import open_store
 
     with progress("compare") as advance:
@@ -176,7 +177,7 @@ def _compare(old: Path, new: Path, metrics: tuple[str, ...] | None, window: "Win
 
 
 def _print_summary(summary: "TableSummary") -> None:
-    from pcnav.batch.page import stacked
+    from pcnav.batch.tabulate import stacked
 
     console = _wide_console()
     for table in summary.tables:

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.case import BatchRun
 from pcnav.batch.changes import Change, case_change, judged, mean_change
-from pcnav.batch.compare import compare
-from pcnav.batch.compare_tables import case_table, overall_table, verdict_lines
+from pcnav.batch.compare import case_table, compare, overall_table, verdict_lines
 from pcnav.batch.metrics import METRICS
 from pcnav.batch.record import write_record
-from pcnav.batch.samples import CellSamples, Sample
+from pcnav.batch.resampling import Pool, once
+from pcnav.batch.samples import Sample
+from pcnav.batch.statistics import replicates_of
 from pcnav.batch.store import RunStore, new_store
 from pcnav.core.errors import InputError
 from tests.batch.made_up import records, some_runs
@@ -20,11 +21,10 @@ from tests.batch.made_up import records, some_runs
 RMS = METRICS["position_rms_m"]
 
 
-def samples(metric: str, of_runs: np.ndarray) -> CellSamples:
-    """Runs (n, k) of one case."""
-    runs = tuple(BatchRun(Case(()), k, k) for k in range(len(of_runs)))
-    kept = tuple(Sample(values, np.ones(len(values))) for values in of_runs)
-    return CellSamples(runs, (), {METRICS[metric].quantity.name: kept})
+def of_each_run(metric: str, of_runs: np.ndarray) -> np.ndarray:
+    """The metric of each of the runs (n, k) of one case."""
+    pools = [Pool.of([Sample.known(values)]) for values in of_runs]
+    return np.array([replicates_of(pool, once(1), [METRICS[metric]])[0, 0] for pool in pools])
 
 
 def errors(generator: np.random.Generator, runs: int, frames: int = 10) -> np.ndarray:
@@ -38,9 +38,8 @@ def changed(generator: np.random.Generator, old: np.ndarray, factor: float) -> n
 
 
 def change_of(metric: str, old: np.ndarray, new: np.ndarray, paired: bool = True) -> Change:
-    change = case_change(
-        "case", METRICS[metric], samples(metric, old), samples(metric, new), paired
-    )
+    values = [of_each_run(metric, each) for each in (old, new)]
+    change = case_change("case", METRICS[metric], values[0], values[1], paired)
     assert change is not None
     return change
 

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from pcnav.batch.case import BatchRun, Case
 from pcnav.batch.metrics import METRICS, Family, Metric, Statistic, named_metrics, of_family
 from pcnav.batch.record import RunRecord
 from pcnav.batch.resampling import (
@@ -20,13 +19,14 @@ from pcnav.batch.resampling import (
     percentiles,
     root_mean_square,
 )
-from pcnav.batch.samples import CellSamples, Sample, Window, collect
+from pcnav.batch.samples import EvaluationWindow, Sample
 from pcnav.batch.statistics import (
     Bounds,
-    cell_statistics,
+    MetricValue,
+    cell_of,
     consistency_bounds,
-    estimates_of,
-    quantities_of,
+    samples_of,
+    values_of,
 )
 from pcnav.core.errors import InputError
 from pcnav.evaluation.metrics import PERCENTILES
@@ -40,13 +40,11 @@ def sample(values) -> Sample:
     return Sample(values, np.ones(len(values)))
 
 
-def runs_of(count: int, case: str = "case") -> tuple[BatchRun, ...]:
-    return tuple(BatchRun(Case((("case", case),)), k, k) for k in range(count))
-
-
-def cell(of_runs, quantity: str = "position") -> CellSamples:
-    """The samples of one case."""
-    return CellSamples(runs_of(len(of_runs)), (), {quantity: tuple(of_runs)})
+def value_of(name: str, of_runs, strata=None) -> MetricValue:
+    """A metric of the samples of runs, of one case unless said otherwise."""
+    metric = METRICS[name]
+    strata = strata or ["case"] * len(of_runs)
+    return values_of({metric.quantity.name: of_runs}, strata, [metric])[name]
 
 
 @given(
@@ -128,9 +126,7 @@ def test_the_interval_of_a_mean_is_that_of_students_t() -> None:
     assert found == pytest.approx(
         stats.ttest_1samp(values, 0.0).confidence_interval(0.95), abs=0.05
     )
-    shares = estimates_of(
-        cell([sample([100.0]), sample([100.0]), sample([80.0])], "pose"), [METRICS["pose_pct"]]
-    )["pose_pct"]
+    shares = value_of("pose_pct", [sample([100.0]), sample([100.0]), sample([80.0])])
     assert shares.value == pytest.approx(280.0 / 3.0)
     assert 0.0 <= shares.low < 90.0
     assert shares.high == 100.0
@@ -141,25 +137,23 @@ def test_intervals_of_several_cases_do_not_mix_them_up() -> None:
     generator = np.random.default_rng(3)
     low = [sample(1.0 + 0.01 * generator.normal(size=20)) for _ in range(6)]
     high = [sample(9.0 + 0.01 * generator.normal(size=20)) for _ in range(6)]
-    runs = (*runs_of(6, "near"), *runs_of(6, "far"))
-    found = estimates_of(CellSamples(runs, (), {"position": (*low, *high)}), [RMS])[RMS.name]
+    found = value_of(RMS.name, [*low, *high], ["near"] * 6 + ["far"] * 6)
     assert found.value == pytest.approx(np.sqrt((1.0 + 81.0) / 2.0), abs=0.01)
     assert found.high - found.low < 0.05
-    alone = estimates_of(cell([*low, *high]), [RMS])[RMS.name]
+    alone = value_of(RMS.name, [*low, *high])
     assert alone.high - alone.low > 1.0
 
 
 def test_there_is_no_interval_where_there_is_nothing_to_tell_it_from() -> None:
-    one = estimates_of(cell([sample([1.0, 2.0])]), [RMS])[RMS.name]
+    one = value_of(RMS.name, [sample([1.0, 2.0])])
     assert one.value == pytest.approx(np.sqrt(2.5))
     assert np.isnan([one.low, one.high]).all()
-    agreeing = estimates_of(cell([sample([1.0])] * 5), [RMS])[RMS.name]
+    agreeing = value_of(RMS.name, [sample([1.0])] * 5)
     assert np.isnan(agreeing.low)
     assert agreeing.value == 1.0
-    most = estimates_of(cell([sample([1.0]), sample([2.0])]), [METRICS["position_max_m"]])
-    assert most["position_max_m"].value == 2.0
-    assert np.isnan(most["position_max_m"].high)
-    nothing = estimates_of(cell([sample([]), sample([])]), [RMS])[RMS.name]
+    most = value_of("position_max_m", [sample([1.0]), sample([2.0])])
+    assert most.value == 2.0 and np.isnan(most.high)
+    nothing = value_of(RMS.name, [sample([]), sample([])])
     assert not nothing.exists
 
 
@@ -211,14 +205,14 @@ def test_a_filter_that_misjudges_itself_is_found(factor: float, verdict: str) ->
         columns["nees_all"] = factor * np.asarray(columns["nees_all"], dtype=np.float64)
         return RunRecord(each.run, columns, each.values, None, each.versions, each.command)
 
-    found = cell_statistics(map(scaled, records(runs)), [METRICS["nees_all"]], Window())
-    assert found.estimates["nees_all"].verdict == verdict
+    found = cell_of(map(scaled, records(runs)), [METRICS["nees_all"]], EvaluationWindow())
+    assert found.values["nees_all"].verdict == verdict
 
 
 def test_every_metric_is_the_plain_statistic_of_its_frames() -> None:
     """Of a real record, frame by frame, computed here in one line each."""
     made = list(records(some_runs(3, satellites=("boxsat",), estimators=("pcnav",))[:3]))
-    found = cell_statistics(made, list(METRICS.values()), Window())
+    found = cell_of(made, list(METRICS.values()), EvaluationWindow())
     half = slice(20, None)  # 40 frames: 19.5 s long, the second half begins after 9.75 s
 
     def together(name: str) -> np.ndarray:
@@ -242,9 +236,9 @@ def test_every_metric_is_the_plain_statistic_of_its_frames() -> None:
         "ms_per_frame": np.mean([r.values["ms_per_frame"] for r in made]),
     }
     for name, value in expected.items():
-        assert found.estimates[name].value == pytest.approx(value, rel=1e-12), name
-    assert found.estimates["position_rms_m"].numbers == 60
-    assert not found.estimates["rate_over_crb"].exists
+        assert found.values[name].value == pytest.approx(value, rel=1e-12), name
+    assert found.values["position_rms_m"].numbers == 60
+    assert not found.values["rate_over_crb"].exists
 
 
 def test_runs_that_never_lock_and_frames_without_a_pose_are_counted() -> None:
@@ -256,7 +250,7 @@ def test_runs_that_never_lock_and_frames_without_a_pose_are_counted() -> None:
     values = dict(made.values) | {"time_to_lock_s": np.nan}
     never = RunRecord(made.run, columns, values, None, made.versions, made.command)
     wanted = named_metrics(["never_locked_pct", "pose_pct", "time_to_lock_s", "position_rms_m"])
-    found = cell_statistics([made, never], wanted, Window()).estimates
+    found = cell_of([made, never], wanted, EvaluationWindow()).values
     assert found["never_locked_pct"].value == 50.0
     assert found["pose_pct"].value == 75.0
     assert found["time_to_lock_s"].runs == 1
@@ -265,19 +259,19 @@ def test_runs_that_never_lock_and_frames_without_a_pose_are_counted() -> None:
 
 def test_failed_runs_are_counted_and_have_no_errors() -> None:
     runs = some_runs(4)[:4]
-    found = cell_statistics(records(runs, failures={runs[1].key: "broken"}), [RMS], Window())
+    found = cell_of(records(runs, failures={runs[1].key: "broken"}), [RMS], EvaluationWindow())
     assert (found.runs, found.failed) == (4, 1)
-    assert found.estimates[RMS.name].runs == 3
-    none = cell_statistics(records(runs, failures={r.key: "x" for r in runs}), [RMS], Window())
+    assert found.values[RMS.name].runs == 3
+    none = cell_of(records(runs, failures={r.key: "x" for r in runs}), [RMS], EvaluationWindow())
     assert (none.runs, none.failed) == (4, 4)
-    assert not none.estimates[RMS.name].exists
+    assert not none.values[RMS.name].exists
 
 
 @pytest.mark.parametrize(("from_s", "frames"), [(None, 20), (0.0, 40), (15.0, 10), (100.0, 0)])
 def test_the_window_takes_the_frames_it_says(from_s: float | None, frames: int) -> None:
-    samples = collect(records(some_runs(1)[:1]), quantities_of([RMS]), Window(from_s))
-    assert len(samples.samples["position"][0].values) == frames
-    text = Window(from_s).text
+    window = EvaluationWindow(from_s)
+    assert len(samples_of(record(some_runs(1)[0]), [RMS], window)["position"].values) == frames
+    text = window.text
     assert text == "second half of each run" or str(from_s).removesuffix(".0") in text or not from_s
 
 
@@ -287,6 +281,8 @@ def test_names_of_metrics_end_in_their_unit_and_are_told_when_one_is_wrong() -> 
         if metric.unit in endings and metric.quantity.family is Family.ERRORS:
             assert metric.name.endswith(endings[metric.unit]), metric.name
     assert {m.statistic for m in of_family(Family.ERRORS)} == set(Statistic) - {Statistic.MEAN}
+    # The percentiles of tables are those of a single run's metrics.
+    assert tuple(s.percent for s in Statistic if s.percent) == PERCENTILES
     with pytest.raises(InputError, match="attitude_STAT_deg") as refused:
         named_metrics(["attitude_rms"])
     assert "\n" not in str(refused.value)
