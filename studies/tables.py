@@ -25,6 +25,8 @@ def cell(value: object) -> str:
         return str(int(value))
     if isinstance(value, Real):
         return number(float(value))
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        return cell(value.item())
     if isinstance(value, tuple | list | np.ndarray):
         return " / ".join(cell(each) for each in value)
     return NONE if value is None or value == "" else str(value)
@@ -70,14 +72,20 @@ class Claim:
     met: bool
 
 
-def at_most(source: str, quantity: str, ours: float, bound: float) -> Claim:
-    """A number that must not exceed a bound."""
-    return Claim(source, quantity, f"<= {bound:g}", ours, bool(ours <= bound))
+def at_most(source: str, quantity: str, values: Sequence[float], bound: float) -> Claim:
+    """Numbers that must not exceed a bound; the largest is shown, nan does not meet it."""
+    met = all(value <= bound for value in values)
+    return Claim(source, quantity, f"<= {bound:g}", _largest(values), met)
 
 
-def below(source: str, quantity: str, ours: float, bound: float) -> Claim:
-    """A number that must stay below a bound."""
-    return Claim(source, quantity, f"< {bound:g}", ours, bool(ours < bound))
+def below(source: str, quantity: str, values: Sequence[float], bound: float) -> Claim:
+    """Numbers that must stay below a bound, likewise."""
+    met = all(value < bound for value in values)
+    return Claim(source, quantity, f"< {bound:g}", _largest(values), met)
+
+
+def _largest(values: Sequence[float]) -> float | None:
+    return max((value for value in values if np.isfinite(value)), default=None)
 
 
 def never(source: str, quantity: str, count: int) -> Claim:
@@ -85,9 +93,9 @@ def never(source: str, quantity: str, count: int) -> Claim:
     return Claim(source, quantity, 0, count, count == 0)
 
 
-def always(source: str, quantity: str, count: int, total: int) -> Claim:
+def always(source: str, quantity: str, are_so: Sequence[bool]) -> Claim:
     """Something that must be so in every run."""
-    return Claim(source, quantity, "all", f"{count} of {total}", count == total)
+    return Claim(source, quantity, "all", f"{sum(are_so)} of {len(are_so)}", all(are_so))
 
 
 def inside(source: str, quantity: str, judged: MeanSquared) -> Claim:

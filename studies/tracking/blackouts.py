@@ -1,34 +1,33 @@
 """Blackouts: frames without returns in the middle of a track, and what becomes of it."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS
+from pcnav.core.statistics import MeanSquared, mean_squared, percentile
 from pcnav.files.text_table import TextTable, number
-from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 
+from ..blocks import BLOCKS, ShownBlock
 from ..folder import Chapter, StudyFigure
-from ..progress import Progress
-from .bars import NONE, Bar, at, joined, mean_squared
-from .figures import coasting_figure
-from .following import JudgedRun, follow, status_sequence
+from ..following import JudgedRun, follow, status_sequence
+from ..panels import error_panel, panels_figure
+from ..tables import Claim, always, at_most, table, table_of
+from ..text import StudyText
 from .starts import RIGHT_FRACTION, RIGHT_RAD
+from .tumbles import FRAME_RATE_HZ, boxsat, tumble
 
 NAME = "blackouts"
 DURATIONS_S = (5, 20, 60)
-_FRAME_RATE_HZ = 2.0
-_SPREAD = Spread(range_m=(15.0, 30.0), rate_deg_s=(1.0, 5.0), speed_m_s=0.02)
 _RELOCK_BAR = 3
 _GROWTH_BAR = 1.1
 """A deviation that grows no more than this over a blackout was not forgotten."""
-_MASS = np.r_[COM_MODEL, INERTIA_RATIOS]
+_CENTRE, _RATIOS = BLOCKS["mass centre"], BLOCKS["inertia ratios"]
+_MASS = np.r_[_CENTRE.rows, _RATIOS.rows]
 
 
 @dataclass(frozen=True)
@@ -38,13 +37,14 @@ class Phases:
     before: int = 40
     after: int = 20
 
-    def frames(self, duration_s: int) -> int:
-        """Of a whole run."""
-        return self.before + self.blind(duration_s) + self.after
+    @property
+    def seen(self) -> int:
+        """Frames with returns."""
+        return self.before + self.after
 
-    def blind(self, duration_s: int) -> int:
-        """Of the blackout."""
-        return round(duration_s * _FRAME_RATE_HZ)
+    def blind(self, duration_s: int) -> range:
+        """The frames of the blackout."""
+        return range(self.before, self.before + round(duration_s * FRAME_RATE_HZ))
 
 
 @dataclass(frozen=True)
@@ -64,141 +64,121 @@ class Blackout:
     @property
     def last_blind(self) -> int:
         """Index of the last frame of it."""
-        return self.last_seen + self.phases.blind(self.duration_s)
+        return self.phases.blind(self.duration_s)[-1]
 
     @property
     def relocked(self) -> int | None:
         """Frames with returns until one is called locked or ambiguous and is right."""
-        run, first = self.run, self.last_blind + 1
-        diameter_m = satellite("boxsat").target.diameter_m
-        right = (run.attitude_rad < RIGHT_RAD) & (run.position_m < RIGHT_FRACTION * diameter_m)
-        found = np.flatnonzero((run.claims & right)[first:])
+        right = self.run.is_within(RIGHT_RAD, RIGHT_FRACTION * boxsat().target.diameter_m)
+        found = np.flatnonzero((self.run.claims & right)[self.last_blind + 1 :])
         return int(found[0]) + 1 if found.size else None
+
+    def then(self, values: FloatArray) -> FloatArray:
+        """What values (n, ...) have become at the re-lock; nan without."""
+        if self.relocked is None:
+            return np.full_like(values[0], np.nan)
+        return np.asarray(values[self.last_blind + self.relocked])
 
     @property
     def growth(self) -> FloatArray:
         """(8,) deviation of mass centre and ratios at the re-lock over that before; nan without."""
-        if self.relocked is None:
-            return np.full(len(_MASS), np.nan)
-        variance = np.diagonal(self.run.covariance, axis1=1, axis2=2)[:, _MASS]
-        return np.asarray(
-            np.sqrt(variance[self.last_blind + self.relocked] / variance[self.last_seen])
-        )
+        sd = self.run.state_sd[:, _MASS]
+        return np.asarray(self.then(sd) / sd[self.last_seen])
+
+    @property
+    def end(self) -> FloatArray:
+        """(2, 2) position error and 3 sd (mm), attitude error and 3 sd (deg) at the end of
+        coasting."""
+        k, run = self.last_blind, self.run
+        variance = np.square(run.pose_sd[k])
+        position = run.position_m[k], 3.0 * np.sqrt(variance[:3].sum())
+        attitude = run.attitude_rad[k], 3.0 * np.sqrt(variance[3:].sum())
+        return np.array([1e3 * np.array(position), np.rad2deg(attitude)])
 
 
-@dataclass(frozen=True)
-class BlackoutResult:
-    """All blackouts and what they come to."""
+Blackouts = Mapping[str, Sequence[Blackout]]
+"""By duration."""
 
-    chapter: Chapter
-    bars: tuple[Bar, ...]
-    blackouts: tuple[Blackout, ...]
+
+def blackout_runs(count: int, phases: Phases) -> list[Run[tuple[int, Phases]]]:
+    """So many runs of every duration."""
+    cases = [Case(f"{each} s", (each, phases), phases.seen) for each in DURATIONS_S]
+    return runs_of(NAME, cases, count)
+
+
+def black_out(run: Run[tuple[int, Phases]]) -> Blackout:
+    """One run."""
+    duration_s, phases = run.case.settings
+    return run_blackout(duration_s, run.seed, phases)
 
 
 def run_blackout(duration_s: int, seed: int, phases: Phases | None = None) -> Blackout:
     """One blackout in a track of boxsat: truth and noise are the seed's."""
-    phases = phases or Phases()
-    of = satellite("boxsat")
-    frames = phases.frames(duration_s)
-    truth = random_truth(of, _SPREAD, seed, frames=frames, frame_rate_hz=_FRAME_RATE_HZ)
-    blind = range(phases.before, phases.before + phases.blind(duration_s))
-    run = follow(Scene.of(truth, of.target.mesh), of.target, blind=blind)
+    phases, target = phases or Phases(), boxsat().target
+    blind = phases.blind(duration_s)
+    truth = tumble(seed, phases.seen + len(blind))
+    run = follow(Scene.of(truth, target.mesh), target, blind=blind)
     return Blackout(duration_s, seed, phases, run)
 
 
-def _run(run: Run[int], phases: Phases) -> Blackout:
-    return run_blackout(run.case.settings, run.seed, phases)
-
-
-def planned_blackouts(count: int) -> list[Run[int]]:
-    """So many runs of every duration."""
-    return runs_of(NAME, [Case(f"{duration} s", duration) for duration in DURATIONS_S], count)
-
-
-def blackout_chapter(
-    runs: list[Run[int]], phases: Phases, workers: Workers, progress: Progress
-) -> BlackoutResult:
-    """Run the blackouts and lay them out."""
-    seen = phases.before + phases.after
-    blackouts = run_all(partial(_run, phases=phases), runs, workers, lambda: progress.add(seen))
-    of = {d: [b for b in blackouts if b.duration_s == d] for d in DURATIONS_S}
-    chapter = Chapter(
+def chapter(text: StudyText, found: Blackouts, phases: Phases) -> Chapter:
+    """All blackouts."""
+    return text.chapter(
         "Blackouts",
-        _text(phases),
-        (_summary_table(of), _run_table(blackouts)),
-        tuple(_figure(own[0]) for own in of.values()),
-    )
-    bars = tuple(bar for duration, own in of.items() for bar in _bars(duration, own))
-    return BlackoutResult(chapter, bars, tuple(blackouts))
-
-
-def _bars(duration_s: int, blackouts: list[Blackout]) -> tuple[Bar, ...]:
-    nees = mean_squared(_last_nees(blackouts), 6)
-    relocked = [blackout.relocked for blackout in blackouts]
-    soon = sum(frames is not None and frames <= _RELOCK_BAR for frames in relocked)
-    growths = np.array([blackout.growth.max() for blackout in blackouts])
-    kept = bool(np.all(growths <= _GROWTH_BAR))
-    return (
-        Bar(
-            NAME,
-            f"{duration_s} s: pose NEES over dof at the end of coasting",
-            f"<= {number(nees.upper)}",
-            number(nees.mean),
-            nees.values == len(blackouts) and nees.mean <= nees.upper,
-        ),
-        Bar(
-            NAME,
-            f"{duration_s} s: right again within {_RELOCK_BAR} frames",
-            "all",
-            f"{soon} of {len(blackouts)}",
-            soon == len(blackouts),
-        ),
-        Bar(
-            NAME,
-            f"{duration_s} s: deviation of mass centre and ratios, after over before",
-            f"<= {_GROWTH_BAR:g}",
-            number(at(100, growths)),
-            kept,
-        ),
+        [_summary_table(found), _run_table([b for own in found.values() for b in own])],
+        [_figure(own[0]) for own in found.values()],
+        rate_hz=FRAME_RATE_HZ,
+        before=phases.before,
+        after=phases.after,
     )
 
 
-def _last_nees(blackouts: list[Blackout]) -> FloatArray:
-    return np.array([blackout.run.pose_nees[blackout.last_blind] for blackout in blackouts])
+def claims(found: Blackouts) -> list[Claim]:
+    """The bars of every duration."""
+    return [claim for name, own in found.items() for claim in _claims(name, own)]
 
 
-def _summary_table(of: dict[int, list[Blackout]]) -> TextTable:
+def _claims(name: str, own: Sequence[Blackout]) -> list[Claim]:
+    nees = _last_nees(own)
+    soon = [b.relocked is not None and b.relocked <= _RELOCK_BAR for b in own]
+    growths = [float(b.growth.max()) for b in own]
+    mass = f"{name}: deviation of mass centre and ratios, after over before"
+    return [
+        Claim(
+            NAME,
+            f"{name}: pose NEES over dof at the end of coasting",
+            f"<= {number(float(nees.upper))}",
+            nees.mean,
+            bool(nees.values == len(own) and nees.mean <= nees.upper),
+        ),
+        always(NAME, f"{name}: right again within {_RELOCK_BAR} frames", soon),
+        at_most(NAME, mass, growths, _GROWTH_BAR),
+    ]
+
+
+def _last_nees(own: Sequence[Blackout]) -> MeanSquared:
+    return mean_squared(np.array([b.run.pose_nees[b.last_blind] for b in own]), 6)
+
+
+def _summary_table(found: Blackouts) -> TextTable:
     rows = []
-    for duration_s, blackouts in of.items():
-        ends = np.array([_end(blackout) for blackout in blackouts])
-        relocked = [b.relocked for b in blackouts if b.relocked is not None]
-        growth = np.array([blackout.growth.max() for blackout in blackouts])
+    for name, own in found.items():
+        ends = np.array([b.end for b in own])
+        relocked = [b.relocked for b in own if b.relocked is not None]
+        growth = percentile([b.growth.max() for b in own], 100)
+        errors = ([percentile(e, 50) for e in ends[:, k].T] for k in range(2))
+        nees = _last_nees(own)
         rows.append(
-            (
-                f"{duration_s} s",
-                str(len(blackouts)),
-                str(mean_squared(_last_nees(blackouts), 6)),
-                *(joined(*(at(50, ends[:, k]) for k in pair)) for pair in ((0, 1), (2, 3))),
-                f"{len(relocked)}",
-                str(max(relocked)) if relocked else NONE,
-                number(at(100, growth)),
-            )
+            (name, len(own), nees, *errors, len(relocked), max(relocked, default=None), growth)
         )
-    header = (
-        "blackout",
-        "runs",
-        "pose NEES over dof (95 % bounds)",
-        "position, mm",
-        "attitude, deg",
-        "right again",
-        "frames",
-        "sd after over before",
-    )
-    return TextTable(
+    return table(
         "blackouts",
         "Coasting through blackouts",
-        header,
-        tuple(rows),
+        (
+            *("blackout", "runs", "pose NEES over dof (95 % bounds)"),
+            *("position, mm", "attitude, deg", "right again", "frames", "sd after over before"),
+        ),
+        rows,
         "NEES and errors in the last frame without returns. Position and attitude: error / 3 "
         "stated deviations, medians over the runs of the norms. Right again: runs that come to be "
         "called locked or ambiguous within 5 degrees and 5 % of the diameter, and the frames with "
@@ -208,58 +188,26 @@ def _summary_table(of: dict[int, list[Blackout]]) -> TextTable:
     )
 
 
-def _end(blackout: Blackout) -> tuple[float, float, float, float]:
-    """Position error and 3 sd (mm), attitude error and 3 sd (deg) at the end of coasting."""
-    run, k = blackout.run, blackout.last_blind
-    variance = np.diag(run.pose_covariance[k])
-    return (
-        1e3 * float(run.position_m[k]),
-        3e3 * float(np.sqrt(variance[:3].sum())),
-        float(np.rad2deg(run.attitude_rad[k])),
-        float(np.rad2deg(3.0 * np.sqrt(variance[3:].sum()))),
-    )
+def _run_table(blackouts: Sequence[Blackout]) -> TextTable:
+    def mass(block: ShownBlock, of: Blackout) -> list[float]:
+        norms = np.linalg.norm(block.shown(of.run.state_sd), axis=1)
+        return [norms[of.last_seen], of.then(norms)]
 
-
-def _run_table(blackouts: list[Blackout]) -> TextTable:
-    rows = []
-    for blackout in blackouts:
-        run, end = blackout.run, _end(blackout)
-        sd = np.sqrt(np.diagonal(run.covariance, axis1=1, axis2=2))
-        mass = []
-        for block, scale in ((COM_MODEL, 1e3), (INERTIA_RATIOS, 1.0)):
-            norms = scale * np.linalg.norm(sd[:, block], axis=1)
-            after = np.nan
-            if blackout.relocked is not None:
-                after = float(norms[blackout.last_blind + blackout.relocked])
-            mass.append(joined(float(norms[blackout.last_seen]), after))
-        rows.append(
-            (
-                f"{blackout.duration_s} s",
-                str(blackout.seed),
-                number(float(run.pose_nees[blackout.last_blind]) / 6.0),
-                joined(*end[:2]),
-                joined(*end[2:]),
-                NONE if blackout.relocked is None else str(blackout.relocked),
-                *mass,
-                status_sequence(run.status),
-            )
-        )
-    header = (
-        "blackout",
-        "seed",
-        "NEES over dof",
-        "position, mm",
-        "attitude, deg",
-        "frames",
-        "mass centre, mm",
-        "ratios",
-        "statuses",
-    )
-    return TextTable(
+    return table_of(
         "blackout_runs",
         "Every blackout",
-        header,
-        tuple(rows),
+        blackouts,
+        {
+            "blackout": lambda b: f"{b.duration_s} s",
+            "seed": lambda b: b.seed,
+            "NEES over dof": lambda b: b.run.pose_nees[b.last_blind] / 6.0,
+            "position, mm": lambda b: b.end[0],
+            "attitude, deg": lambda b: b.end[1],
+            "frames": lambda b: b.relocked,
+            "mass centre, mm": partial(mass, _CENTRE),
+            "ratios": partial(mass, _RATIOS),
+            "statuses": lambda b: status_sequence(b.run.status),
+        },
         "Position and attitude: error / 3 sd at the end of coasting. Frames: with returns until "
         "right again. Mass centre and ratios: stated deviation (norm) before / then. One run "
         "alone: studies.tracking.blackouts.run_blackout(duration_s, seed).",
@@ -269,23 +217,16 @@ def _run_table(blackouts: list[Blackout]) -> TextTable:
 
 def _figure(blackout: Blackout) -> StudyFigure:
     run = blackout.run
-    dark = run.time_s[blackout.last_seen + 1], run.time_s[blackout.last_blind]
-    return coasting_figure(
+    scale = np.repeat([1e3, np.rad2deg(1.0)], 3)
+    errors, sds = (run.pose_error * scale).T, (run.pose_sd * scale).T
+    labels = [f"{axis}, {unit}" for unit in ("mm", "deg") for axis in "xyz"]
+    panels = [error_panel(*line) for line in zip(labels, errors, sds, strict=True)]
+    return panels_figure(
         f"blackout_{blackout.duration_s:02d}s",
         f"Pose error through a blackout of {blackout.duration_s} s",
         "Model origin (camera axes) and attitude (body axes), first run. Grey: no returns.",
         run.time_s,
-        run.pose_error,
-        np.sqrt(np.diagonal(run.pose_covariance, axis1=1, axis2=2)),
-        (float(dark[0]), float(dark[1])),
-    )
-
-
-def _text(phases: Phases) -> tuple[str, ...]:
-    return (
-        f"Boxsat at 15 to 30 m, tumbling at 1 to 5 deg/s, {_FRAME_RATE_HZ:g} Hz: {phases.before} "
-        f"frames, then none with a return for the length of the blackout, then {phases.after} "
-        "with returns. While nothing returns the tracker can only predict; its covariance must "
-        "then cover the truth, and the first frames after it must be understood from the "
-        "prediction, with mass centre and inertia ratios kept.",
+        panels,
+        row_in=0.95,
+        dark=[(run.time_s[blackout.last_seen + 1], run.time_s[blackout.last_blind])],
     )

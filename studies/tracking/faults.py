@@ -1,32 +1,30 @@
 """Faults of sensor and model: error, status and consistency for each, and no silent wrong lock."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from itertools import groupby
 
 import numpy as np
 import trimesh
 
-from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.files.text_table import TextTable, number
-from pcnav.simulation.random_truth import Spread, random_truth, satellite
+from pcnav.core.statistics import mean, percentile
+from pcnav.files.text_table import TextTable
+from pcnav.simulation.random_truth import satellite
 from pcnav.simulation.scene import Scene
 from pcnav.target.satellite import Rectangle, Target
 
 from ..folder import Chapter
-from ..progress import Progress
-from .bars import NONE, Bar, at, joined
-from .following import JudgedRun, follow, status_shares
+from ..following import JudgedRun, follow, status_shares
+from ..tables import Claim, at_most, never, table, table_of
+from ..text import StudyText
+from .tumbles import boxsat, tumble
 
 NAME = "faults"
 FRAMES = 100
-_FRAME_RATE_HZ = 2.0
-_SPREAD = Spread(range_m=(15.0, 30.0), rate_deg_s=(1.0, 5.0), speed_m_s=0.02)
 _WRONG_RAD = float(np.deg2rad(2.0))
 _WRONG_FRACTION = 0.03
 """A pose further off than either (share of the diameter) that is called locked is a silent wrong
@@ -124,121 +122,99 @@ class FaultRun:
     run: JudgedRun
 
     @property
-    def silent(self) -> FloatArray:
-        """(n,) frames called locked or ambiguous that are wrong, as 0 and 1."""
+    def silent(self) -> BoolArray:
+        """(n,) frames called locked or ambiguous that are wrong."""
         if self.fault == WRONG_TARGET:
-            return self.run.claims.astype(np.float64)
-        limit_m = _WRONG_FRACTION * satellite("boxsat").target.diameter_m
-        wrong = (self.run.attitude_rad > _WRONG_RAD) | (self.run.position_m > limit_m)
-        return (self.run.claims & wrong).astype(np.float64)
+            return self.run.claims
+        limit_m = _WRONG_FRACTION * boxsat().target.diameter_m
+        far = (self.run.attitude_rad > _WRONG_RAD) | (self.run.position_m > limit_m)
+        return self.run.claims & far
 
     @property
     def longest_silent(self) -> int:
         """Most such frames in a row."""
-        longest = current = 0
-        for wrong in self.silent:
-            current = current + 1 if wrong else 0
-            longest = max(longest, current)
-        return longest
+        stretches = (len(list(same)) for wrong, same in groupby(self.silent) if wrong)
+        return max(stretches, default=0)
+
+    def second_half(self, values: FloatArray) -> FloatArray:
+        """Of values (n,)."""
+        return values[len(self.run) // 2 :]
 
 
-@dataclass(frozen=True)
-class FaultResult:
-    """All faults and what they come to."""
+FaultRuns = Mapping[str, Sequence[FaultRun]]
+"""By fault."""
 
-    chapter: Chapter
-    bars: tuple[Bar, ...]
-    runs: tuple[FaultRun, ...]
+
+def fault_runs(count: int, frames: int) -> list[Run[int]]:
+    """So many runs of every fault, on the same truths."""
+    return runs_of(NAME, [Case(fault, frames, frames) for fault in FAULTS], count)
+
+
+def disturb(run: Run[int]) -> FaultRun:
+    """One run."""
+    return run_fault(run.case.name, run.seed, run.case.settings)
 
 
 def run_fault(fault: str, seed: int, frames: int = FRAMES) -> FaultRun:
     """One track of boxsat with a fault: truth and noise are the seed's."""
-    of, wrong = satellite("boxsat"), FAULTS[fault]
-    truth = random_truth(of, _SPREAD, seed, frames=frames, frame_rate_hz=_FRAME_RATE_HZ)
+    truth, target, wrong = tumble(seed, frames), boxsat().target, FAULTS[fault]
     noise = NoiseTable.model_validate({**truth.noise.model_dump(), **wrong.noise})
-    truth = truth.model_copy(update={"noise": noise})
-    return FaultRun(fault, seed, follow(Scene.of(truth, wrong.reshape(of.target)), of.target))
+    scene = Scene.of(truth.model_copy(update={"noise": noise}), wrong.reshape(target))
+    return FaultRun(fault, seed, follow(scene, target))
 
 
-def _run(run: Run[str], frames: int) -> FaultRun:
-    return run_fault(run.case.settings, run.seed, frames)
+def chapter(text: StudyText, found: FaultRuns) -> Chapter:
+    """All faults."""
+    silent = [run for own in found.values() for run in own if run.silent.any()]
+    return text.chapter("Faults", [_table(found), _silent_table(silent)])
 
 
-def planned_faults(count: int) -> list[Run[str]]:
-    """So many runs of every fault, on the same truths."""
-    return runs_of(NAME, [Case(fault, fault) for fault in FAULTS], count)
+def silent_frames(runs: Sequence[FaultRun]) -> int:
+    """Frames called locked or ambiguous that are wrong."""
+    return sum(int(np.count_nonzero(run.silent)) for run in runs)
 
 
-def fault_chapter(
-    runs: list[Run[str]], frames: int, workers: Workers, progress: Progress
-) -> FaultResult:
-    """Run the faults and lay them out."""
-    found = run_all(partial(_run, frames=frames), runs, workers, lambda: progress.add(frames))
-    of = {fault: [run for run in found if run.fault == fault] for fault in FAULTS}
-    chapter = Chapter("Faults", _TEXT, (_table(of), _silent_table(found)))
-    return FaultResult(chapter, _bars(of), tuple(found))
-
-
-def _bars(of: dict[str, list[FaultRun]]) -> tuple[Bar, ...]:
-    silent = {fault: int(sum(run.silent.sum() for run in own)) for fault, own in of.items()}
-    bars = [
-        Bar(NAME, f"{fault}: frames of silent wrong lock", "0", str(count), count == 0)
-        for fault, count in silent.items()
-        if fault != WRONG_TARGET
+def claims(found: FaultRuns) -> list[Claim]:
+    """No silent wrong lock under any fault, and few frames of another satellite called locked."""
+    longest = [run.longest_silent for run in found[WRONG_TARGET]]
+    return [
+        *(
+            never(NAME, f"{fault}: frames of silent wrong lock", silent_frames(own))
+            for fault, own in found.items()
+            if fault != WRONG_TARGET
+        ),
+        at_most(NAME, f"{WRONG_TARGET}: frames in a row called locked", longest, _MAX_WRONG),
     ]
-    longest = max(run.longest_silent for run in of[WRONG_TARGET])
-    bars.append(
-        Bar(
-            NAME,
-            f"{WRONG_TARGET}: frames in a row called locked",
-            f"<= {_MAX_WRONG}",
-            str(longest),
-            longest <= _MAX_WRONG,
-        )
-    )
-    return tuple(bars)
 
 
-def _table(of: dict[str, list[FaultRun]]) -> TextTable:
+def _table(found: FaultRuns) -> TextTable:
     rows = []
-    for fault, own in of.items():
-        runs = [each.run for each in own]
-        half = [slice(len(run) // 2, None) for run in runs]
-        position = np.concatenate([run.position_m[h] for run, h in zip(runs, half, strict=True)])
-        attitude = np.concatenate([run.attitude_rad[h] for run, h in zip(runs, half, strict=True)])
-        nees = np.concatenate([run.pose_nees[h] for run, h in zip(runs, half, strict=True)])
-        explained = np.concatenate([run.inlier_ratio[h] for run, h in zip(runs, half, strict=True)])
-        millimetres, degrees = 1e3 * position, np.rad2deg(attitude)
-        errors = [joined(*(at(percent, v) for percent in (50, 95))) for v in (millimetres, degrees)]
-        compared = fault != WRONG_TARGET
+    for fault, own in found.items():
+        halves = {
+            name: np.concatenate([each.second_half(getattr(each.run, name)) for each in own])
+            for name in ("position_m", "attitude_rad", "pose_nees", "inlier_ratio")
+        }
+        errors: list[object] = [
+            [percentile(values, percent) for percent in (50, 95)]
+            for values in (1e3 * halves["position_m"], np.rad2deg(halves["attitude_rad"]))
+        ]
+        errors.append(mean(halves["pose_nees"]) / 6.0)
         rows.append(
             (
-                fault,
-                status_shares(runs),
-                str(len(runs)),
-                *(errors if compared else [NONE] * 2),
-                number(_mean(nees) / 6.0) if compared else NONE,
-                number(_mean(explained)),
-                str(int(sum(each.silent.sum() for each in own))),
-                str(max(each.longest_silent for each in own)),
+                *(fault, status_shares([each.run for each in own]), len(own)),
+                *(errors if fault != WRONG_TARGET else [None] * 3),
+                *(mean(halves["inlier_ratio"]), silent_frames(own)),
+                max(each.longest_silent for each in own),
             )
         )
-    header = (
-        "fault",
-        "status",
-        "runs",
-        "position, mm",
-        "attitude, deg",
-        "pose NEES",
-        "inlier ratio",
-        "silent wrong",
-        "in a row",
-    )
-    return TextTable(
+    return table(
         "faults",
         "The tracker under faults it is not told of",
-        header,
-        tuple(rows),
+        (
+            *("fault", "status", "runs", "position, mm", "attitude, deg", "pose NEES"),
+            *("inlier ratio", "silent wrong", "in a row"),
+        ),
+        rows,
         "Errors (median / 95 %), mean NEES over its degrees of freedom and mean inlier ratio "
         "over the second half of the runs; status and silent wrong frames over all of them. Silent "
         "wrong: called locked or ambiguous while more than 2 degrees or 3 % of the diameter off; "
@@ -247,26 +223,20 @@ def _table(of: dict[str, list[FaultRun]]) -> TextTable:
     )
 
 
-def _silent_table(runs: list[FaultRun]) -> TextTable:
-    rows = []
-    for each in runs:
-        wrong = np.flatnonzero(each.silent)
-        if wrong.size:
-            rows.append(
-                (each.fault, str(each.seed), str(wrong.size), str(wrong[0]), str(wrong[-1]))
-            )
-    return TextTable(
+def _silent_table(runs: Sequence[FaultRun]) -> TextTable:
+    return table_of(
         "silent_wrong",
         "Runs with silent wrong frames",
-        ("fault", "seed", "frames", "first", "last"),
-        tuple(rows) or (("none", *[NONE] * 4),),
+        runs,
+        {
+            "fault": lambda each: each.fault,
+            "seed": lambda each: each.seed,
+            "frames": lambda each: np.count_nonzero(each.silent),
+            "first": lambda each: np.flatnonzero(each.silent)[0],
+            "last": lambda each: np.flatnonzero(each.silent)[-1],
+        },
         "One of them alone: studies.tracking.faults.run_fault(fault, seed).",
     )
-
-
-def _mean(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else np.nan
 
 
 def _rectangle(target: Target, name: str) -> Rectangle:
@@ -278,13 +248,3 @@ def _part_with_corner(mesh: trimesh.Trimesh, p_model: FloatArray) -> BoolArray:
     labels = trimesh.graph.connected_component_labels(mesh.edges_unique, len(mesh.vertices))
     corner = int(np.argmin(np.linalg.norm(np.asarray(mesh.vertices) - p_model, axis=1)))
     return np.asarray(labels == labels[corner])
-
-
-_TEXT = (
-    "Boxsat at 15 to 30 m, tumbling at 1 to 5 deg/s, 2 Hz. Every fault meets the same random "
-    "motions. The frames show the fault; the tracker always gets the undisturbed model and is "
-    "told the noise along the ray only. Outliers are uniform over the depth of the target, mixed "
-    "pixels lie between the two surfaces at an edge, the box (0.5 x 0.4 x 0.3 m) stands on the "
-    "bus, and the panel is bent about its root, which puts its tip 0.21 m off. In the last row "
-    "the frames show a 6U CubeSat scaled to the size of boxsat.",
-)

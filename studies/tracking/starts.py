@@ -1,25 +1,25 @@
 """Cold starts: how soon, how often right and at what cost a lock is made of nothing."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import run_all
 from pcnav.batch.monte_carlo import Case, Run, runs_of
-from pcnav.files.text_table import TextTable, number
+from pcnav.core.statistics import mean, percentile, share
+from pcnav.files.text_table import TextTable
 from pcnav.runs.status import Status
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.scene import Scene
 from pcnav.target.symmetry import group_name
 
-from ..folder import Chapter
-from ..progress import Progress
-from .bars import NONE, Bar, at, joined, numbers, share
-from .figures import StartCurve, start_figures
-from .following import follow
+from ..folder import Chapter, StudyFigure
+from ..following import follow
+from ..panels import Curve, Panel, Scale, bars_figure, panels_figure
+from ..tables import Claim, always, below, never, table_of
+from ..text import StudyText
 
 NAME = "cold starts"
 SATELLITES = ("boxsat", "cubesat6u", "twinwing")
@@ -63,13 +63,18 @@ class Start:
     """Of the truth at the first frame."""
 
 
-@dataclass(frozen=True)
-class StartResult:
-    """All cold starts and what they come to."""
+Starts = Mapping[str, Sequence[Start]]
+"""By satellite."""
 
-    chapter: Chapter
-    bars: tuple[Bar, ...]
-    starts: tuple[Start, ...]
+
+def start_runs(count: int) -> list[Run[None]]:
+    """So many starts of every satellite."""
+    return runs_of(NAME, [Case(name, None, FRAMES) for name in SATELLITES], count)
+
+
+def start(run: Run[None]) -> Start:
+    """One run."""
+    return run_start(run.case.name, run.seed)
 
 
 def run_start(name: str, seed: int) -> Start:
@@ -78,14 +83,11 @@ def run_start(name: str, seed: int) -> Start:
     spread = _SPREAD.scaled(of.target.diameter_m / satellite("boxsat").target.diameter_m)
     truth = random_truth(of, spread, seed, frames=FRAMES, frame_rate_hz=_FRAME_RATE_HZ)
     run = follow(Scene.of(truth, of.target.mesh), of.target, until_lock=True)
-    attitude, position = float(run.attitude_rad[-1]), float(run.position_m[-1])
-    fraction = position / of.target.diameter_m
-    if run.lock is None:
-        outcome, attitude, fraction = Outcome.NOT_YET, np.nan, np.nan
-    elif attitude < RIGHT_RAD and fraction < RIGHT_FRACTION:
-        outcome = Outcome.RIGHT
-    else:
-        outcome = Outcome.WRONG
+    outcome, attitude, position = Outcome.NOT_YET, np.nan, np.nan
+    if run.lock is not None:
+        attitude, position = float(run.attitude_rad[-1]), float(run.position_m[-1])
+        right = run.is_within(RIGHT_RAD, RIGHT_FRACTION * of.target.diameter_m)[-1]
+        outcome = Outcome.RIGHT if right else Outcome.WRONG
     return Start(
         satellite=name,
         seed=seed,
@@ -94,112 +96,74 @@ def run_start(name: str, seed: int) -> Start:
         frames=len(run),
         seconds=float(run.seconds.sum()),
         attitude_rad=attitude,
-        position_fraction=fraction,
+        position_fraction=position / of.target.diameter_m,
         range_m=float(np.linalg.norm(truth.orbit.r_hill_m)),
         rate_deg_s=float(np.linalg.norm(truth.body.omega_body_deg_s)),
     )
 
 
-def planned_starts(count: int) -> list[Run[str]]:
-    """So many starts of every satellite."""
-    return runs_of(NAME, [Case(name, name) for name in SATELLITES], count)
+def chapter(text: StudyText, found: Starts) -> Chapter:
+    """All starts."""
+    everything = [start for starts in found.values() for start in starts]
+    tables = [_share_table(found), _failure_table(everything)]
+    return text.chapter("Cold starts", tables, start_figures(found))
 
 
-def start_chapter(runs: list[Run[str]], workers: Workers, progress: Progress) -> StartResult:
-    """Run the starts and lay them out."""
-    starts = run_all(_run, runs, workers, lambda: progress.add(FRAMES))
-    of = {name: [start for start in starts if start.satellite == name] for name in SATELLITES}
-    curves = [
-        StartCurve(
-            name,
-            np.array([s.frames for s in own if s.outcome is not Outcome.NOT_YET]),
-            np.array([s.attitude_rad for s in own if s.outcome is not Outcome.NOT_YET]),
-            len(own),
-        )
-        for name, own in of.items()
-    ]
-    chapter = Chapter(
-        "Cold starts",
-        _TEXT,
-        (_share_table(of), _failure_table(starts)),
-        start_figures(curves, FRAMES, RIGHT_RAD),
-    )
-    bars = tuple(bar for name, own in of.items() for bar in _bars(name, own))
-    return StartResult(chapter, bars, tuple(starts))
-
-
-def _run(run: Run[str]) -> Start:
-    return run_start(run.case.settings, run.seed)
-
-
-def _count(starts: list[Start], outcome: Outcome) -> int:
+def count(starts: Sequence[Start], outcome: Outcome) -> int:
+    """How many ended so."""
     return sum(start.outcome is outcome for start in starts)
 
 
-def _bars(name: str, starts: list[Start]) -> tuple[Bar, ...]:
-    right, wrong = _count(starts, Outcome.RIGHT), _count(starts, Outcome.WRONG)
-    slowest = max(start.seconds for start in starts)
+def _locks(starts: Sequence[Start]) -> list[Start]:
+    return [start for start in starts if start.outcome is not Outcome.NOT_YET]
+
+
+def claims(found: Starts) -> list[Claim]:
+    """The bars of every satellite."""
+    return [claim for name, starts in found.items() for claim in _claims(name, starts)]
+
+
+def _claims(name: str, starts: Sequence[Start]) -> list[Claim]:
+    right, locks = count(starts, Outcome.RIGHT), _locks(starts)
     symmetric = len(satellite(name).target.symmetry_transforms) > 1
     word = Status.AMBIGUOUS if symmetric else Status.LOCKED
-    locks = [start for start in starts if start.outcome is not Outcome.NOT_YET]
-    told = sum(start.status == word for start in locks)
-    return (
-        Bar(
+    return [
+        Claim(
             NAME,
             f"{name}: right within {FRAMES} frames",
             f">= {_RIGHT_BAR:.0%}",
             share(right, len(starts)),
             right >= _RIGHT_BAR * len(starts),
         ),
-        Bar(NAME, f"{name}: locked on a wrong attitude", "0", str(wrong), wrong == 0),
-        Bar(
-            NAME,
-            f"{name}: locks reported as {word}",
-            "all",
-            f"{told} of {len(locks)}",
-            told == len(locks),
-        ),
-        Bar(
-            NAME,
-            f"{name}: slowest start, s",
-            f"< {_SECONDS_BAR:g}",
-            number(slowest),
-            slowest < _SECONDS_BAR,
-        ),
-    )
+        never(NAME, f"{name}: locked on a wrong attitude", count(starts, Outcome.WRONG)),
+        always(NAME, f"{name}: locks reported as {word}", [s.status == word for s in locks]),
+        below(NAME, f"{name}: slowest start, s", [s.seconds for s in starts], _SECONDS_BAR),
+    ]
 
 
-def _share_table(of: dict[str, list[Start]]) -> TextTable:
-    rows = []
-    for name, starts in of.items():
-        locks = [start for start in starts if start.outcome is not Outcome.NOT_YET]
-        seconds = np.array([start.seconds for start in starts])
-        words = Counter(start.status for start in locks)
-        rows.append(
-            (
-                name,
-                group_name(satellite(name).target.symmetry_transforms),
-                ", ".join(f"{count} {word}" for word, count in words.most_common()) or NONE,
-                str(len(starts)),
-                *(share(_count(starts, outcome), len(starts)) for outcome in Outcome),
-                number(float(np.mean([start.frames for start in locks]))) if locks else NONE,
-                joined(at(50, seconds), at(95, seconds), float(seconds.max())),
-            )
-        )
-    header = (
-        "satellite",
-        "symmetry",
-        "locks reported",
-        "starts",
-        *Outcome,
-        "frames",
-        "seconds",
-    )
-    return TextTable(
+def _share_table(found: Starts) -> TextTable:
+    return table_of(
         "cold_starts",
         f"Locks within {FRAMES} frames at {_FRAME_RATE_HZ:g} Hz",
-        header,
-        tuple(rows),
+        found.values(),
+        {
+            "satellite": lambda starts: starts[0].satellite,
+            "symmetry": lambda starts: group_name(
+                satellite(starts[0].satellite).target.symmetry_transforms
+            ),
+            "locks reported": lambda starts: ", ".join(
+                f"{times} {word}"
+                for word, times in Counter(s.status for s in _locks(starts)).most_common()
+            ),
+            "starts": len,
+            "right": lambda starts: share(count(starts, Outcome.RIGHT), len(starts)),
+            "wrong": lambda starts: share(count(starts, Outcome.WRONG), len(starts)),
+            "not yet": lambda starts: share(count(starts, Outcome.NOT_YET), len(starts)),
+            "frames": lambda starts: mean([s.frames for s in _locks(starts)]),
+            "seconds": lambda starts: [
+                percentile([s.seconds for s in starts], percent) for percent in (50, 95, 100)
+            ],
+        },
         "Shares with Wilson's 95 % interval in per cent. Right: attitude within 5 degrees of one "
         "of the equivalent attitudes of the symmetry group, and model origin within 5 % of the "
         "diameter, at the first frame called locked or ambiguous. Frames: mean until then. "
@@ -208,51 +172,51 @@ def _share_table(of: dict[str, list[Start]]) -> TextTable:
     )
 
 
-def _failure_table(starts: list[Start]) -> TextTable:
-    failed = [start for start in starts if start.outcome is not Outcome.RIGHT]
-    rows = [
-        (
-            start.satellite,
-            start.outcome,
-            start.status,
-            str(start.seed),
-            str(start.frames),
-            *numbers(
-                [
-                    float(np.rad2deg(start.attitude_rad)),
-                    100.0 * start.position_fraction,
-                    start.range_m,
-                    start.rate_deg_s,
-                ]
-            ),
-        )
-        for start in failed
-    ]
-    header = (
-        "satellite",
-        "outcome",
-        "status",
-        "seed",
-        "frames",
-        "attitude, deg",
-        "position, % of diameter",
-        "range, m",
-        "rate, deg/s",
-    )
-    return TextTable(
+def _failure_table(starts: Sequence[Start]) -> TextTable:
+    return table_of(
         "cold_start_failures",
         "Starts that were not right",
-        header,
-        tuple(rows) or ((*("none",), *[NONE] * (len(header) - 1)),),
+        [start for start in starts if start.outcome is not Outcome.RIGHT],
+        {
+            "satellite": lambda s: s.satellite,
+            "outcome": lambda s: s.outcome,
+            "status": lambda s: s.status,
+            "seed": lambda s: s.seed,
+            "frames": lambda s: s.frames,
+            "attitude, deg": lambda s: np.rad2deg(s.attitude_rad),
+            "position, % of diameter": lambda s: 100.0 * s.position_fraction,
+            "range, m": lambda s: s.range_m,
+            "rate, deg/s": lambda s: s.rate_deg_s,
+        },
         "One of them alone: studies.tracking.starts.run_start(satellite, seed).",
         text_columns=3,
     )
 
 
-_TEXT = (
-    "Random starts without any prior but the target: attitude uniform on SO(3), rate up to 20 "
-    "deg/s in a uniform direction, boxsat at 10 to 30 m and the others at the same range over "
-    "diameter, mass centre and inertia ratios drawn from the prior in the target's TOML, camera "
-    "and noise of the satellite's shipped pipeline. The target is anywhere in the image where it "
-    "fits, and near its middle where it does not: at 10 m half of boxsat lies outside.",
-)
+def start_figures(found: Starts) -> list[StudyFigure]:
+    """How many frames a lock takes, and how far off it is."""
+    shares, curves = {}, []
+    for name, starts in found.items():
+        locks = _locks(starts)
+        ended = [s.frames - 1 if s.outcome is not Outcome.NOT_YET else FRAMES for s in starts]
+        shares[name] = 100.0 * np.bincount(ended, minlength=FRAMES + 1) / len(starts)
+        reached = 100.0 * np.arange(1, len(locks) + 1) / len(starts)
+        degrees = np.sort(np.rad2deg([s.attitude_rad for s in locks]))
+        curves.append(Curve(name, reached, degrees, width=1.2, steps=True))
+    caption = "Locks, right or wrong, by the frame that was first called locked or ambiguous."
+    names = [*(str(k + 1) for k in range(FRAMES)), "not yet"]
+    labels = ("frames to lock", "starts, %")
+    return [
+        bars_figure("start_frames", "Frames to lock", caption, shares, names, labels),
+        panels_figure(
+            "start_errors",
+            "How far off the locks are",
+            "Dashed: 5 degrees, beyond which a lock is wrong.",
+            np.empty(0),
+            [Panel("starts below, %", curves, Scale.FROM_ZERO, limits=(0.0, 105.0))],
+            row_in=2.3,
+            at_label="attitude error at lock, deg",
+            log_at=True,
+            marked=[float(np.rad2deg(RIGHT_RAD))],
+        ),
+    ]

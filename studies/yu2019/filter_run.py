@@ -22,28 +22,17 @@ from pcnav.dynamics.state import (
     ratio_covariance,
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.perception.rectangles import RectangleObservation
 from pcnav.simulation.scenario import TrueMotion, true_motion
 
+from ..blocks import JUDGED
 from . import paper
-from .clouds import Spread
-from .sensor import CloudSensor, resolved
+from .clouds import CloudSensor, Spread, resolved
 
 _KNOWN = np.ones(6, dtype=np.bool_)
-_FIRST_GUESS_RAD = (0.2, -0.1, 0.15)
 _STORED = 400
 """Covariances are kept at so many times over a run."""
-BLOCKS = {
-    "position": R_HILL,
-    "velocity": V_HILL,
-    "mass centre": COM_MODEL,
-    "attitude": THETA_BODY,
-    "rate": OMEGA_BODY,
-    "inertia ratios": INERTIA_RATIOS,
-    "all": slice(0, STATE_SIZE),
-}
 
 
 @dataclass(frozen=True)
@@ -108,7 +97,8 @@ def run_filter(
         if k in stored:
             covariances.append(covariance)
     at = np.array(sorted(stored))
-    nees = _nees(errors[at], np.stack(covariances))
+    stacked = np.stack(covariances)
+    nees = {name: block.squared(errors[at], stacked) / block.size for name, block in JUDGED.items()}
     times = motion.times_s
     return FilterRun(times, errors, sd, sd[0].copy(), times[at], nees, flips, rejected)
 
@@ -120,13 +110,6 @@ def model_of(pipeline: Pipeline) -> MassCentreModel:
         pipeline.filter.acceleration_psd_m2_s3,
         pipeline.filter.angular_acceleration_psd_rad2_s3,
     )
-
-
-def shortened(pipeline: Pipeline, frames: int) -> Pipeline:
-    """The pipeline with at most so many frames."""
-    frames = min(frames, pipeline.scenario.frames)
-    scenario = pipeline.scenario.model_copy(update={"frames": frames})
-    return pipeline.model_copy(update={"scenario": scenario})
 
 
 def disturbed_motion(pipeline: Pipeline, model: MassCentreModel, seed: int) -> TrueMotion:
@@ -155,8 +138,8 @@ def _started(
     motion: TrueMotion, sensor: CloudSensor, pipeline: Pipeline, seed: int
 ) -> tuple[ErrorStateFilter[NavigationState], FloatArray]:
     generator = np.random.default_rng([seed, 1])
-    guess = sensor.true_T_cam_rect(0)[:3, :3] @ exp_rotation(np.array(_FIRST_GUESS_RAD))
-    T_cam_rect, _ = resolved(sensor.observe(0), guess, sensor.rectangle)
+    guess = sensor.true_T_cam_rect(0)[:3, :3] @ exp_rotation(np.array(paper.FIRST_GUESS_RAD))
+    T_cam_rect = resolved(sensor.observe(0), guess, sensor.rectangle)
     T_world_cam = invert_transform(motion.T_cam_world[0])
     T_cam_model = T_cam_rect @ invert_transform(sensor.rectangle.T_model_rect)
     T_world_model = T_world_cam @ T_cam_model
@@ -209,7 +192,7 @@ def _measurement(
     k: int,
     pipeline: Pipeline,
 ) -> RectangleMeasurement:
-    T_cam_rect, _ = resolved(observation, guess, sensor.rectangle)
+    T_cam_rect = resolved(observation, guess, sensor.rectangle)
     R = R_hill_world(float(motion.times_s[k]), pipeline.orbit.mean_motion_rad_s)
     return RectangleMeasurement(
         rectangle=sensor.rectangle.name,
@@ -220,11 +203,3 @@ def _measurement(
         T_cam_hill=motion.T_cam_world[k] @ make_transform(R.T, np.zeros(3)),
         R_hill_world=R,
     )
-
-
-def _nees(errors: FloatArray, covariances: FloatArray) -> dict[str, FloatArray]:
-    return {
-        name: squared_normalised_errors(errors[:, block], covariances[:, block, block])
-        / (block.stop - block.start)
-        for name, block in BLOCKS.items()
-    }

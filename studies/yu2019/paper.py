@@ -75,7 +75,11 @@ RECTANGLE = Rectangle(
 """Not printed for Figs. 8-16: the rectangle of Tables 1-4 read in metres, a sheet through the
 nominal origin across the target's z axis."""
 
-FIG_8_POSITION_M = (0.01, 0.01, 0.01)
+FIRST_GUESS_RAD = (0.2, -0.1, 0.15)
+"""How far the attitude known before the first frame is off: one rectangle cannot tell its own case,
+and the paper calls case (1) what it sees first."""
+
+FIG_8_POSITION_MM = (10.0, 10.0, 10.0)
 FIG_10_ATTITUDE_DEG = (0.13, 0.12, 0.16)
 FIG_11_POSITION_MM = (1.4, 3.2, 1.4)
 FIG_12_VELOCITY_MM_S = (0.01, 0.01, 0.01)

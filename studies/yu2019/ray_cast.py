@@ -1,84 +1,391 @@
-"""The paper's method on what a depth camera returns: ray-cast frames, not idealised clouds."""
+"""Ray-cast frames of a panel and of a whole satellite: what a depth camera gives the method."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pcnav.batch.cluster import Workers
-from pcnav.config.depth import PerceptionMode
-from pcnav.config.pipeline_file import Pipeline
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
 
+from pcnav.batch.monte_carlo import Case, Run
+from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import NoiseTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
+from pcnav.core.statistics import mean, percentile, root_mean_square
+from pcnav.estimators.depth.single_frame import single_frame_pose
+from pcnav.files.text_table import TextTable
+from pcnav.perception.association import as_rectangle
+from pcnav.perception.perceive import perceive
+from pcnav.perception.reading import FrameReader
+from pcnav.recordings.sequence import Frame
+from pcnav.simulation.noise import add_sensor_faults
+from pcnav.simulation.random_truth import satellite
+from pcnav.simulation.scenario import pinhole_camera
+from pcnav.simulation.scene import Scene
+from pcnav.target.catalogue import Rectangle
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target
+
+from ..blocks import BLOCKS, WHOLE
 from ..folder import Chapter, StudyFigure
+from ..following import JudgedRun, follow
 from ..panels import error_panel, panels_figure
-from ..progress import Progress
-from .boxsat import SequenceErrors, pose_errors, pose_table, sequence_errors, sequence_table
-from .panel import PanelErrors, panel_errors, panel_table
+from ..tables import Claim, as_printed, table, table_of
+from ..text import StudyText
+
+_NOISES_M = (0.1, 0.02)
+_MODES = (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)
+_POSITION_GOAL_MM, _ATTITUDE_GOAL_DEG = 10.0, 0.2
+_PANEL_FRAMES_PER_RUN, _RUNS_PER_SATELLITE_FRAME = 3, 2
+_PANEL_WORK, _SATELLITE_WORK, _SEQUENCE_WORK = 0.03, 0.8, 0.08
+"""Of a frame."""
+_MAX_INCIDENCE_DEG = 70.0
+_PANEL_OFF_AXIS_M, _SATELLITE_OFF_AXIS_M = 1.0, 0.5
+_GUESS_RAD = (0.1, -0.05, 0.08)
+"""How far the prediction that solves the ambiguity of the panel is off."""
+_FLIPPED_RAD = 0.5 * np.pi
+_WRONG_RAD = 0.35
+"""A pose of the satellite further off than this is another hypothesis, not an error of
+measurement."""
+
+PANEL = Rectangle(
+    name="panel",
+    T_model_rect=make_transform(np.eye(3), np.zeros(3)),
+    length_m=4.0,
+    width_m=1.5,
+    two_sided=True,
+)
 
 
 @dataclass(frozen=True)
-class RayCastResult:
-    """Ray-cast frames and what they come to."""
+class Setting:
+    """A sensor and a way to read its frames."""
 
-    chapter: Chapter
-    panel: PanelErrors
-    """At the paper's noise, area-weighted."""
-
-
-def ray_cast_chapter(
-    runs: int, panel: Pipeline, boxsat: Pipeline, workers: Workers, progress: Progress
-) -> RayCastResult:
-    """Single frames of a panel and of a satellite, and the filter on a sequence of the latter."""
-    panels = panel_errors(runs, panel, workers, progress)
-    poses = pose_errors(max(1, runs // 2), boxsat, workers, progress)
-    sequences = sequence_errors(boxsat, workers, progress)
-    chapter = Chapter(
-        "Ray-cast depth frames: what a depth camera would give",
-        _TEXT,
-        (panel_table(panels), pose_table(poses), sequence_table(sequences)),
-        tuple(
-            _figure(each)
-            for each in sequences
-            if each.mode is PerceptionMode.AREA_WEIGHTED and (each.pose_m == each.pose_m).any()
-        ),
-    )
-    best = next(
-        p
-        for p in panels
-        if p.mode is PerceptionMode.AREA_WEIGHTED and p.noise_m == panels[0].noise_m
-    )
-    return RayCastResult(chapter, best)
+    pipeline: Pipeline
+    noise_m: float
+    mode: PerceptionMode
+    frames: int
 
 
-def _figure(sequence: SequenceErrors) -> StudyFigure:
-    known = sequence.pose_m == sequence.pose_m
-    time_s = sequence.time_s[known]
-    errors = 1e3 * sequence.errors[known, 6:9]
-    half = len(time_s) // 2
-    panels = [error_panel("model origin, mm", 1e3 * sequence.pose_m[known], settled_from=half)]
-    panels += [
-        error_panel(f"mass centre {a}, mm", errors[:, k], settled_from=half)
-        for k, a in enumerate("xyz")
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors of poses from single frames, axes of the target."""
+
+    setting: Setting
+    position_m: FloatArray
+    """(n, 3)"""
+    attitude_rad: FloatArray
+    """(n, 3)"""
+    support: FloatArray
+    """(n,) of the panel the deviation (rad) that the measurement states of the attitude, root of
+    the summed variances; of the satellite the number of rectangles each pose rests on."""
+
+    @property
+    def angle_rad(self) -> FloatArray:
+        """(n,) of the attitude's error."""
+        return np.asarray(np.linalg.norm(self.attitude_rad, axis=1))
+
+    @property
+    def none(self) -> int:
+        """Frames without any pose."""
+        return self.setting.frames - len(self.position_m)
+
+    @property
+    def position_mm(self) -> FloatArray:
+        """(n,) length of the position's error."""
+        return np.asarray(1e3 * np.linalg.norm(self.position_m, axis=1))
+
+    @property
+    def angle_deg(self) -> FloatArray:
+        """(n,) of the attitude's error."""
+        return np.rad2deg(self.angle_rad)
+
+
+def _settings(pipeline: Pipeline, frames: int) -> list[Setting]:
+    return [Setting(pipeline, noise_m, mode, frames) for noise_m in _NOISES_M for mode in _MODES]
+
+
+def _runs(name: str, pipeline: Pipeline, frames: int, work: float) -> list[Run[Setting]]:
+    return [
+        Run(Case(f"{name}, {s.noise_m:g} m, {s.mode}", s, work * frames), 0, pipeline.seed)
+        for s in _settings(pipeline, frames)
     ]
-    key = f"boxsat_{1e3 * sequence.noise_m:03.0f}mm"
-    title = f"Whole satellite, range noise {sequence.noise_m:g} m, area-weighted"
-    caption = (
-        "Pose in the camera (norm of the error) and mass centre; the second half sets the axes."
+
+
+def panel_runs(pipeline: Pipeline, runs: int) -> list[Run[Setting]]:
+    """Single frames of the panel: both modes at both noise levels, on the same attitudes."""
+    return _runs("panel", pipeline, _PANEL_FRAMES_PER_RUN * runs, _PANEL_WORK)
+
+
+def satellite_runs(pipeline: Pipeline, runs: int) -> list[Run[Setting]]:
+    """Single frames of the satellite likewise."""
+    frames = max(1, runs // _RUNS_PER_SATELLITE_FRAME)
+    return _runs("boxsat", pipeline, frames, _SATELLITE_WORK)
+
+
+def sequence_runs(pipeline: Pipeline) -> list[Run[Setting]]:
+    """The filter on the pipeline's sequence likewise."""
+    return _runs("boxsat sequence", pipeline, pipeline.scenario.frames, _SEQUENCE_WORK)
+
+
+Measure = Callable[[Frame, FloatArray], tuple[FloatArray, float] | None]
+"""From a frame and its true pose (4, 4) to the measured one and its support; None without any. The
+truth serves to solve the ambiguity of a single rectangle only."""
+
+
+def panel_errors(run: Run[Setting]) -> PoseErrors:
+    """Single frames of the panel: the plane seen first."""
+    setting, seed = run.case.settings, run.seed
+    perception = PerceptionTable(mode=setting.mode)
+    turn = make_transform(exp_rotation(np.array(_GUESS_RAD)), np.zeros(3))
+
+    def measure(frame: Frame, T_true: FloatArray) -> tuple[FloatArray, float] | None:
+        perceived = perceive(frame, (PANEL,), perception, setting.noise_m, seed)
+        if not perceived.seen:
+            return None
+        face = as_rectangle(perceived.seen[0], PANEL, T_true @ turn)
+        return face.T_cam_rect, float(np.sqrt(np.trace(face.covariance[3:, 3:])))
+
+    return _pose_errors(setting, _sheet(), _panel_poses(setting), measure)
+
+
+def satellite_errors(run: Run[Setting]) -> PoseErrors:
+    """Single frames of the satellite, without any prediction."""
+    setting, target = run.case.settings, target_of(run.case.settings.pipeline)
+    perception = settings_of(setting.pipeline, setting.mode)
+    reader = FrameReader(target, perception, setting.noise_m, run.seed)
+
+    def measure(frame: Frame, T_true: FloatArray) -> tuple[FloatArray, float] | None:
+        pose = single_frame_pose(frame, reader)
+        return None if pose is None else (pose.T_cam_model, float(len(pose.used)))
+
+    return _pose_errors(setting, target.mesh, _satellite_poses(setting), measure)
+
+
+def follow_sequence(run: Run[Setting]) -> JudgedRun:
+    """The filter on a sequence of the satellite."""
+    setting = run.case.settings
+    pipeline = setting.pipeline
+    noise = pipeline.noise.model_copy(update={"range_sigma_m": setting.noise_m})
+    changes = {"noise": noise, "perception": settings_of(pipeline, setting.mode)}
+    target = target_of(pipeline)
+    return follow(Scene.of(pipeline.model_copy(update=changes), target.mesh), target)
+
+
+def target_of(pipeline: Pipeline) -> Target:
+    """The pipeline's satellite, a shipped one. Raises `InputError` when there is none."""
+    return satellite(pipeline.target_mesh or "").target
+
+
+def settings_of(pipeline: Pipeline, mode: PerceptionMode) -> PerceptionTable:
+    """Rectangles in either mode, whatever frames are measured by elsewhere: they are compared."""
+    change = {"mode": mode, "measurements": Measurements.RECTANGLES}
+    return pipeline.perception.model_copy(update=change)
+
+
+def _pose_errors(
+    setting: Setting, mesh: trimesh.Trimesh, poses: Sequence[FloatArray], measure: Measure
+) -> PoseErrors:
+    pipeline = setting.pipeline
+    camera = pinhole_camera(pipeline.camera)
+    renderer = DepthRenderer(mesh, camera)
+    noise = NoiseTable(range_sigma_m=setting.noise_m, quantisation_m=pipeline.noise.quantisation_m)
+    position, attitude, support = [], [], []
+    for k, T_true in enumerate(poses):
+        depth_m = add_sensor_faults(renderer.render(T_true), noise, pipeline.seed, k)
+        measured = measure(Frame(k, 0.0, depth_m, camera, np.eye(4)), T_true)
+        if measured is None:
+            continue
+        T, weight = measured
+        position.append(T_true[:3, :3].T @ (T[:3, 3] - T_true[:3, 3]))
+        attitude.append(log_rotation(T_true[:3, :3].T @ T[:3, :3]))
+        support.append(weight)
+    p, theta = (np.array(each).reshape(-1, 3) for each in (position, attitude))
+    return PoseErrors(setting, p, theta, np.array(support))
+
+
+def _sheet() -> trimesh.Trimesh:
+    corners = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float64)
+    corners *= [PANEL.width_m, PANEL.length_m, 1.0]
+    return trimesh.Trimesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), process=False)
+
+
+def _panel_poses(setting: Setting) -> list[FloatArray]:
+    """Random attitudes under the largest incidence, centres up to a metre off the boresight."""
+    generator = np.random.default_rng(setting.pipeline.seed)
+    least = np.cos(np.deg2rad(_MAX_INCIDENCE_DEG))
+    range_m = float(np.linalg.norm(setting.pipeline.orbit.r_hill_m))
+    poses: list[FloatArray] = []
+    while len(poses) < setting.frames:
+        R = Rotation.random(rng=generator).as_matrix()
+        if abs(R[2, 2]) < least:
+            continue
+        off_axis = generator.uniform(-_PANEL_OFF_AXIS_M, _PANEL_OFF_AXIS_M, 2)
+        poses.append(make_transform(R, np.array([*off_axis, range_m])))
+    return poses
+
+
+def _satellite_poses(setting: Setting) -> list[FloatArray]:
+    generator = np.random.default_rng([setting.pipeline.seed, 2])
+    range_m = float(np.linalg.norm(setting.pipeline.orbit.r_hill_m))
+    attitudes = Rotation.random(setting.frames, rng=generator).as_matrix()
+    limit = _SATELLITE_OFF_AXIS_M
+    off_axis = generator.uniform(-limit, limit, (setting.frames, 2))
+    return [
+        make_transform(R, np.array([*p, range_m])) for R, p in zip(attitudes, off_axis, strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class RayCast:
+    """All that was found on ray-cast frames."""
+
+    panel: Sequence[PoseErrors]
+    satellite: Sequence[PoseErrors]
+    sequences: Sequence[tuple[Setting, JudgedRun]]
+
+    @property
+    def best_panel(self) -> PoseErrors:
+        """At the paper's noise, area-weighted."""
+        return self.panel[_MODES.index(PerceptionMode.AREA_WEIGHTED)]
+
+
+def chapter(text: StudyText, found: RayCast) -> Chapter:
+    """Single frames of a panel and of a satellite, and the filter on a sequence of the latter."""
+    return text.chapter(
+        "Ray-cast depth frames: what a depth camera would give",
+        [
+            _panel_table(found.panel),
+            _satellite_table(found.satellite),
+            _sequence_table(found.sequences),
+        ],
+        [
+            _figure(setting, run)
+            for setting, run in found.sequences
+            if setting.mode is PerceptionMode.AREA_WEIGHTED and np.isfinite(run.position_m).any()
+        ],
     )
-    return panels_figure(key, title, caption, time_s, panels)
 
 
-_TEXT = (
-    "The paper simulates points that are spread evenly over the face. A depth camera does not: "
-    "it has more pixels on the near end of an oblique face than on the far end, so plain means "
-    "put the centroid centimetres towards the near end at any noise, and noise along the ray "
-    "leaks into the plane. `paper` mode is the paper's method as it stands; `area_weighted` "
-    "slides each point along its ray onto the fitted plane and weighs it with the area its pixel "
-    "covers.",
-    "Isolated panel: the tilt about the long side rests on half of 1.5 m as its arm. With 3200 "
-    "pixels of 0.1 m noise no method that uses the ranges alone can tell it to better than 0.23 "
-    "degrees facing the sensor (less at an angle, as the noise is along the ray): the stated "
-    "column is that bound for the frames shown.",
-    "Whole satellite: at 0.1 m the noise is a sixteenth of the bus. RANSAC therefore looks at "
-    "returns averaged over squares of pixels, or it would join returns of several faces into "
-    "planes that are not there. The paper's way then recognises each plane by its size, which "
-    "hidden parts and rims change; the area-weighted mode reads the frame again with the planes "
-    "of the hypothesis it starts from, and compares every face with the view expected of it.",
-)
+def claims(found: RayCast) -> list[Claim]:
+    """The panel's errors against what the paper prints for its idealised cloud."""
+    panel = found.best_panel
+    worst = np.rad2deg(_axes_rms(panel.attitude_rad).max())
+    position, angle = root_mean_square(panel.position_mm), root_mean_square(panel.angle_deg)
+    return [
+        as_printed("ray-cast", f"panel, 0.1 m: {name}", goal, ours)
+        for name, goal, ours in (
+            ("position RMS, mm", _POSITION_GOAL_MM, position),
+            ("attitude RMS, worst axis, deg", _ATTITUDE_GOAL_DEG, worst),
+            ("attitude RMS, whole angle, deg", _ATTITUDE_GOAL_DEG, angle),
+        )
+    ]
+
+
+def _panel_table(errors: Sequence[PoseErrors]) -> TextTable:
+    return table_of(
+        "panel",
+        "An isolated panel of 4.0 x 1.5 m at 25 m, one ray-cast frame",
+        errors,
+        {
+            "noise, m": lambda e: e.setting.noise_m,
+            "mode": lambda e: e.setting.mode,
+            "frames": lambda e: len(e.position_m),
+            "position RMS, mm": lambda e: root_mean_square(e.position_mm),
+            "short / long / normal, mm": lambda e: 1e3 * _axes_rms(e.position_m),
+            "attitude RMS, deg": lambda e: root_mean_square(e.angle_deg),
+            "about short / long / normal, deg": lambda e: np.rad2deg(_axes_rms(e.attitude_rad)),
+            "stated attitude RMS, deg": lambda e: np.rad2deg(root_mean_square(e.support)),
+            "wrong case": lambda e: np.count_nonzero(e.angle_rad > _FLIPPED_RAD),
+            "missed": lambda e: e.none,
+        },
+        f"Random attitudes with less than {_MAX_INCIDENCE_DEG:.0f} degrees between normal and "
+        "line of sight, 256 x 256 pixels over 25 degrees. The paper prints 10 mm and 0.2 degrees "
+        "for its idealised cloud.",
+        text_columns=2,
+    )
+
+
+def _axes_rms(errors: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
+
+
+def _satellite_table(errors: Sequence[PoseErrors]) -> TextTable:
+    rows = []
+    for each in errors:
+        right = each.angle_rad <= _WRONG_RAD
+        position, attitude = each.position_mm[right], each.angle_deg[right]
+        rows.append(
+            (
+                *(each.setting.noise_m, each.setting.mode, each.setting.frames, each.none),
+                np.count_nonzero(~right),
+                *(percentile(position, 50), root_mean_square(position)),
+                *(percentile(attitude, 50), root_mean_square(attitude)),
+                mean(each.support[right]),
+            )
+        )
+    return table(
+        "boxsat_single_frame",
+        "The whole satellite at 25 m, one ray-cast frame, no prediction",
+        (
+            *("noise, m", "mode", "frames", "no pose", "wrong hypothesis"),
+            *("position median, mm", "position RMS, mm"),
+            *("attitude median, deg", "attitude RMS, deg", "faces used"),
+        ),
+        rows,
+        "Random attitudes. Errors are those of the frames with the right hypothesis (within 20 "
+        "degrees); the others are counted. Position is that of the model's origin.",
+        text_columns=2,
+    )
+
+
+def _sequence_table(sequences: Sequence[tuple[Setting, JudgedRun]]) -> TextTable:
+    rows = []
+    for setting, run in sequences:
+        last = slice(2 * len(run) // 3, None)
+        found = np.isfinite(run.position_m)
+        norms = (np.linalg.norm(b.shown(run.state_error[last]), axis=1) for b in BLOCKS.values())
+        rows.append(
+            (
+                *(setting.noise_m, setting.mode),
+                f"{run.time_s[found][0]:.1f}" if found.any() else None,
+                f"{np.mean([status == 'locked' for status in run.status]):.0%}",
+                run.rectangles[found].mean() if found.any() else 0.0,
+                percentile(1e3 * run.position_m[last], 50),
+                *(percentile(values, 50) for values in norms),
+                percentile(run.nees(WHOLE)[last] / WHOLE.size, 50),
+            )
+        )
+    time_s = sequences[0][1].time_s
+    return table(
+        "boxsat_filter",
+        "The filter on ray-cast frames of the whole satellite: median error, last third",
+        (
+            *("noise, m", "mode", "first estimate, s", "frames locked", "rectangles"),
+            *("model origin, mm", *(block.label for block in BLOCKS.values()), "NEES"),
+        ),
+        rows,
+        f"{len(time_s)} frames at {1.0 / (time_s[1] - time_s[0]):g} Hz. NEES per degree of "
+        "freedom, median.",
+        text_columns=2,
+    )
+
+
+def _figure(setting: Setting, run: JudgedRun) -> StudyFigure:
+    found = np.isfinite(run.position_m)
+    centre = BLOCKS["mass centre"].shown(run.state_error[found])
+    half = int(np.count_nonzero(found)) // 2
+    panels = [error_panel("model origin, mm", 1e3 * run.position_m[found], settled_from=half)]
+    panels += [
+        error_panel(f"mass centre {axis}, mm", centre[:, k], settled_from=half)
+        for k, axis in enumerate("xyz")
+    ]
+    return panels_figure(
+        f"boxsat_{1e3 * setting.noise_m:03.0f}mm",
+        f"Whole satellite, range noise {setting.noise_m:g} m, area-weighted",
+        "Pose in the camera (norm of the error) and mass centre; the second half sets the axes.",
+        run.time_s[found],
+        panels,
+    )

@@ -24,7 +24,7 @@ from pcnav.evaluation.bound import (
 )
 from pcnav.simulation.random_truth import satellite
 from pcnav.simulation.scenario import TrueMotion, true_motion
-from studies.tracking.following import errors_of_pose
+from studies.following import errors_of_pose
 
 MEAN_MOTION = 0.0011
 

@@ -11,19 +11,18 @@ from pcnav.core.camera import project
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle, transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.dynamics.state import COM_MODEL, STATE_SIZE
+from pcnav.dynamics.state import STATE_SIZE
 from pcnav.recordings.opening import open_sequence
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.simulation.recording import simulate
 from pcnav.simulation.scenario import pinhole_camera, true_motion
 from pcnav.simulation.scene import Scene
 from pcnav.target.mesh import mesh_diameter
+from studies.blocks import BLOCKS
+from studies.following import JudgedRun, errors_of_pose, status_sequence, status_shares
 from studies.tracking import faults
-from studies.tracking.bars import at, mean_squared, share
 from studies.tracking.blackouts import Blackout, Phases
-from studies.tracking.figures import BlockCurve, StartCurve, block_figure, start_figures
-from studies.tracking.following import JudgedRun, errors_of_pose, status_sequence, status_shares
-from studies.tracking.starts import Outcome, run_start
+from studies.tracking.starts import Outcome, run_start, start_figures
 
 SPREAD = Spread(range_m=(10.0, 30.0), rate_deg_s=(1.0, 5.0), speed_m_s=0.02)
 
@@ -46,6 +45,7 @@ def judged_run(
         nis=np.full(n, 6.0),
         nis_dof=np.full(n, 6, dtype=np.intp),
         inlier_ratio=np.full(n, 0.9),
+        rectangles=np.full(n, 4, dtype=np.intp),
         pose_error=error,
         pose_covariance=np.eye(6) * sd[:, None, None] ** 2,
         state_error=state_error,
@@ -146,30 +146,6 @@ def test_errors_of_a_pose_are_to_the_nearest_equivalent_one() -> None:
     assert np.linalg.norm(alone[3:]) == pytest.approx(np.pi)
 
 
-def test_means_of_squared_errors_are_judged_by_chi_square() -> None:
-    generator = np.random.default_rng(2)
-    squared = np.sum(generator.standard_normal((400, 3)) ** 2, axis=1)
-    fair = mean_squared(squared, 3)
-    assert fair.verdict == "inside" and fair.values == 400
-    # 1200 degrees of freedom: sqrt(2 / 1200) = 4.1 % is the deviation of the mean.
-    assert (fair.lower, fair.upper) == pytest.approx((0.92, 1.08), abs=0.005)
-    assert mean_squared(1.3 * squared, 3).verdict == "above"
-    assert mean_squared(0.7 * squared, 3).verdict == "below"
-    known = mean_squared(np.array([3.0, np.nan, 9.0]), np.array([3.0, 3.0, 6.0]))
-    assert known.values == 2 and known.mean == pytest.approx(12.0 / 9.0)
-    assert str(mean_squared(np.full(3, np.nan), 3)) == "-"
-
-
-def test_wilson_interval_of_a_share() -> None:
-    k, n, z = 297, 300, 1.959964
-    centre = (k + z**2 / 2) / (n + z**2)
-    half = z / (n + z**2) * np.sqrt(k * (n - k) / n + z**2 / 4)
-    low, high = 100 * (centre - half), 100 * (centre + half)
-    assert share(k, n) == f"99.0% ({low:.1f} to {high:.1f})"
-    assert share(0, 300).startswith("0.0% (0.0 to 1.3")
-    assert at(50, np.array([1.0, np.nan, 3.0])) == 2.0 and np.isnan(at(50, np.array([np.nan])))
-
-
 def test_statuses_are_told_in_order_and_in_shares() -> None:
     words = ("acquiring", "acquiring", "locked", "coasting", "locked", "locked")
     assert status_sequence(words) == "acquiring 2, locked 1, coasting 1, locked 2"
@@ -182,8 +158,8 @@ def test_statuses_are_told_in_order_and_in_shares() -> None:
 def test_nees_of_pose_and_blocks() -> None:
     run = judged_run(("locked",) * 3, np.array([0.0, 0.5, 3.0]), np.array([1.0, 0.5, 1.0]))
     np.testing.assert_allclose(run.pose_nees, [0.0, 1.0, 9.0])
-    np.testing.assert_allclose(run.nees(slice(0, 3)), [0.0, 1.0, 9.0])
-    np.testing.assert_allclose(run.nees(COM_MODEL), 0.0)
+    np.testing.assert_allclose(run.nees(BLOCKS["position"]), [0.0, 1.0, 9.0])
+    np.testing.assert_allclose(run.nees(BLOCKS["mass centre"]), 0.0)
 
 
 def test_a_blackout_ends_with_a_right_lock_and_keeps_what_was_known() -> None:
@@ -257,14 +233,9 @@ def test_a_cold_start_is_judged_by_the_truth() -> None:
     assert 9.0 < start.range_m < 32.0 and start.rate_deg_s <= 20.0
 
 
-def test_figures_stand_empty_frames_and_satellites_without_locks() -> None:
-    none = StartCurve("b", np.empty(0, dtype=np.intp), np.empty(0), 4)
-    some = StartCurve("a", np.array([3, 4, 3]), np.array([1e-3, 2e-3, 0.2]), 4)
-    mean = np.array([np.nan, 1.0, 30.0])
-    curve = BlockCurve("position", mean, 0.8 * np.ones(3), 1.2 * np.ones(3))
-    unknown = replace(curve, name="NIS", mean=np.full(3, np.nan))
-    figures = [
-        *start_figures([some, none], 5, 0.087),
-        block_figure("k", "t", "c", np.arange(3.0), [curve, unknown]),
-    ]
-    assert all(figure.svg.startswith(b"<?xml") for figure in figures)
+def test_figures_stand_satellites_without_locks() -> None:
+    """One start of four and none."""
+    start = run_start("boxsat", 2557970329)
+    none = replace(start, outcome=Outcome.NOT_YET, frames=5, attitude_rad=np.nan)
+    for found in ({"a": [start, none, none, none], "b": [none]}, {"b": [none]}):
+        assert all(figure.svg.startswith(b"<?xml") for figure in start_figures(found))

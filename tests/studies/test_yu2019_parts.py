@@ -10,16 +10,18 @@ from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, trans
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.perception.rectangles import distribution, observe_cloud
 from pcnav.simulation.scenario import true_motion
-from studies.progress import Progress
-from studies.yu2019 import paper
-from studies.yu2019.boxsat import settings_of
-from studies.yu2019.clouds import Spread, centroid_sd, grid_shape, rectangle_cloud, rotation_sd
-from studies.yu2019.extraction import extraction_tables
+from studies.yu2019 import extraction, paper
+from studies.yu2019.clouds import (
+    CloudSensor,
+    Spread,
+    centroid_sd,
+    grid_shape,
+    rectangle_cloud,
+    rotation_sd,
+)
 from studies.yu2019.filter_run import disturbed_motion, model_of, run_filter
-from studies.yu2019.sensor import CloudSensor
+from studies.yu2019.ray_cast import settings_of
 from studies.yu2019.single_frame import frame_errors
-
-QUIET = Progress(1, lambda done, total: None)
 
 
 def scenario(frames: int, omega_deg_s: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Pipeline:
@@ -82,16 +84,15 @@ def test_no_size_of_rectangle_explains_the_printed_errors_by_independent_draws()
 
 
 def test_extraction_finds_the_plane_and_the_printed_draws_look_like_ours() -> None:
-    result = extraction_tables(10, 5, QUIET)
-    assert result.extracted_as_printed
-    assert result.compared == 38
-    assert result.inside >= 31
-    table = next(table for table in result.chapter.tables if table.key == "table_1")
+    found = {each.printed.outliers: each for each in extraction.extractions(10, 5)}
+    assert all(each.as_printed for each in found.values())
     # All points that are no outliers are found, and with the loose threshold many that are.
-    counts = {row[0]: (float(row[2]), float(row[4])) for row in table.rows}
-    assert counts["0"] == (2500.0, 2500.0)
-    assert 1250.0 <= counts["1250"][0] < 1254.0
-    assert counts["1250"][1] > 1300.0
+    assert np.all(found[0].counts == 2500) and np.all(found[0].loose == 2500)
+    assert 1250.0 <= found[1250].counts.mean() < 1254.0 and found[1250].loose.mean() > 1300.0
+    moments = [extraction.compare_moments(each) for each in extraction.planned_moments(10, 5)]
+    random = extraction.random_numbers(moments)
+    assert len(random) == 38
+    assert sum(number.inside for number in random) >= 31
 
 
 def test_the_ambiguity_flips_frames_unless_solved() -> None:

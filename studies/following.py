@@ -22,6 +22,8 @@ from pcnav.simulation.scenario import TrueMotion
 from pcnav.simulation.scene import Scene
 from pcnav.target.satellite import Target
 
+from .blocks import ShownBlock
+
 CLAIMS = frozenset({str(Status.LOCKED), str(Status.AMBIGUOUS)})
 """The statuses with which a tracker says that its pose can be relied on."""
 
@@ -41,6 +43,8 @@ class JudgedRun:
     """(n,)"""
     inlier_ratio: FloatArray
     """(n,) share of the frame that the tracker says its pose explains."""
+    rectangles: IntArray
+    """(n,) accepted ones."""
     pose_error: FloatArray
     """(n, 6) true minus estimated model origin (m, camera axes) and the rotation from estimated to
     true attitude (rad, model axes), for the nearest of the target's equivalent attitudes."""
@@ -73,16 +77,28 @@ class JudgedRun:
         """(n,) angle between true and estimated attitude."""
         return np.asarray(np.linalg.norm(self.pose_error[:, 3:], axis=1))
 
+    def is_within(self, angle_rad: float, distance_m: float) -> BoolArray:
+        """(n,) frames whose pose is off by less than both."""
+        return np.asarray((self.attitude_rad < angle_rad) & (self.position_m < distance_m))
+
+    @property
+    def pose_sd(self) -> FloatArray:
+        """(n, 6) deviations of the pose."""
+        return np.sqrt(np.diagonal(self.pose_covariance, axis1=1, axis2=2))
+
+    @property
+    def state_sd(self) -> FloatArray:
+        """(n, 20) deviations of the state."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
     @property
     def pose_nees(self) -> FloatArray:
         """(n,) squared normalised error of the pose; six degrees of freedom."""
         return squared_normalised_errors(self.pose_error, self.pose_covariance)
 
-    def nees(self, block: slice) -> FloatArray:
+    def nees(self, block: ShownBlock) -> FloatArray:
         """(n,) squared normalised error of a block of the state."""
-        return squared_normalised_errors(
-            self.state_error[:, block], self.covariance[:, block, block]
-        )
+        return block.squared(self.state_error, self.covariance)
 
     @property
     def lock(self) -> int | None:
@@ -106,16 +122,16 @@ def follow(
     """
     pipeline = scene.pipeline
     tracker = Tracker(target, scene.info, pipeline.perception, pipeline.filter, pipeline.seed)
-    rows = []
+    estimates, seconds = [], []
     for frame in scene.frames(blind):
         started = time.process_time()
         estimate, _ = tracker.step(frame)
-        seconds = time.process_time() - started
+        seconds.append(time.process_time() - started)
+        estimates.append(estimate)
         on_frame(frame)
-        rows.append(_judged(scene.motion, target, frame, estimate, seconds))
         if until_lock and estimate.status in CLAIMS:
             break
-    return _joined(rows)
+    return _judged(scene.motion, target, estimates, seconds)
 
 
 def errors_of_pose(
@@ -141,48 +157,39 @@ def status_shares(runs: Sequence[JudgedRun]) -> str:
     return ", ".join(f"{word} {count / total:.1%}" for word, count in counts.most_common())
 
 
-@dataclass(frozen=True)
-class _JudgedFrame:
-    """One frame of a `JudgedRun`."""
-
-    time_s: float
-    seconds: float
-    estimate: FrameEstimate
-    pose_error: FloatArray
-    pose_covariance: FloatArray
-    state_error: FloatArray
-    covariance: FloatArray
-    filter_nees: float
-
-
 def _judged(
-    motion: TrueMotion, target: Target, frame: Frame, estimate: FrameEstimate, seconds: float
-) -> _JudgedFrame:
-    k, n = frame.index, STATE_SIZE
-    if estimate.state is None or estimate.covariance is None or estimate.T_cam_model is None:
-        return _JudgedFrame(
-            time_s=frame.time_s,
-            seconds=seconds,
-            estimate=estimate,
-            pose_error=np.full(6, np.nan),
-            pose_covariance=np.full((6, 6), np.nan),
-            state_error=np.full(n, np.nan),
-            covariance=np.full((n, n), np.nan),
-            filter_nees=np.nan,
-        )
-    H = pose_jacobian(estimate.state, motion.T_cam_world[k], motion.R_hill_world[k])
-    return _JudgedFrame(
-        time_s=frame.time_s,
-        seconds=seconds,
-        estimate=estimate,
-        pose_error=errors_of_pose(
-            estimate.T_cam_model, motion.T_cam_model(k), target.symmetry_transforms
-        ),
-        pose_covariance=H @ estimate.covariance @ H.T,
-        state_error=estimate.state.ratio_error(motion.states[k]),
-        covariance=estimate.covariance,
-        filter_nees=_filter_nees(estimate.state, motion.states[k], estimate.covariance),
+    motion: TrueMotion,
+    target: Target,
+    estimates: Sequence[FrameEstimate],
+    seconds: Sequence[float],
+) -> JudgedRun:
+    n, size = len(estimates), STATE_SIZE
+    run = JudgedRun(
+        time_s=motion.times_s[:n],
+        status=tuple(str(estimate.status) for estimate in estimates),
+        seconds=np.array(seconds),
+        nis=np.array([estimate.nis for estimate in estimates]),
+        nis_dof=np.array([estimate.nis_dof for estimate in estimates], dtype=np.intp),
+        inlier_ratio=np.array([estimate.inlier_ratio for estimate in estimates]),
+        rectangles=np.array([estimate.n_rectangles for estimate in estimates], dtype=np.intp),
+        pose_error=np.full((n, 6), np.nan),
+        pose_covariance=np.full((n, 6, 6), np.nan),
+        state_error=np.full((n, size), np.nan),
+        covariance=np.full((n, size, size), np.nan),
+        filter_nees=np.full(n, np.nan),
     )
+    for k, estimate in enumerate(estimates):
+        state, P, T_cam_model = estimate.state, estimate.covariance, estimate.T_cam_model
+        if state is None or P is None or T_cam_model is None:
+            continue
+        truth, symmetries = motion.states[k], target.symmetry_transforms
+        H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k])
+        run.pose_error[k] = errors_of_pose(T_cam_model, motion.T_cam_model(k), symmetries)
+        run.pose_covariance[k] = H @ P @ H.T
+        run.state_error[k] = state.ratio_error(truth)
+        run.covariance[k] = P
+        run.filter_nees[k] = _filter_nees(state, truth, P)
+    return run
 
 
 def _filter_nees(state: NavigationState, truth: NavigationState, covariance: FloatArray) -> float:
@@ -193,20 +200,3 @@ def _filter_nees(state: NavigationState, truth: NavigationState, covariance: Flo
     )
     P = back @ covariance @ back.T
     return float(squared_normalised_errors(state.local(truth)[None], P[None])[0])
-
-
-def _joined(frames: Sequence[_JudgedFrame]) -> JudgedRun:
-    estimates = [frame.estimate for frame in frames]
-    return JudgedRun(
-        time_s=np.array([frame.time_s for frame in frames]),
-        status=tuple(str(estimate.status) for estimate in estimates),
-        seconds=np.array([frame.seconds for frame in frames]),
-        nis=np.array([estimate.nis for estimate in estimates]),
-        nis_dof=np.array([estimate.nis_dof for estimate in estimates], dtype=np.intp),
-        inlier_ratio=np.array([estimate.inlier_ratio for estimate in estimates]),
-        pose_error=np.stack([frame.pose_error for frame in frames]),
-        pose_covariance=np.stack([frame.pose_covariance for frame in frames]),
-        state_error=np.stack([frame.state_error for frame in frames]),
-        covariance=np.stack([frame.covariance for frame in frames]),
-        filter_nees=np.array([frame.filter_nees for frame in frames]),
-    )
