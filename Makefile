@@ -25,7 +25,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-study lint format types check bench studies constraints clean distclean
+.PHONY: help setup demo test test-study golden lint format types check bench studies constraints clean distclean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -57,6 +57,9 @@ test: setup ## Run the tests (WORKERS=2 processes)
 
 test-study: setup ## Run the minutes-long tests that `make test` leaves out
 	$(PYTEST) -m study
+
+golden: setup ## Compare every number with the recorded ones (GOLDEN='--only boxsat', or '--update')
+	$(BIN)/python -m tests.golden $(GOLDEN)
 
 lint: setup ## Check style and formatting
 	$(BIN)/ruff check $(LINTED)
