@@ -13,12 +13,13 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
+
+from tests.golden.left_out import is_file_left_out, without_left_out
 
 Table = dict[str, list[str]]
 """Cells by column, all columns of one length."""
@@ -26,26 +27,18 @@ Contents = dict[str, Table]
 """Tables by the path of their file within an output folder."""
 
 DIGITS = 12
-MOST_ROWS = 30
-"""Of a table that is kept whole."""
+MOST_ROWS, MOST_FRAMES = 100, 30
+"""Of a table that is kept whole, and of one over time."""
+TIME = "time_s"
+"""The first column of a table over time."""
 MEAN, RMS = ".mean", ".rms"
 """What the totals of a column of numbers are called after it."""
 TEXT = "line"
 """The one column of what a command printed."""
 _TOTALS = ".totals.json"
 
-_FRAME = "frame"
+_FRAME, _IMAGE = "frame", "image"
 _OF_KEYS = (".json", ".toml")
-
-LEFT_OUT: Mapping[str, str] = {
-    "*/pipeline.toml": "holds versions and paths of this machine",
-    "*/grid.toml": "holds the digests of files that the tables do not depend on",
-    "*/batch.json": "holds versions, and digests as above",
-}
-"""Files that are not compared, as patterns of their paths, and why.
-
-Pages, figures and copies of the tables in other formats are not read at all: see `_READERS`.
-"""
 
 
 def contents(folder: Path, name: str) -> Contents:
@@ -57,8 +50,8 @@ def contents(folder: Path, name: str) -> Contents:
             images = sorted(path.glob("*.png"))
             if images:
                 found |= _thinned(f"{where}.png.csv", _image_sums(images))
-        elif path.suffix in _READERS and not _is_left_out(path, where):
-            table = _READERS[path.suffix](path)
+        elif path.suffix in _READERS and not is_file_left_out(path, where):
+            table = without_left_out(where, _READERS[path.suffix](path))
             is_keys = path.suffix in _OF_KEYS and _FRAME not in table
             found |= _thinned(_with_suffix(where, ".json" if is_keys else ".csv"), table)
     return found
@@ -124,13 +117,6 @@ def _recorded(path: Path) -> Table:
     return _read_csv(path)
 
 
-def _is_left_out(path: Path, where: str) -> bool:
-    # A recording carries a copy of the target's mesh and of the catalogue beside it.
-    if path.suffix == ".toml" and path.with_suffix(".obj").exists():
-        return True
-    return any(fnmatchcase(where, pattern) for pattern in LEFT_OUT)
-
-
 def _with_suffix(name: str, suffix: str) -> str:
     """The name under which a table is kept: as keys and values (.json) or as rows (.csv)."""
     return name if name.endswith(suffix) else name + suffix
@@ -139,9 +125,10 @@ def _with_suffix(name: str, suffix: str) -> str:
 def _thinned(name: str, table: Table) -> Contents:
     """The table, and totals of all its rows where it is too long to be kept whole."""
     rows = len(next(iter(table.values()), []))
-    if rows <= MOST_ROWS:
+    most = MOST_FRAMES if next(iter(table), None) in (TIME, _FRAME, _IMAGE) else MOST_ROWS
+    if rows <= most:
         return {name: table}
-    kept = np.unique(np.linspace(0, rows - 1, MOST_ROWS).round().astype(int))
+    kept = np.unique(np.linspace(0, rows - 1, most).round().astype(int))
     totals: dict[str, object] = {"rows": rows}
     for column, cells in table.items():
         totals |= {column + key: value for key, value in _totals(cells).items()}
@@ -171,7 +158,7 @@ def _read_csv(path: Path) -> Table:
 
 def _read_tum(path: Path) -> Table:
     """Poses as evo and others write them, which have no header."""
-    header = ("time_s", "p_x", "p_y", "p_z", "q_x", "q_y", "q_z", "q_w")
+    header = (TIME, "p_x", "p_y", "p_z", "q_x", "q_y", "q_z", "q_w")
     return _table(header, [line.split() for line in path.read_text(encoding="utf-8").splitlines()])
 
 
@@ -245,7 +232,7 @@ def _read_npz(path: Path) -> Table:
 
 def _image_sums(images: Sequence[Path]) -> Table:
     """Of every image of a folder the pixels that are not zero, their mean and their RMS."""
-    table: Table = {"image": [], "pixels": [], "mean": [], "rms": []}
+    table: Table = {_IMAGE: [], "pixels": [], "mean": [], "rms": []}
     for path in images:
         values = np.asarray(Image.open(path), dtype=np.float64)
         seen = values[values != 0.0]

@@ -38,20 +38,16 @@ def run_case(name: str, folder: Path) -> Contents:
     """
     case = CASES[name]
     places = {step.output: folder / step.output for step in case.steps}
-    for pipeline, changes in case.pipelines.items():
-        places[pipeline] = folder / f"{pipeline}.toml"
-        places[pipeline].write_text(_changed_pipeline(pipeline, changes), encoding="utf-8")
-    if case.grid:
-        places["grid"] = folder / "grid.toml"
-        places["grid"].write_text(case.grid, encoding="utf-8")
+    files = {name: _changed_pipeline(name, changes) for name, changes in case.pipelines.items()}
+    for file, text in (files | {**case.grids}).items():
+        places[file] = folder / f"{file}.toml"
+        places[file].write_text(text, encoding="utf-8")
     found: Contents = {}
     for step in case.steps:
         words = [word.format_map(places) for word in shlex.split(step.command)]
         answer = _pcnav(words, folder)
         if places[step.output].is_dir():
             found |= contents(places[step.output], step.output)
-        elif places[step.output].is_file():
-            found |= contents(folder, step.output)
         else:
             found |= printed(answer, step.output)
     return found
