@@ -9,7 +9,14 @@ from pathlib import Path
 
 from tests.golden.cases import CASES
 from tests.golden.contents import write_contents
-from tests.golden.running import DATA, check_case, run_case
+from tests.golden.running import (
+    ARITHMETIC,
+    DATA,
+    arithmetic,
+    check_case,
+    rounds_as_recorded,
+    run_case,
+)
 
 
 def main() -> int:
@@ -19,6 +26,10 @@ def main() -> int:
     options.add_argument("--update", action="store_true", help="record what the code does today")
     chosen = options.parse_args()
     differing = 0
+    if chosen.update:
+        ARITHMETIC.write_text(arithmetic(), encoding="utf-8")
+    elif not rounds_as_recorded():
+        print("this machine rounds otherwise than the one of the recording: differences may be its")
     for name in chosen.only or CASES:
         started = time.monotonic()
         with tempfile.TemporaryDirectory(prefix="pcnav-golden-") as folder:

@@ -32,8 +32,6 @@ class Case:
     """Shipped pipelines that the case shortens."""
     grids: Mapping[str, str] = field(default_factory=dict)
     """The text of grid files."""
-    quick: bool = False
-    """Whether every run of the tests includes it; the others are marked as studies."""
 
 
 def _recorded_and_run(pipeline: str, changes: Changes, *more: Step) -> Case:
@@ -42,7 +40,7 @@ def _recorded_and_run(pipeline: str, changes: Changes, *more: Step) -> Case:
         Step("recording", f"simulate {{{pipeline}}} -o {{recording}}"),
         Step("result", f"run {{recording}} -o {{result}} --pipeline {{{pipeline}}}"),
     )
-    return Case((*steps, *more), {pipeline: changes}, quick=True)
+    return Case((*steps, *more), {pipeline: changes})
 
 
 def _depth_run(pipeline: str, frames: int, *more: Step) -> Case:
@@ -51,7 +49,7 @@ def _depth_run(pipeline: str, frames: int, *more: Step) -> Case:
         Step("recording", f"simulate {{{pipeline}}} -o {{recording}}"),
         Step("result", "run {recording} -o {result}"),
     )
-    return Case((*steps, *more), {pipeline: {"scenario.frames": frames}}, quick=True)
+    return Case((*steps, *more), {pipeline: {"scenario.frames": frames}})
 
 
 def _study(name: str) -> Case:
@@ -120,8 +118,7 @@ CASES: dict[str, Case] = {
                 Step(f"{name}_toml", f"target {name} -o {{{name}_toml}}/{name}.toml"),
                 Step(name, f"target {name}"),
             )
-        ),
-        quick=True,
+        )
     ),
     "observability": Case(
         tuple(
@@ -146,3 +143,6 @@ CASES: dict[str, Case] = {
     "study-applsci2022": _study("applsci2022"),
     "study-deng2024": _study("deng2024"),
 }
+
+QUICK = ("boxsat", "twinwing", "hu2024", "segal2011", "applsci2022", "deng2024")
+"""What every run of the tests includes; the others are marked as studies."""

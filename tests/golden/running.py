@@ -15,12 +15,19 @@ from tests.golden.compare import Comparison, compare
 from tests.golden.contents import Contents, contents, printed, read_contents
 
 DATA = Path(__file__).resolve().parent / "data"
+ARITHMETIC = DATA.with_name("arithmetic.txt")
+"""The digest of the machine that the data were recorded on."""
 _REPOSITORY = Path(__file__).resolve().parent.parent.parent
 _ENVIRONMENT = {
     # Sums in another order would be other numbers.
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
+    # So would those of another processor's instructions: what every x86-64 of today has is used.
+    "OPENBLAS_CORETYPE": "Haswell",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    "MKL_CBWR": "AVX2",
+    "OPENCV_CPU_DISABLE": "AVX512_SKX",
     # What is printed depends on the width of the terminal.
     "COLUMNS": "200",
     "NO_COLOR": "1",
@@ -63,17 +70,33 @@ def _pcnav(words: list[str], folder: Path) -> str:
     about = tomllib.loads((_REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
     module, _, function = about["project"]["scripts"]["pcnav"].partition(":")
     program = f"from {module} import {function} as main; main()"
+    try:
+        return _python(["-c", program, *words], folder)
+    except subprocess.CalledProcessError as error:
+        raise RuntimeError(f"pcnav {shlex.join(words)}: {error.stderr.strip()}") from error
+
+
+def arithmetic() -> str:
+    """The digest of this machine; see `tests.golden.arithmetic`."""
+    return _python(["-m", "tests.golden.arithmetic"], _REPOSITORY)
+
+
+def rounds_as_recorded() -> bool:
+    """Whether the recorded numbers can be expected to repeat on this machine."""
+    return ARITHMETIC.read_text(encoding="utf-8") == arithmetic()
+
+
+def _python(arguments: list[str], folder: Path) -> str:
+    """What a Python of its own prints. Raises ``subprocess.CalledProcessError``."""
     answer = subprocess.run(
-        [sys.executable, "-c", program, *words],
+        [sys.executable, *arguments],
         cwd=folder,
         env=os.environ | _ENVIRONMENT,
         capture_output=True,
         text=True,
         encoding="utf-8",
-        check=False,
+        check=True,
     )
-    if answer.returncode:
-        raise RuntimeError(f"pcnav {shlex.join(words)}: {answer.stderr.strip()}")
     return answer.stdout
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.golden.cases import CASES
+from tests.golden.cases import CASES, QUICK
 from tests.golden.changes import EXPLAINED, TOLERANCE, Explained
 from tests.golden.compare import compare
 from tests.golden.contents import Contents, cell, contents, read_contents, write_contents
-from tests.golden.running import DATA, check_case
+from tests.golden.running import DATA, check_case, rounds_as_recorded
 
 LARGEST_BYTES = 1_500_000
 RECORDED: Contents = {
@@ -20,14 +20,18 @@ RECORDED: Contents = {
 }
 
 
+@pytest.fixture(scope="session")
+def recordings_machine() -> None:
+    """Skips where even unchanged code gives other last digits; `make golden` compares anyway."""
+    if not rounds_as_recorded():
+        pytest.skip("this machine rounds otherwise than the one of the recording")
+
+
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=() if case.quick else pytest.mark.study)
-        for name, case in CASES.items()
-    ],
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.study) for name in CASES],
 )
-def test_no_number_has_moved(name: str, tmp_path: Path) -> None:
+def test_no_number_has_moved(name: str, recordings_machine: None, tmp_path: Path) -> None:
     comparison = check_case(name, tmp_path)
     assert not comparison.differences, str(comparison)
 
