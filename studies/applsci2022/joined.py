@@ -1,29 +1,24 @@
 """From images to inertia: the chain's attitudes feed the filter on attitudes (Deng 2024)."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import run_all
-from pcnav.batch.monte_carlo import run_seed
+from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.core import chi_square
 from pcnav.core.arrays import FloatArray
+from pcnav.core.statistics import mean_squared, root_mean_square
 from pcnav.estimators.attitude_inertia.chained_inertia import ChainedInertiaEstimator
-from pcnav.estimators.attitude_inertia.rotation_model import (
-    INERTIA,
-    printed_covariance,
-    printed_from_parameters,
-)
+from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, printed_covariance
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.evaluation.metrics import squared_normalised_errors
-from pcnav.files.text_table import TextTable, number
+from pcnav.files.text_table import TextTable
 from pcnav.simulation.images import TrackFaults
 
-from ..folder import Chapter
-from ..progress import Progress
-from . import campaign, paper
+from ..tables import table
+from . import paper
+from .runs import KEY_FRAMES, STUDY
 from .scene import nutation, tracks_of
 
 INTERVAL_S = 5.0
@@ -40,15 +35,11 @@ _TABLE = AttitudeInertiaTable(
 
 
 @dataclass(frozen=True)
-class JoinedTask:
-    """One run."""
+class Joined:
+    """Tracks of a noise and a length."""
 
     sigma_px: float
     duration_s: float
-    seed: int
-
-    def __str__(self) -> str:
-        return f"inertia from images, {self.sigma_px:g} px (seed {self.seed})"
 
 
 @dataclass(frozen=True)
@@ -64,71 +55,53 @@ class JoinedErrors:
     share: float
     """Of the frames with an attitude."""
 
-
-def joined_tasks(runs: int, duration_s: float) -> list[JoinedTask]:
-    """All runs of the chapter."""
-    return [
-        JoinedTask(sigma, duration_s, run_seed(f"{campaign.STUDY} joined", index))
-        for sigma in _NOISES_PX
-        for index in range(runs)
-    ]
+    def last_up_to(self, time_s: float) -> int:
+        """The last estimate up to a time."""
+        return int(np.searchsorted(self.times_s, time_s + 1e-6)) - 1
 
 
-def joined_frames(tasks: list[JoinedTask]) -> int:
-    """Frames in all."""
-    return sum(round(task.duration_s / INTERVAL_S) + 1 for task in tasks)
+def joined_runs(count: int, duration_s: float) -> list[Run[Joined]]:
+    """So many runs of every noise; their work is the frames."""
+    frames = len(paper.frame_times(duration_s, INTERVAL_S))
+    cases = [Case(f"{sigma:g} px", Joined(sigma, duration_s), frames) for sigma in _NOISES_PX]
+    return runs_of(f"{STUDY} joined", cases, count)
 
 
-def run_joined(task: JoinedTask) -> JoinedErrors:
+def run_joined(run: Run[Joined]) -> JoinedErrors:
     """Simulate tracks, chain attitudes, filter them."""
-    truth = nutation(task.duration_s, INTERVAL_S, task.seed, _POINTS)
-    tracks = tracks_of(truth, TrackFaults(task.sigma_px), task.seed)
-    settings = campaign.KEY_FRAMES.model_copy(update={"pixel_sigma_px": task.sigma_px})
-    frames = run_chain(tracks, settings)
+    case = run.case.settings
+    truth = nutation(case.duration_s, INTERVAL_S, run.seed, _POINTS)
+    tracks = tracks_of(truth, TrackFaults(case.sigma_px), run.seed)
+    frames = run_chain(tracks, KEY_FRAMES.model_copy(update={"pixel_sigma_px": case.sigma_px}))
     inertia = paper.INERTIA_KG_M2
     entries = ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))
     true_ratios = np.array([inertia[i, j] for i, j in entries]) / inertia[2, 2]
     estimator = ChainedInertiaEstimator(_TABLE)
-    times, errors, covariances = [], [], []
-    for frame in frames:
-        estimate = estimator.step(frame)
-        if estimate is None:
-            continue
-        covariance = printed_covariance(estimate.state, estimate.covariance[None])[0]
-        times.append(frame.time_s)
-        errors.append(printed_from_parameters(estimate.state.parameters[0]) - true_ratios)
-        covariances.append(covariance[INERTIA, INERTIA])
-    measured = sum(frame.R_world_body is not None for frame in frames)
+    steps = ((frame.time_s, estimator.step(frame)) for frame in frames)
+    found = [(time_s, each.state, each.covariance) for time_s, each in steps if each is not None]
+    covariances = [printed_covariance(state, P[None])[0] for _, state, P in found]
     return JoinedErrors(
-        np.array(times), np.array(errors), np.stack(covariances), measured / len(frames)
+        np.array([time_s for time_s, _, _ in found]),
+        np.array([state.printed_ratios[0] - true_ratios for _, state, _ in found]),
+        np.stack(covariances)[:, INERTIA, INERTIA],
+        float(np.mean([frame.R_world_body is not None for frame in frames])),
     )
 
 
-def joined_chapter(tasks: list[JoinedTask], workers: Workers, progress: Progress) -> Chapter:
-    """Run all and lay them out: error of the ratios against the length of the arc."""
-    frames = joined_frames(tasks) // max(len(tasks), 1)
-    found = run_all(run_joined, tasks, workers, lambda: progress.add(frames))
+def joined_table(by_case: Mapping[str, Sequence[JoinedErrors]], duration_s: float) -> TextTable:
+    """Error of the ratios against the length of the arc."""
     rows = []
-    for sigma in _NOISES_PX:
-        runs = [result for task, result in zip(tasks, found, strict=True) if task.sigma_px == sigma]
-        for share in _SHARES:
-            length_s = share * tasks[0].duration_s
-            last = [int(np.searchsorted(run.times_s, length_s + 1e-6)) - 1 for run in runs]
-            error = np.stack([run.error[k] for run, k in zip(runs, last, strict=True)])
-            stated = np.stack([run.covariance[k] for run, k in zip(runs, last, strict=True)])
-            nees = squared_normalised_errors(error, stated)
+    for name, runs in by_case.items():
+        for part in _SHARES:
+            length_s = part * duration_s
+            last = [(run, run.last_up_to(length_s)) for run in runs]
+            error = np.stack([run.error[k] for run, k in last])
+            stated = np.stack([run.covariance[k] for run, k in last])
+            judged = mean_squared(squared_normalised_errors(error, stated), error.shape[1])
             sd = np.sqrt(np.diagonal(stated, axis1=1, axis2=2))
-            rows.append(
-                (
-                    f"{sigma:g} px",
-                    f"{length_s:g}",
-                    f"{np.mean([run.share for run in runs]):.0%}",
-                    number(float(np.sqrt(np.mean(error**2)))),
-                    number(float(np.max(np.abs(error)))),
-                    number(float(np.sqrt(np.mean(sd**2)))),
-                    number(float(np.mean(nees)) / 5.0),
-                )
-            )
+            seen = f"{np.mean([run.share for run in runs]):.0%}"
+            errors = (root_mean_square(error), np.abs(error).max(), root_mean_square(sd))
+            rows.append((name, f"{length_s:g}", seen, *errors, judged.mean))
     header = (
         "noise",
         "arc, s",
@@ -138,22 +111,10 @@ def joined_chapter(tasks: list[JoinedTask], workers: Workers, progress: Progress
         "stated sd",
         "NEES per dof",
     )
-    runs_each = len(tasks) // len(_NOISES_PX)
-    low, high = (
-        float(chi_square.quantile(p, 5 * runs_each)) / (5 * runs_each) for p in (0.025, 0.975)
-    )
+    count = len(runs)
     note = (
         "Jxx, Jyy, Jxy, Jxz, Jyz over Jzz, from a prior of 0.3 about those of a ball; "
-        f"{runs_each} runs of each noise, a frame every {INTERVAL_S:g} s. The 95 % bounds of the "
-        f"NEES of {runs_each} runs are {low:.2f} to {high:.2f}."
+        f"{count} runs of each noise, a frame every {INTERVAL_S:g} s. The 95 % bounds of the "
+        f"NEES of {count} runs are {judged.bounds}."
     )
-    text = (
-        "The attitudes of the robust chain with key frames are all that the estimator is given: "
-        "rates and inertia ratios come from images alone. Their errors share the noise of the key "
-        "frames, so all attitudes are fitted as one arc under the joint covariance of their "
-        "errors. Taken as independent they would lead to ratios far less accurate than stated. "
-        "Where the chain has to begin anew, its axes are tied to the attitude that the motion "
-        "predicts.",
-    )
-    table = TextTable("inertia_from_images", "Inertia ratios", header, tuple(rows), note)
-    return Chapter("Inertia ratios from images alone", text, (table,))
+    return table("inertia_from_images", "Inertia ratios", header, rows, note)

@@ -8,12 +8,13 @@ import numpy as np
 from pcnav.config.image_motion import ImageMotionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
+from pcnav.core.statistics import root_mean_square
 from pcnav.estimators.image_motion.refinement import motion_gain
 from pcnav.estimators.image_motion.relative import measure
 from pcnav.estimators.image_motion.translation import Known, RelativeView, translation
-from pcnav.files.text_table import TextTable, number
+from pcnav.files.text_table import TextTable
 
-from ..folder import Chapter
+from ..tables import cell, table
 from . import paper
 from .scene import hull_points
 
@@ -39,42 +40,25 @@ def _pair(points: FloatArray, turn_deg: float, first_m: FloatArray, second_m: Fl
     return _Pair(a[:, :2] / a[:, 2:], b[:, :2] / b[:, 2:], R, second_m - R @ first_m)
 
 
-def limits_chapter() -> Chapter:
-    """Accuracy of one pair, degenerate cases and what the translation needs."""
-    return Chapter(
-        "What two views can tell",
-        (
-            "Seen from far, a small turn out of the image plane and the relief of the target "
-            "stand for each other: twice the relief and half the turn give the same displacement. "
-            "Perspective alone tells them apart, by f a^2 / Z^2 pixels per radian of turn for "
-            "points a from the middle at range Z. The error of the turn is therefore some "
-            "sigma Z^2 / (f a^2) radians whatever the turn is, and in the image plane "
-            "a hundred times smaller. A pair with a turn of less than four deviations has not "
-            "even the sign of the turn; the chain does not use it.",
-        ),
-        (accuracy_table(), degenerate_table(), translation_table()),
-    )
-
-
 def accuracy_table() -> TextTable:
     """Stated deviations of one pair by range and turn."""
     points, _ = hull_points(paper.POINTS // 2, np.random.default_rng(5))
     rows = []
     for range_m in (10.0, 20.0, 40.0, 80.0):
         place = np.array([0.0, 0.0, range_m])
-        cells = []
+        cells: list[float] = []
         for turn_deg in (1.0, 5.0, 20.0):
             pair = _pair(points, turn_deg, place, place)
             t = pair.t / np.linalg.norm(pair.t)
             gain = motion_gain(pair.R, t, pair.first, pair.second, _SIGMA_PX / _FOCAL)
             spread = np.sqrt(np.linalg.eigvalsh(gain.covariance))
-            cells += [number(float(np.rad2deg(spread[k]))) for k in (2, 0)]
+            cells += np.rad2deg(spread[[2, 0]]).tolist()
         rows.append((f"{range_m:g}", *cells))
     header = ["range, m"]
     for turn_deg in (1, 5, 20):
         header += [f"{turn_deg} deg: worst axis, deg", f"{turn_deg} deg: best axis, deg"]
     note = f"First-order deviations of the relative rotation, {_SIGMA_PX} px, {len(points)} points."
-    return TextTable("accuracy", "Accuracy of one pair", tuple(header), tuple(rows), note)
+    return table("accuracy", "Accuracy of one pair", header, rows, note)
 
 
 def degenerate_table() -> TextTable:
@@ -99,7 +83,7 @@ def degenerate_table() -> TextTable:
         f"{_DRAWS} draws each at {_SIGMA_PX} px, 10 degrees of turn. Only measured pairs are used."
     )
     header = ("views", "wrong matches", "outcome")
-    return TextTable("degenerate", "Degenerate views", header, tuple(rows), note, text_columns=3)
+    return table("degenerate", "Degenerate views", header, rows, note, text_columns=3)
 
 
 def _degenerate(
@@ -148,12 +132,11 @@ def translation_table() -> TextTable:
             moved = [scale * each.displacement_m for each in answer.places]
             if moved:
                 errors.append(min(float(np.linalg.norm(m - (second - first))) for m in moved))
-        rms = number(float(np.sqrt(np.mean(np.square(errors))))) if errors else "-"
-        rows.append((name, told, rms))
+        rows.append((name, told, root_mean_square(errors)))
     note = (
-        f"A displacement of {number(float(np.linalg.norm(second - first)))} m and a turn of 10 "
+        f"A displacement of {cell(np.linalg.norm(second - first))} m and a turn of 10 "
         f"degrees, {_SIGMA_PX} px; error of the displacement (of the better answer, and scaled "
         "by the true range where only its direction follows)."
     )
     header = ("known of the mass centre", "answer", "RMS error, m")
-    return TextTable("translation", "The translation", header, tuple(rows), note, text_columns=2)
+    return table("translation", "The translation", header, rows, note, text_columns=2)

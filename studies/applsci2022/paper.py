@@ -32,3 +32,9 @@ def hull_half_sides_m() -> tuple[FloatArray, FloatArray]:
     axes = axes * np.sign(np.linalg.det(axes))
     # I_x = m (b^2 + c^2) / 3 of half sides b, c, hence a^2 from the three.
     return np.sqrt(1.5 * (moments.sum() - 2.0 * moments) / MASS_KG), axes
+
+
+def frame_times(duration_s: float, interval_s: float) -> FloatArray:
+    """Both ends included."""
+    count = round(duration_s / interval_s) + 1
+    return np.asarray(np.arange(count, dtype=np.float64) * interval_s)

@@ -33,21 +33,15 @@ class Truth:
     @property
     def motion(self) -> ImageMotion:
         """For a camera at rest that looks along z."""
-        return moved(self, np.broadcast_to(np.array(paper.PLACE_M), (len(self.times_s), 3)))
-
-
-def moved(truth: Truth, places_m: FloatArray) -> ImageMotion:
-    """The motion with the mass centre at places (n, 3), camera axes."""
-    at_rest = np.broadcast_to(np.eye(3), (len(truth.times_s), 3, 3))
-    T = make_transform(truth.R_world_body, places_m)
-    return ImageMotion(truth.times_s, T, at_rest, np.array(_SUN))
+        n = len(self.times_s)
+        T = make_transform(self.R_world_body, np.tile(paper.PLACE_M, (n, 1)))
+        return ImageMotion(self.times_s, T, np.tile(np.eye(3), (n, 1, 1)), np.array(_SUN))
 
 
 def nutation(duration_s: float, interval_s: float, seed: int, points: int = paper.POINTS) -> Truth:
     """The printed motion, with points drawn evenly over the hull."""
-    times_s: FloatArray = np.arange(round(duration_s / interval_s) + 1, dtype=np.float64)
-    times_s = times_s * interval_s
-    rate: FloatArray = np.asarray(np.deg2rad(np.array(paper.RATE_DEG_S)), dtype=np.float64)
+    times_s = paper.frame_times(duration_s, interval_s)
+    rate = np.radians(paper.RATE_DEG_S)
     R, omega = rotate_torque_free(np.eye(3), rate, paper.INERTIA_KG_M2, times_s)
     places, normals = hull_points(points, np.random.default_rng(seed))
     return Truth(times_s, R, omega, places, normals)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from pcnav.batch.cluster import Workers
+from pcnav.batch.monte_carlo import Case, Run
+from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.simulation.images import TrackFaults
-from studies import STUDIES
-from studies.applsci2022 import campaign, limits, paper
-from studies.applsci2022.campaign import Case, Task, run_task
+from studies.applsci2022 import limits, paper, runs
+from studies.applsci2022.runs import CaseErrors, Chained, errors_table, outcomes_table, run_case
 from studies.applsci2022.scene import nutation, tracks_of
 from studies.applsci2022.study import study as make_study
 from studies.work import Work
@@ -38,15 +39,28 @@ def test_the_motion_keeps_energy_and_momentum() -> None:
     assert min(len(frame.features) for frame in tracks_of(truth, TrackFaults(), 0).frames) > 8
 
 
+def chained(chain, faults):
+    case = Case("chain, faults", Chained(chain, faults, duration_s=20.0))
+    return case, run_case(Run(case, 0, seed=1))
+
+
 def test_the_printed_chain_is_exact_without_noise_and_lost_with_wrong_matches() -> None:
-    exact = run_task(Task(Case("a", campaign.PRINTED, TrackFaults(), duration_s=20.0), 1))
+    case, exact = chained(runs.PRINTED, TrackFaults())
     assert np.nanmax(np.abs(exact.attitude)) < 1e-7
-    assert exact.outcomes == {"first": 1, "measured": 20}
+    assert exact.outcomes == {Outcome.FIRST: 1, Outcome.MEASURED: 20}
     wrong = TrackFaults(0.1, wrong_match_fraction=0.2)
-    lost = run_task(Task(Case("b", campaign.PRINTED, wrong, duration_s=20.0), 1))
+    _, lost = chained(runs.PRINTED, wrong)
     assert np.nanmax(np.abs(lost.attitude)) > np.deg2rad(20.0)
-    kept = run_task(Task(Case("c", campaign.KEY_FRAMES, wrong, duration_s=20.0), 1))
+    _, kept = chained(runs.KEY_FRAMES, wrong)
     assert np.nanmax(np.abs(kept.attitude)) < np.deg2rad(2.0)
+    both = CaseErrors.of(case, [lost, kept])
+    last = np.rad2deg(np.linalg.norm([lost.attitude[10:], kept.attitude[10:]], axis=-1))
+    assert both.error_at_end == pytest.approx(np.sqrt(np.nanmean(last**2)))
+    assert float(errors_table("key", "title", [both]).rows[0][5]) == pytest.approx(
+        both.error_at_end, rel=5e-3
+    )
+    counts = outcomes_table("key", [both]).rows[0][1:]
+    assert sum(int(count) for count in counts) == 2 * 21
 
 
 def test_accuracy_falls_with_the_square_of_the_range() -> None:
@@ -68,10 +82,6 @@ def test_the_translation_answers_what_is_known() -> None:
     assert rows["both directions"][1].startswith("direction_only: needs the range")
     assert rows["both ranges"][1].startswith("open")
     assert float(rows["both directions, first range"][2]) < 0.05
-
-
-def test_the_study_is_registered() -> None:
-    assert "applsci2022" in STUDIES
 
 
 @pytest.mark.study

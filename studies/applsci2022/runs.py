@@ -1,0 +1,269 @@
+"""The runs of the study: which tracks and which chain, their errors, and tables of them."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.batch.monte_carlo import Case, Run
+from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference, Smoothing
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import log_rotation
+from pcnav.core.statistics import mean, root_mean_square
+from pcnav.estimators.image_motion.chain import ChainFrame, run_chain
+from pcnav.estimators.image_motion.rates import rotation_history
+from pcnav.estimators.image_motion.relative import Outcome
+from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.files.text_table import TextTable
+from pcnav.simulation.images import TrackFaults
+
+from ..folder import StudyFigure
+from ..panels import Curve, Panel, Scale, panels_figure
+from ..tables import table_of
+from . import paper
+from .scene import Truth, nutation, tracks_of
+
+STUDY = "applsci2022"
+MIN_SIGMA_PX = 1e-3
+"""Noise that a chain assumes of tracks without any."""
+
+PRINTED = ImageMotionTable(
+    solver=MatchSolver.EIGHT_POINT, reference=Reference.ADJACENT, smoothing=Smoothing.NONE
+)
+ADJACENT = ImageMotionTable(reference=Reference.ADJACENT)
+"""A frame whose turn is too small waits for the next: the step grows until it is certain."""
+EVERY_FRAME = ADJACENT.model_copy(
+    update={"min_significance": 0.0, "ambiguous_chi_square": 0.0, "max_sd_deg": 180.0}
+)
+"""Without key frames and without waiting."""
+KEY_FRAMES = ImageMotionTable(reference=Reference.KEY_FRAME)
+GUARDED = {"robust, last certain": ADJACENT, "robust, key frames": KEY_FRAMES}
+CHAINS = {"as printed": PRINTED, "robust, every frame": EVERY_FRAME, **GUARDED}
+
+
+@dataclass(frozen=True)
+class Chained:
+    """Tracks and what is made of them."""
+
+    chain: ImageMotionTable
+    faults: TrackFaults
+    interval_s: float = paper.INTERVAL_S
+    duration_s: float = paper.DURATION_S
+
+    @property
+    def times_s(self) -> FloatArray:
+        """Of the frames of a run."""
+        return paper.frame_times(self.duration_s, self.interval_s)
+
+
+def _cases(
+    what: str, chains: Mapping[str, ImageMotionTable], faults: TrackFaults, *times: float
+) -> list[Case[Chained]]:
+    """Of every chain, at an interval and a duration; its work is the frames."""
+    found = []
+    for name, chain in chains.items():
+        settings = Chained(chain, faults, *times)
+        found.append(Case(f"{name}, {what}", settings, len(settings.times_s)))
+    return found
+
+
+def noise_cases(duration_s: float) -> list[Case[Chained]]:
+    """Printed and robust chains at three noises."""
+    found = []
+    for noise in (0.0, 0.1, 0.5):
+        found += _cases(f"{noise:g} px", CHAINS, TrackFaults(noise), paper.INTERVAL_S, duration_s)
+    return found
+
+
+def fault_cases(duration_s: float) -> list[Case[Chained]]:
+    """Tracks that end, and wrong matches."""
+    short = TrackFaults(0.1, mean_tracked_s=15.0)
+    wrong = TrackFaults(0.1, wrong_match_fraction=0.2)
+    return [
+        *_cases("tracks of 15 s", CHAINS, short, paper.INTERVAL_S, duration_s),
+        *_cases("20 % wrong", CHAINS, wrong, paper.INTERVAL_S, duration_s),
+    ]
+
+
+def interval_cases(duration_s: float) -> list[Case[Chained]]:
+    """The effect of the time between frames, at 0.1 px."""
+    found = []
+    for interval_s in (0.5, 2.0, 5.0, 10.0):
+        chains = {"as printed": PRINTED, **GUARDED}
+        found += _cases(f"{interval_s:g} s", chains, TrackFaults(0.1), interval_s, duration_s)
+    return found
+
+
+@dataclass(frozen=True)
+class ChainErrors:
+    """One run against the truth."""
+
+    attitude: FloatArray
+    """(n, 3) theta, rad; nan where there is no attitude, and in later segments."""
+    rate: FloatArray
+    """(n, 3) rad/s; nan likewise."""
+    sd: FloatArray
+    """(n,) stated, root of the trace, rad."""
+    nees: FloatArray
+    """(n,) per degree of freedom."""
+    outcomes: Counter[Outcome]
+    """Frames by what became of them."""
+
+
+def run_case(run: Run[Chained]) -> ChainErrors:
+    """Simulate, chain, compare."""
+    case = run.case.settings
+    truth = nutation(case.duration_s, case.interval_s, run.seed)
+    tracks = tracks_of(truth, case.faults, run.seed)
+    sigma = max(case.faults.pixel_sigma_px, MIN_SIGMA_PX)
+    chain = case.chain.model_copy(update={"pixel_sigma_px": sigma})
+    return errors_of(run_chain(tracks, chain), truth, chain)
+
+
+def errors_of(
+    frames: Sequence[ChainFrame], truth: Truth, settings: ImageMotionTable
+) -> ChainErrors:
+    """Errors of the attitudes of the first segment and of their rates."""
+    count = len(frames)
+    attitude, rate = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
+    sd, nees = np.full(count, np.nan), np.full(count, np.nan)
+    known = [
+        k
+        for k, frame in enumerate(frames)
+        if k > 0 and frame.segment == 0 and frame.covariance is not None
+    ]
+    if known:
+        R = np.array([frames[k].R_world_body for k in known])
+        P = np.array([frames[k].covariance for k in known])
+        attitude[known] = log_rotation(np.swapaxes(R, 1, 2) @ truth.R_world_body[known])
+        sd[known] = np.sqrt(np.trace(P, axis1=1, axis2=2))
+        nees[known] = squared_normalised_errors(attitude[known], P) / 3.0
+    history = rotation_history(frames, settings)
+    first = history.segment == 0
+    at = history.frames[first]
+    rate[at] = history.omega_body[first] - truth.omega_body[at]
+    return ChainErrors(attitude, rate, sd, nees, Counter(frame.outcome for frame in frames))
+
+
+@dataclass(frozen=True)
+class CaseErrors:
+    """All runs of a case at its n frames."""
+
+    case: Case[Chained]
+    angle_deg: FloatArray
+    """(runs, n)"""
+    rate_deg_s: FloatArray
+    """(runs, n)"""
+    sd_deg: FloatArray
+    """(runs, n)"""
+    nees: FloatArray
+    """(runs, n)"""
+    outcomes: Counter[Outcome]
+
+    @staticmethod
+    def of(case: Case[Chained], found: Sequence[ChainErrors]) -> "CaseErrors":
+        """From its runs."""
+        return CaseErrors(
+            case,
+            np.rad2deg(np.linalg.norm([each.attitude for each in found], axis=-1)),
+            np.rad2deg(np.linalg.norm([each.rate for each in found], axis=-1)),
+            np.rad2deg([each.sd for each in found]),
+            np.array([each.nees for each in found]),
+            sum((each.outcomes for each in found), Counter()),
+        )
+
+    @property
+    def times_s(self) -> FloatArray:
+        """(n,)"""
+        return self.case.settings.times_s
+
+    @property
+    def share(self) -> float:
+        """Of the frames after the first that have an attitude of the first segment."""
+        return float(np.mean(np.isfinite(self.angle_deg[:, 1:])))
+
+    @property
+    def rate_rms(self) -> float:
+        """deg/s, after the first tenth."""
+        return root_mean_square(self.rate_deg_s[:, self.times_s > 0.1 * self.times_s[-1]])
+
+    def error_to(self, part: float, window_s: float = 5.0) -> float:
+        """RMS attitude error, deg, in so many seconds up to a part of the run."""
+        return self._rms_to(self.angle_deg, part, window_s)
+
+    @property
+    def error_at_end(self) -> float:
+        """RMS attitude error, deg, in the last 10 s."""
+        return self._rms_to(self.angle_deg, 1.0, 10.0)
+
+    @property
+    def sd_at_end(self) -> float:
+        """RMS of the stated deviation, deg, likewise."""
+        return self._rms_to(self.sd_deg, 1.0, 10.0)
+
+    def curve(self) -> Curve:
+        """RMS over the runs, deg, by the name of the chain."""
+        values = np.array([root_mean_square(column) for column in self.angle_deg.T])
+        name = self.case.name.rsplit(",", 1)[0]
+        return Curve(name, values[1:], self.times_s[1:], ".-")
+
+    def _rms_to(self, values: FloatArray, part: float, window_s: float) -> float:
+        end_s = part * float(self.times_s[-1])
+        near = (self.times_s <= end_s + 1e-9) & (self.times_s > end_s - window_s - 1e-9)
+        return root_mean_square(values[:, near])
+
+
+def errors_table(key: str, title: str, found: Sequence[CaseErrors]) -> TextTable:
+    """Attitude and rate of every case."""
+    end = found[0].times_s[-1]
+    return table_of(
+        key,
+        title,
+        found,
+        {
+            "chain": lambda each: each.case.name,
+            "interval, s": lambda each: f"{each.case.settings.interval_s:g}",
+            "frames with an attitude": lambda each: f"{each.share:.0%}",
+            f"error to {end / 6:g} s, deg": lambda each: each.error_to(1.0 / 6.0),
+            f"to {end / 2:g} s, deg": lambda each: each.error_to(0.5),
+            f"to {end:g} s, deg": lambda each: each.error_at_end,
+            "stated, deg": lambda each: each.sd_at_end,
+            "NEES per dof": lambda each: mean(each.nees),
+            "rate, deg/s": lambda each: each.rate_rms,
+        },
+        "RMS over the runs of the 5 s (last column of errors: 10 s) up to the time. NEES over all "
+        "frames; 1 is a true covariance.",
+    )
+
+
+def outcomes_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
+    """Frames by what became of them, all runs together; only outcomes that occur have a column."""
+    occurring = [what for what in Outcome if any(each.outcomes[what] for each in found)]
+    columns = {
+        what.value.replace("_", " "): lambda each, what=what: each.outcomes[what]
+        for what in occurring
+    }
+    return table_of(
+        f"{key}_outcomes",
+        "Frames by outcome, all runs",
+        found,
+        {"chain": lambda each: each.case.name, **columns},
+    )
+
+
+def growth_figure(
+    key: str, caption: str, found: Sequence[CaseErrors], whats: Sequence[str]
+) -> StudyFigure:
+    """Errors over time of all chains, one panel for each of the tracks by the end of their name."""
+    panels = [
+        Panel(
+            "deg",
+            [each.curve() for each in found if each.case.name.endswith(f", {what}")],
+            Scale.LOG,
+            what,
+        )
+        for what in whats
+    ]
+    times_s = found[0].times_s
+    return panels_figure(key, "Growth of the error", caption, times_s, panels, row_in=1.9)
