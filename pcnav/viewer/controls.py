@@ -190,22 +190,11 @@ class Controls:
 def available_layers(snapshot: Snapshot) -> tuple[Layer, ...]:
     """The layers that a run has anything for."""
     first = snapshot.runs[0]
-    absent: set[Layer] = set()
-    if first.frames is None:
-        absent |= {Layer.POINTS, Layer.SENSOR}
-    if first.target is None:
-        absent |= {Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH}
-    told = first.evaluation is not None and first.evaluation.T_cam_model is not None
-    # What a run that goes on knows of the truth is seen when it has ended.
-    if first.target is None or not (told or snapshot.is_live):
-        absent.add(Layer.TRUTH)
-    if not first.has_mass_centre:
-        absent.add(Layer.COM)
-    if not first.has_position:
-        absent |= {Layer.POSITION, Layer.TRAIL}
-    if not first.has_inertia:
-        absent |= {Layer.PRINCIPAL, Layer.MOMENTUM}
-    return tuple(layer for layer in Layer if layer not in absent)
+    available = first.layers
+    if snapshot.is_live and first.target is not None:
+        # What a run that goes on knows of the truth is seen when it has ended.
+        available |= {Layer.TRUTH}
+    return tuple(layer for layer in Layer if layer in available)
 
 
 def _counted(events: tuple[object, ...]) -> str:

@@ -16,7 +16,7 @@ from pcnav.viewer.frames import Shot
 from pcnav.viewer.glyphs import closed
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
-from pcnav.viewer.render_options import Layer, RenderOptions, line_colour, vector, wxyz_of
+from pcnav.viewer.render_options import Layer, RenderOptions, line_colour, place, vector
 from pcnav.viewer.target_layer import TargetLayer
 
 _MAX_NAMES = 16
@@ -191,7 +191,7 @@ class RunLayers:
             self._sensor.show(options)
         known = bool(first.track.has_estimate[frame])
         T = first.track.T_cam_model[frame] if known else np.eye(4)
-        self._measured.wxyz, self._measured.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
+        place(self._measured, T)
         T_model_cam = invert_transform(T)
         scale_m = 1.0 if first.frames is None else first.frames.scale_m
         self._cloud.show(shot, T_model_cam, options, scale_m)

@@ -11,6 +11,7 @@ import numpy as np
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
+from pcnav.core.spatial import transform_points
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.state import COM_MODEL, R_HILL
 from pcnav.evaluation.knowledge import FROM_DATA
@@ -35,6 +36,7 @@ from pcnav.viewer.events import Event, events_of
 from pcnav.viewer.folder import refuse_what_is_no_run
 from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.glyphs import SIGMAS, seen_magnification
+from pcnav.viewer.render_options import Layer
 
 Records = Mapping[float, tuple[RectangleRecord, ...]]
 """By time."""
@@ -112,6 +114,31 @@ class LoadedRun:
         known = np.flatnonzero(self.track.has_estimate)
         return int(known[0]) if known.size else 0
 
+    @cached_property
+    def layers(self) -> frozenset[Layer]:
+        """The layers that it has anything for."""
+        absent: set[Layer] = set()
+        if self.frames is None:
+            absent |= {Layer.POINTS, Layer.SENSOR}
+        if self.target is None:
+            absent |= {Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH}
+        if self.target is None or self.evaluation is None or self.evaluation.T_cam_model is None:
+            absent.add(Layer.TRUTH)
+        if not self.has_mass_centre:
+            absent.add(Layer.COM)
+        if not self.has_position:
+            absent |= {Layer.POSITION, Layer.TRAIL}
+        if not self.has_inertia:
+            absent |= {Layer.PRINCIPAL, Layer.MOMENTUM}
+        return frozenset(Layer) - absent
+
+    def true_pose(self, frame: int | None) -> FloatArray | None:
+        """(4, 4) T_cam_model of the truth at a frame; None where it is not known."""
+        if frame is None or self.evaluation is None or self.evaluation.T_cam_model is None:
+            return None
+        T = self.evaluation.T_cam_model[frame]
+        return T if np.isfinite(T).all() else None
+
     def nearest_frame(self, time_s: float) -> int | None:
         """The frame at a time, to within half of the usual distance of frames."""
         if not len(self.track):
@@ -128,15 +155,19 @@ class LoadedRun:
         radius_m = SIGMAS * max(float(np.linalg.norm(sd[block])) for block in blocks)
         return seen_magnification(radius_m, self.size_m) if np.isfinite(radius_m) else 1.0
 
+    @cached_property
+    def centres(self) -> FloatArray:
+        """(m, 3) the mass centre in the camera at the frames that have an estimate."""
+        known = self.track.has_estimate
+        T = self.track.T_cam_model[known]
+        return np.asarray(transform_points(T, self.track.com_model[known][:, None])[:, 0])
+
     def centre(self, frame: int) -> FloatArray:
         """(3,) the mass centre in the camera at a frame, or at the nearest that has an estimate."""
-        track = self.track
-        known = np.flatnonzero(track.has_estimate)
+        known = np.flatnonzero(self.track.has_estimate)
         if not known.size:
             return np.array([0.0, 0.0, 10.0])
-        k = known[np.argmin(np.abs(known - frame))]
-        T = track.T_cam_model[k]
-        return np.asarray(T[:3, :3] @ track.com_model[k] + T[:3, 3])
+        return np.asarray(self.centres[np.argmin(np.abs(known - frame))])
 
     def viewpoint(self, frame: int) -> tuple[FloatArray, FloatArray]:
         """A place (3,) to look at the target from, aside of the chaser, and its centre (3,)."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+import viser
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import xyzw_from_rotation
@@ -48,6 +49,11 @@ def wxyz_of(R: FloatArray) -> tuple[float, float, float, float]:
     """The order of viser, the only place that has it."""
     x, y, z, w = (float(value) for value in xyzw_from_rotation(R))
     return w, x, y, z
+
+
+def place(node: viser.SceneNodeHandle, T: FloatArray) -> None:
+    """Put a node at a (4, 4) pose."""
+    node.wxyz, node.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
 
 
 def line_colour(colour: Rgb) -> Rgb:

@@ -3,10 +3,10 @@
 import numpy as np
 import viser
 
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import THETA_BODY
 from pcnav.target.mesh import wireframe_edges
 from pcnav.viewer.glyphs import (
-    Ellipsoid,
     attitude_cone_scale,
     momentum_direction,
     path_segments,
@@ -16,10 +16,19 @@ from pcnav.viewer.glyphs import (
 )
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import ATTITUDE, MASS_CENTRE, MOMENTUM, POSITION, RATE, TRUTH, Rgb
-from pcnav.viewer.render_options import Layer, RenderOptions, line_colour, vector, wxyz_of
+from pcnav.viewer.render_options import (
+    Layer,
+    RenderOptions,
+    line_colour,
+    place,
+    vector,
+    wxyz_of,
+)
 
 _GHOST_SCALE = 1.012
 """The true mesh is drawn so much larger: it would be hidden by an estimate that is right."""
+_OF_FIRST = frozenset({Layer.BODY, Layer.PRINCIPAL, Layer.TRUTH})
+"""Axes have their usual colours whatever the run: two sets would be confused."""
 
 
 class TargetLayer:
@@ -28,69 +37,93 @@ class TargetLayer:
     def __init__(
         self, scene: viser.SceneApi, root: str, loaded: LoadedRun, colour: Rgb, *, is_first: bool
     ) -> None:
-        self._run, self._size, self._is_first = loaded, loaded.size_m, is_first
         self._scene, self._root, self._colour = scene, root, colour
+        self._run, self._is_first = loaded, is_first
+        size, com = loaded.size_m, f"{root}/model/com"
         self._model = scene.add_frame(f"{root}/model", show_axes=False)
-        self._com = scene.add_frame(f"{root}/model/com", show_axes=False)
-        self._mesh = self._add_edges(f"{root}/model", colour) if loaded.target else None
+        self._com = scene.add_frame(com, show_axes=False)
+        mesh = self._add_edges(f"{root}/model", colour, 1.0)
         self._ghost = scene.add_frame(f"{root}/truth", show_axes=False, visible=False)
-        if is_first and loaded.target is not None:
+        if is_first:
             self._add_edges(f"{root}/truth", TRUTH, _GHOST_SCALE)
         self._add_points()
-        com = f"{root}/model/com"
-        length = 0.3 * self._size
-        # Under the first run's names the axes have their usual colours; two sets would be confused.
         self._body = scene.add_frame(
-            f"{com}/body", axes_length=length, axes_radius=0.004 * self._size
+            f"{com}/body", axes_length=0.3 * size, axes_radius=0.004 * size
         )
         self._principal = scene.add_frame(
             f"{com}/principal",
-            axes_length=1.25 * length,
-            axes_radius=0.002 * self._size,
+            axes_length=0.375 * size,
+            axes_radius=0.002 * size,
             origin_color=MASS_CENTRE,
         )
         self._com_spread = self._add_ellipsoid(f"{com}/spread", MASS_CENTRE, False)
         self._position_spread = self._add_ellipsoid(f"{root}/position", POSITION, True)
         self._cone = self._add_cone(f"{com}/attitude")
-        self._rate, self._rate_text = self._add_arrow(f"{com}/rate", RATE)
-        self._momentum, self._momentum_text = self._add_arrow(f"{com}/momentum", MOMENTUM)
+        self._arrows = {
+            Layer.RATE: self._add_arrow(f"{com}/rate", RATE),
+            Layer.MOMENTUM: self._add_arrow(f"{com}/momentum", MOMENTUM),
+        }
         self._trail = self._add_trail()
+        self._switched: dict[Layer, viser.SceneNodeHandle] = {
+            Layer.BODY: self._body,
+            Layer.PRINCIPAL: self._principal,
+            Layer.COM: self._com_spread,
+            Layer.POSITION: self._position_spread,
+            Layer.ATTITUDE: self._cone,
+        }
+        if mesh is not None:
+            self._switched[Layer.MESH] = mesh
 
     def show(self, frame: int | None, options: RenderOptions) -> None:
         """Draw a frame of the run; nothing of it where it has no estimate."""
-        track = self._run.track
-        known = frame is not None and bool(track.has_estimate[frame])
+        loaded = self._run
+        shown = options.layers & loaded.layers
+        if not self._is_first:
+            shown -= _OF_FIRST
+        self._trail.visible = Layer.TRAIL in shown
+        true = loaded.true_pose(frame) if Layer.TRUTH in shown else None
+        self._ghost.visible = true is not None
+        if true is not None:
+            place(self._ghost, true)
+        known = frame is not None and bool(loaded.track.has_estimate[frame])
         self._model.visible = known
-        self._trail.visible = Layer.TRAIL in options.layers and self._run.has_position
-        position_shown = known and Layer.POSITION in options.layers and self._run.has_position
-        self._position_spread.visible = position_shown
-        self._show_ghost(frame, options)
-        if frame is None or not known:
-            return
-        T = track.T_cam_model[frame]
-        magnified = options.magnified or self._run.magnification(frame)
-        self._model.wxyz, self._model.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
+        for layer, handle in self._switched.items():
+            handle.visible = known and layer in shown
+        if frame is not None and known:
+            self._show_estimate(frame, shown, options.magnified or loaded.magnification(frame))
+
+    def _show_estimate(self, frame: int, shown: frozenset[Layer], magnified: float) -> None:
+        loaded, track = self._run, self._run.track
+        place(self._model, track.T_cam_model[frame])
         self._com.position = vector(track.com_model[frame])
-        if self._mesh is not None:
-            self._mesh.visible = Layer.MESH in options.layers
-        self._body.visible = Layer.BODY in options.layers and self._is_first
-        self._principal.visible = Layer.PRINCIPAL in options.layers and self._is_first
-        if self._principal.visible:
+        if Layer.PRINCIPAL in shown:
             self._principal.wxyz = wxyz_of(principal_axes_model(track.inertia_ratios[frame]))
-        self._com_spread.visible = Layer.COM in options.layers and self._run.has_mass_centre
-        if self._com_spread.visible:
-            spread = sigma_ellipsoid(self._run.com_spread_model(frame))
-            self._stretch(self._com_spread, spread, magnified)
-        if position_shown:
-            spread = sigma_ellipsoid(self._run.position_spread_cam(frame))
-            self._stretch(self._position_spread, spread, magnified)
-            com_cam = T[:3, :3] @ track.com_model[frame] + T[:3, 3]
-            self._position_spread.position = vector(com_cam)
-        self._cone.visible = Layer.ATTITUDE in options.layers
-        if self._cone.visible:
-            sd, length = track.sd[frame, THETA_BODY], 0.5 * self._size
+        if Layer.COM in shown:
+            _stretch(self._com_spread, loaded.com_spread_model(frame), magnified)
+        if Layer.POSITION in shown:
+            _stretch(self._position_spread, loaded.position_spread_cam(frame), magnified)
+            self._position_spread.position = vector(loaded.centre(frame))
+        if Layer.ATTITUDE in shown:
+            sd, length = track.sd[frame, THETA_BODY], 0.5 * loaded.size_m
             self._cone.scale = vector(attitude_cone_scale(sd, length, magnified))
-        self._show_arrows(frame, options)
+        self._show_arrows(frame, shown)
+
+    def _show_arrows(self, frame: int, shown: frozenset[Layer]) -> None:
+        loaded, omega = self._run, self._run.track.omega_body[frame]
+        rate, length = float(np.linalg.norm(omega)), 0.8 * self._run.size_m
+        moves = rate > 0.0 and bool(np.isfinite(omega).all())
+        for layer, (arrow, text) in self._arrows.items():
+            arrow.visible = moves and layer in shown
+            text.visible = arrow.visible and self._is_first
+            if not arrow.visible:
+                continue
+            if layer is Layer.RATE:
+                tip, text.text = omega / loaded.largest_rate, f"ω {np.rad2deg(rate):.3f} deg/s"
+            else:
+                ratios = loaded.track.inertia_ratios[frame]
+                tip, text.text = momentum_direction(ratios, omega), "angular momentum"
+            arrow.points = np.stack([np.zeros(3), length * tip])[None]
+            text.position = vector(1.08 * length * tip)
 
     def go_on(self, loaded: LoadedRun) -> None:
         """Draw a later state of the same run, which has more frames, from now on."""
@@ -106,54 +139,13 @@ class TargetLayer:
         self._trail = self._add_trail()
         self._trail.visible = was_visible
 
-    def _show_ghost(self, frame: int | None, options: RenderOptions) -> None:
-        evaluation = self._run.evaluation
-        true = evaluation.T_cam_model if evaluation is not None else None
-        shown = frame is not None and true is not None and Layer.TRUTH in options.layers
-        if shown and frame is not None and true is not None:
-            T = true[frame]
-            shown = bool(np.isfinite(T).all())
-            if shown:
-                self._ghost.wxyz, self._ghost.position = wxyz_of(T[:3, :3]), vector(T[:3, 3])
-        self._ghost.visible = shown and self._is_first
-
-    def _show_arrows(self, frame: int, options: RenderOptions) -> None:
-        track = self._run.track
-        omega = track.omega_body[frame]
-        rate = float(np.linalg.norm(omega))
-        moving = rate > 0.0 and bool(np.isfinite(omega).all())
-        length = 0.8 * self._size
-        direction = omega / rate if moving else omega
-        for arrow, text, layer, tip, told in (
-            (
-                self._rate,
-                self._rate_text,
-                Layer.RATE,
-                length * rate / self._run.largest_rate * direction,
-                f"ω {np.rad2deg(rate):.3f} deg/s",
-            ),
-            (
-                self._momentum,
-                self._momentum_text,
-                Layer.MOMENTUM,
-                length * momentum_direction(track.inertia_ratios[frame], omega),
-                "angular momentum",
-            ),
-        ):
-            shown = layer in options.layers and moving
-            arrow.visible = shown
-            text.visible = shown and self._is_first
-            if shown:
-                arrow.points = np.stack([np.zeros(3), tip])[None]
-                text.text, text.position = told, vector(1.08 * tip)
-
-    def _add_edges(self, root: str, colour: Rgb, scale: float = 1.0) -> viser.LineSegmentsHandle:
+    def _add_edges(self, root: str, colour: Rgb, scale: float) -> viser.LineSegmentsHandle | None:
         """A line drawing: surfaces one can see through cost a browser more than all the rest."""
-        target = self._run.target
-        assert target is not None
+        if self._run.target is None:
+            return None
         return self._scene.add_line_segments(
             f"{root}/edges",
-            wireframe_edges(target.mesh).astype(np.float32),
+            wireframe_edges(self._run.target.mesh).astype(np.float32),
             line_colour(colour),
             thickness=2.0,
             thickness_units="screen",
@@ -202,7 +194,7 @@ class TargetLayer:
         )
 
     def _add_arrow(self, name: str, colour: Rgb) -> tuple[viser.ArrowsHandle, viser.LabelHandle]:
-        size = self._size
+        size = self._run.size_m
         arrow = self._scene.add_arrows(
             name,
             np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, size]]], dtype=np.float32),
@@ -218,11 +210,7 @@ class TargetLayer:
         return arrow, text
 
     def _add_trail(self) -> viser.LineSegmentsHandle:
-        track = self._run.track
-        known = track.has_estimate
-        R, T = track.T_cam_model[known, :3, :3], track.T_cam_model[known]
-        centres = np.einsum("nij,nj->ni", R, track.com_model[known]) + T[:, :3, 3]
-        segments = path_segments(centres)
+        segments = path_segments(self._run.centres)
         return self._scene.add_line_segments(
             f"{self._root}/trail",
             (segments if len(segments) else np.zeros((1, 2, 3))).astype(np.float32),
@@ -231,7 +219,9 @@ class TargetLayer:
             thickness_units="screen",
         )
 
-    @staticmethod
-    def _stretch(handle: viser.IcosphereHandle, spread: Ellipsoid, magnified: float) -> None:
-        handle.scale = vector(np.maximum(magnified * spread.radii, 1e-6))
-        handle.wxyz = wxyz_of(spread.R)
+
+def _stretch(handle: viser.IcosphereHandle, covariance: FloatArray, magnified: float) -> None:
+    """Draw the standard deviations of a (3, 3) covariance so many times larger."""
+    spread = sigma_ellipsoid(covariance)
+    handle.scale = vector(np.maximum(magnified * spread.radii, 1e-6))
+    handle.wxyz = wxyz_of(spread.R)
