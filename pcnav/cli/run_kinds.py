@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from pcnav.cli.progress import Advance
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline
 from pcnav.estimators.image_motion.chain import ChainFrame
 from pcnav.recordings.sequence import Sequence
 from pcnav.report.summary import summary_table
@@ -43,15 +43,15 @@ def depth_run(
     def work(advance: Advance, view: "LiveView | None") -> Done:
         def on_start(opened: Sequence, target: Target, as_run: Pipeline) -> None:
             if view is not None:
-                from pcnav.viewer.live_rows import starting_depth_run
+                from pcnav.viewer.live_rows import DEPTH
 
-                view.expect(starting_depth_run(out.name, opened, target, as_run))
+                view.expect(out.name, as_run, DEPTH)
 
         def on_estimate(estimate: FrameEstimate, total: int) -> None:
             if view is not None:
-                from pcnav.viewer.live_rows import depth_row
+                from pcnav.viewer.live_rows import depth_estimate
 
-                view.add(depth_row(estimate))
+                view.add(depth_estimate(estimate))
             advance(estimate.index + 1, total)
 
         summary = run(
@@ -79,15 +79,15 @@ def tracks_run(
     def work(advance: Advance, view: "LiveView | None") -> Done:
         tracks = None if view is None else read_tracks(recording)
         if view is not None and tracks is not None:
-            from pcnav.viewer.live_rows import starting_feature_run
+            from pcnav.viewer.live_rows import FEATURES, of_recording
 
-            view.expect(starting_feature_run(out.name, tracks))
+            view.expect(out.name, of_recording(pipeline, recording), FEATURES)
 
         def on_estimate(estimate: FeatureEstimate, done: int, total: int) -> None:
             if view is not None and tracks is not None:
-                from pcnav.viewer.live_rows import feature_row
+                from pcnav.viewer.live_rows import feature_estimate
 
-                view.add(feature_row(tracks, tracks.frames[done - 1], estimate))
+                view.add(feature_estimate(tracks, tracks.frames[done - 1], estimate))
             advance(done, total)
 
         summary = run_features(
@@ -110,15 +110,17 @@ def images_run(recording: Path, pipeline: Pipeline, out: Path, overwrite: bool) 
     def work(advance: Advance, view: "LiveView | None") -> Done:
         measured: set[int] = set()
         if view is not None:
-            from pcnav.viewer.live_rows import starting_image_run
+            from pcnav.viewer.live_rows import IMAGES, of_recording
 
-            view.expect(starting_image_run(out.name))
+            estimator = EstimatorTable(kind=EstimatorKind.IMAGE_MOTION)
+            as_run = of_recording(pipeline, recording).model_copy(update={"estimator": estimator})
+            view.expect(out.name, as_run, IMAGES)
 
         def on_frame(frame: ChainFrame, done: int, total: int) -> None:
             if view is not None:
-                from pcnav.viewer.live_rows import image_row
+                from pcnav.viewer.live_rows import image_estimate
 
-                view.add(image_row(frame, measured))
+                view.add(image_estimate(frame, measured))
             advance(done, total)
 
         summary = run_images(recording, out, pipeline, overwrite=overwrite, on_frame=on_frame)
@@ -133,15 +135,15 @@ def attitudes_run(recording: Path, pipeline: Pipeline, out: Path, overwrite: boo
 
     def work(advance: Advance, view: "LiveView | None") -> Done:
         if view is not None:
-            from pcnav.viewer.live_rows import starting_attitude_run
+            from pcnav.viewer.live_rows import ATTITUDES, of_recording
 
-            view.expect(starting_attitude_run(out.name))
+            view.expect(out.name, of_recording(pipeline, recording), ATTITUDES)
 
         def on_frame(frame: AttitudeFrame, done: int, total: int) -> None:
             if view is not None:
-                from pcnav.viewer.live_rows import attitude_row
+                from pcnav.viewer.live_rows import attitude_estimate
 
-                view.add(attitude_row(frame))
+                view.add(attitude_estimate(frame))
             advance(done, total)
 
         summary = run_attitudes(recording, out, pipeline, overwrite=overwrite, on_frame=on_frame)

@@ -57,10 +57,8 @@ def view(
             raise InputError(runs[0], f"--{next(iter(asked))}", expected)
         _play(runs[0], host, port)
         return
-    from pcnav.viewer.folder import refuse_what_is_no_run
-
     for run in runs:
-        refuse_what_is_no_run(run)
+        _refuse_what_is_no_run(run)
     if asked:
         _export(runs, asked, frame, overwrite)
         return
@@ -80,6 +78,21 @@ def view(
     serve_until_interrupted(server)
 
 
+def _refuse_what_is_no_run(folder: Path) -> None:
+    """Raise `InputError` unless a folder holds a run, finished or not; at once, without reading."""
+    from pcnav.runs.result_files import STATES_FILE
+
+    if (folder / STATES_FILE).is_file():
+        return
+    if folder.is_dir():
+        raise InputError(folder / STATES_FILE, "file", "expected a result folder, which has one")
+    staged = sorted(folder.parent.glob(f".{folder.name}-*")) if folder.parent.is_dir() else []
+    expected = "expected a result folder of pcnav run"
+    if staged:
+        expected = f"expected a result folder; an unfinished run of this name is {staged[-1]}"
+    raise InputError(folder, "folder", expected)
+
+
 def _refuse_foreign(host: str) -> None:
     """An address that this machine has not would never be served on."""
     try:
@@ -93,7 +106,7 @@ def _refuse_foreign(host: str) -> None:
 
 def _loaded(runs: list[Path]) -> "tuple[LoadedRun, ...]":
     """Read the runs, and say what should be known before looking at them."""
-    from pcnav.viewer.loaded_run import load_run
+    from pcnav.viewer.loading import load_run
 
     loaded = tuple(load_run(run) for run in runs)
     for run in loaded:

@@ -53,7 +53,7 @@ class Controls:
     def __init__(self, gui: viser.GuiApi, snapshot: Snapshot, shown: Shown) -> None:
         self._gui, self._shown = gui, shown
         first = snapshot.runs[0]
-        self._frames = len(first.track)
+        self._frames = len(first)
         self._notes = gui.add_html(_notes_html(snapshot))
         self._add_time(gui, snapshot)
         self._add_colours(gui, first.frames is not None)
@@ -99,7 +99,7 @@ class Controls:
     def refresh(self, snapshot: Snapshot) -> None:
         """There are more frames, or the run has ended."""
         first = snapshot.runs[0]
-        self._frames, self._speeds = len(first.track), dict(speeds(first.track.time_s))
+        self._frames, self._speeds = len(first), dict(speeds(first.run.time_s))
         self._slider.max = max(self._frames - 1, 1)
         self._newest.visible = snapshot.is_live
         self._notes.content = _notes_html(snapshot)
@@ -122,7 +122,7 @@ class Controls:
         )
         self._play = gui.add_button("Play")
         steps = gui.add_button_group("step", (_FIRST, _BACK, _ON, _LAST))
-        self._speeds = dict(speeds(first.track.time_s))
+        self._speeds = dict(speeds(first.run.time_s))
         names = tuple(self._speeds)
         self._speed = gui.add_dropdown("speed", names, initial_value=names[-1])
         self._event_kind = gui.add_dropdown("events", (_ANY_EVENT, *(str(kind) for kind in Kind)))

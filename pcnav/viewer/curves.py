@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, Block
 from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import envelope
 from pcnav.viewer.loaded_run import LoadedRun
@@ -19,6 +20,22 @@ _CONFIDENCE = 0.95
 _KNOWN_FROM = 0.5
 """A mass property is known from data once its sd is this share of the prior's."""
 _LAST_TENTH = 0.9
+_GROUPS = {
+    "position": POSITION,
+    "attitude": ATTITUDE,
+    "rate": RATE,
+    "mass centre": CENTRE,
+    "inertia ratios": RATIOS,
+}
+_MEASURED = "sd_measured_rad"
+"""A column that has a value where an attitude was used."""
+_USED = {
+    "n_rectangles": "rectangles",
+    "n_used": "features",
+    "agreeing": "matches",
+    _MEASURED: "attitudes",
+}
+"""What a frame used, by the column that tells how many, or `_MEASURED`."""
 
 
 @dataclass(frozen=True)
@@ -68,143 +85,96 @@ class ChartGroup:
 
 def groups_of(loaded: LoadedRun) -> dict[str, Callable[[], ChartGroup]]:
     """The groups of plots that a run has, by name, made when asked for."""
-    groups: dict[str, Callable[[], ChartGroup]] = {}
-    if loaded.has_position:
-        groups["position"] = lambda: _position(loaded)
-    groups["attitude"] = lambda: _attitude(loaded)
-    groups["rate"] = lambda: _components(loaded, "rate", OMEGA_BODY, _AXES, "deg/s")
-    if loaded.has_mass_centre:
-        groups["mass centre"] = lambda: _components(loaded, "mass centre", COM_MODEL, _AXES, "m")
-    if loaded.has_inertia:
-        groups["inertia ratios"] = lambda: _inertia(loaded)
-    groups["consistency"] = lambda: _consistency(loaded)
+    groups: dict[str, Callable[[], ChartGroup]] = {
+        name: partial(_quantity, loaded, name, block)
+        for name, block in _GROUPS.items()
+        if loaded.has(block) or loaded.error(block) is not None
+    }
+    groups["consistency"] = partial(_consistency, loaded)
     return groups
 
 
-_AXES = ("x", "y", "z")
-_RATIOS = ("Iyy / Ixx", "Izz / Ixx", "Ixy / Ixx", "Ixz / Ixx", "Iyz / Ixx")
-_RATIO_COLUMNS = ("i_yy", "i_zz", "i_xy", "i_xz", "i_yz")
-_VALUES: dict[str, Callable[[LoadedRun], FloatArray]] = {
-    "rate": lambda loaded: np.rad2deg(loaded.track.omega_body),
-    "mass centre": lambda loaded: loaded.track.com_model,
-    "inertia ratios": lambda loaded: loaded.track.inertia_ratios,
-}
-
-
-def _position(loaded: LoadedRun) -> ChartGroup:
-    track = loaded.track
-    error = _state_error(loaded, R_HILL)
-    if error is None:
-        return _group(loaded, "position, hill axes", track.r_hill, track.sd[:, R_HILL], _AXES, "m")
-    return _group(
-        loaded, "position, hill axes", error, track.sd[:, R_HILL], _AXES, "m", is_error=True
-    )
-
-
-def _attitude(loaded: LoadedRun) -> ChartGroup:
-    sd = np.rad2deg(loaded.track.sd[:, THETA_BODY])
-    error = _state_error(loaded, THETA_BODY)
-    if error is None and loaded.evaluation is not None:
-        error = loaded.evaluation.errors.theta_model_rad
+def _quantity(loaded: LoadedRun, name: str, block: Block) -> ChartGroup:
+    """The errors of an estimated quantity where they are known, else its values."""
+    to_shown = 180.0 / np.pi if block.unit.startswith("rad") else 1.0
+    time_s, sd = loaded.run.time_s, to_shown * loaded.trajectory.sd_of(block)
+    error, unit, title = loaded.error(block), block.shown_unit, name
     if error is not None:
-        return _group(
-            loaded, "attitude, body axes", np.rad2deg(error), sd, _AXES, "deg", is_error=True
-        )
-    # An attitude has no value per axis; its three standard deviations do.
-    return _group(loaded, "attitude, 3 sigma", 3.0 * sd, None, _AXES, "deg")
-
-
-def _components(
-    loaded: LoadedRun, title: str, block: slice, names: tuple[str, ...], unit: str
-) -> ChartGroup:
-    scale = 180.0 / np.pi if unit == "deg/s" else 1.0
-    sd = scale * loaded.track.sd[:, block]
-    error = _state_error(loaded, block)
-    if error is not None:
-        return _group(loaded, title, scale * error, sd, names, unit, is_error=True)
-    return _group(loaded, title, _VALUES[title](loaded), sd, names, unit)
-
-
-def _inertia(loaded: LoadedRun) -> ChartGroup:
-    group = _components(loaded, "inertia ratios", INERTIA_RATIOS, _RATIOS, "1")
-    charts: list[Chart] = []
-    known_names: list[str] = []
-    prior_names: list[str] = []
-    for chart, column, name in zip(group.charts, _RATIO_COLUMNS, _RATIOS, strict=True):
-        verdict = loaded.verdicts.get(column)
-        if verdict is None:
-            charts.append(chart)
-            continue
-        (known_names if verdict.from_data else prior_names).append(name.split(" ")[0])
-        sd = loaded.track.sd[:, INERTIA_RATIOS][:, _RATIO_COLUMNS.index(column)]
-        known = (sd <= _KNOWN_FROM * verdict.prior_sd) & verdict.from_data
+        values = to_shown * error
+        scale, unit = _unit_of(values, unit, time_s)
+        values, sd, centre = scale * values, scale * sd, np.zeros_like(values)
+        title += {POSITION: ", hill axes", ATTITUDE: ", body axes"}.get(block, "")
+        if block is POSITION and not loaded.has(POSITION):
+            title = f"{name}, camera axes"
+    elif block is ATTITUDE:
+        # An attitude has no value per axis; its three standard deviations do.
+        values, sd, title = 3.0 * sd, np.full_like(sd, np.nan), f"{title}, 3 sigma"
+        centre = values
+    else:
+        values = centre = to_shown * loaded.trajectory[block]
+        title += {POSITION: ", hill axes"}.get(block, "")
+    charts = []
+    for k, component in enumerate(block.components):
+        of_what = f"{component} / Ixx" if block is RATIOS else component
+        words = [of_what, "error"] if error is not None else [of_what]
+        suffix = "" if unit == "1" else f", {unit}"
+        low = high = None
+        if np.isfinite(sd[:, k]).any():
+            low, high = centre[:, k] - 3.0 * sd[:, k], centre[:, k] + 3.0 * sd[:, k]
+        linear = None if error is None or high is None else linear_range(time_s, high)
         charts.append(
             Chart(
-                chart.label,
-                chart.time_s,
-                chart.curve,
-                chart.is_error,
-                chart.linear_to,
-                known=known,
+                " ".join(words) + suffix,
+                time_s,
+                Curve(values[:, k], low, high),
+                error is not None,
+                linear,
+                known=_known(loaded, block, k),
             )
         )
-    remark = ""
-    if loaded.verdicts:
-        parts = [f"known from data: {', '.join(known_names) or 'none'}"]
-        parts.append(f"prior only: {', '.join(prior_names) or 'none'}")
-        remark = "; ".join(parts)
-    return ChartGroup(group.title, tuple(charts), remark)
+    return ChartGroup(title, tuple(charts), _remark(loaded, block))
+
+
+def _known(loaded: LoadedRun, block: Block, k: int) -> BoolArray | None:
+    """(n,) where a component of the inertia is known from data; None where nothing tells."""
+    verdict = loaded.verdicts.get(block.columns[k])
+    if block is not RATIOS or verdict is None:
+        return None
+    sd = loaded.trajectory.sd_of(block)[:, k]
+    return np.asarray((sd <= _KNOWN_FROM * verdict.prior_sd) & verdict.from_data)
+
+
+def _remark(loaded: LoadedRun, block: Block) -> str:
+    if block is not RATIOS or not loaded.verdicts:
+        return ""
+    told = [
+        (component, loaded.verdicts[column].from_data)
+        for component, column in zip(block.components, block.columns, strict=True)
+        if column in loaded.verdicts
+    ]
+    known = ", ".join(name for name, from_data in told if from_data)
+    prior = ", ".join(name for name, from_data in told if not from_data)
+    return f"known from data: {known or 'none'}; prior only: {prior or 'none'}"
 
 
 def _consistency(loaded: LoadedRun) -> ChartGroup:
-    track = loaded.track
-    used = np.isfinite(track.nis) & (track.nis_dof > 0)
-    ratio = np.full(len(track), np.nan)
-    ratio[used] = track.nis[used] / chi_square.quantile(_CONFIDENCE, track.nis_dof[used])
-    charts = []
+    run, charts = loaded.run, []
+    used = np.isfinite(run.nis) & (run.nis_dof > 0)
     if used.any():
-        charts.append(
-            Chart(
-                "NIS / its 95 % bound",
-                track.time_s,
-                Curve(ratio, dots=True),
-                linear_to=2.0 if np.nanmax(ratio) > _DECADES_FROM else None,
-                bound=1.0,
-            )
-        )
-    if np.isfinite(track.inlier_ratio).any():
-        charts.append(Chart("inlier ratio, %", track.time_s, Curve(100.0 * track.inlier_ratio)))
-    counts = track.n_rectangles.astype(np.float64)
-    charts.append(Chart(f"{loaded.counted} used, count", track.time_s, Curve(counts)))
+        ratio = np.full(len(run), np.nan)
+        ratio[used] = run.nis[used] / chi_square.quantile(_CONFIDENCE, run.nis_dof[used])
+        linear = 2.0 if np.nanmax(ratio) > _DECADES_FROM else None
+        curve = Curve(ratio, dots=True)
+        charts.append(Chart("NIS / its 95 % bound", run.time_s, curve, linear_to=linear, bound=1.0))
+    inliers = run.notes.get("inlier_ratio", np.full(len(run), np.nan))
+    if np.isfinite(inliers).any():
+        charts.append(Chart("inlier ratio, %", run.time_s, Curve(100.0 * inliers)))
+    for column, what in _USED.items():
+        if column in run.notes:
+            told = run.notes[column]
+            counts = np.isfinite(told).astype(np.float64) if column == _MEASURED else told
+            charts.append(Chart(f"{what} used, count", run.time_s, Curve(counts)))
     return ChartGroup("consistency", tuple(charts))
-
-
-def _group(
-    loaded: LoadedRun,
-    title: str,
-    values: FloatArray,
-    sd: FloatArray | None,
-    names: tuple[str, ...],
-    unit: str,
-    *,
-    is_error: bool = False,
-) -> ChartGroup:
-    time_s = loaded.track.time_s
-    scale, unit = _shown_unit(values, unit, time_s) if is_error else (1.0, unit)
-    what = "error " if is_error else ""
-    suffix = "" if unit == "1" else f", {unit}"
-    charts = []
-    for k, name in enumerate(names):
-        value = scale * values[:, k]
-        low = high = None
-        if sd is not None and np.isfinite(sd[:, k]).any():
-            centre = np.zeros_like(value) if is_error else value
-            bound = 3.0 * scale * sd[:, k]
-            low, high = centre - bound, centre + bound
-        curve = Curve(value, low, high)
-        linear = linear_range(time_s, high) if is_error and high is not None else None
-        charts.append(Chart(f"{name} {what}".strip() + suffix, time_s, curve, is_error, linear))
-    return ChartGroup(title, tuple(charts))
 
 
 def linear_range(time_s: FloatArray, bound: FloatArray) -> float | None:
@@ -220,15 +190,8 @@ def linear_range(time_s: FloatArray, bound: FloatArray) -> float | None:
     return float(10.0 ** np.ceil(np.log10(np.median(last))))
 
 
-def _state_error(loaded: LoadedRun, block: slice) -> FloatArray | None:
-    """(n, k) true minus estimated; None where the truth does not know it."""
-    if loaded.evaluation is None:
-        return None
-    error = loaded.evaluation.errors.state[:, block]
-    return error if np.isfinite(error).any() else None
-
-
-def _shown_unit(error: FloatArray, unit: str, time_s: FloatArray) -> tuple[float, str]:
+def _unit_of(error: FloatArray, unit: str, time_s: FloatArray) -> tuple[float, str]:
+    """Factor and unit to draw errors in, by those of the settled run."""
     settled = np.abs(error[time_s >= time_s[0] + 0.1 * np.ptp(time_s)])
     known = settled[np.isfinite(settled)]
     return display_unit(unit, float(np.median(known)) if known.size else 1.0)

@@ -7,7 +7,9 @@ from enum import StrEnum
 import numpy as np
 
 from pcnav.core.spatial import exp_rotation, rotation_angle
-from pcnav.runs.results import ACCEPTED, RectangleRecord, Track
+from pcnav.dynamics.blocks import ATTITUDE, RATE
+from pcnav.runs.records import ACCEPTED, RectangleRecord
+from pcnav.runs.run import Run
 from pcnav.runs.status import Status
 
 _FOLLOWED = {Status.LOCKED, Status.AMBIGUOUS}
@@ -35,16 +37,14 @@ class Event:
     text: str
 
 
-def events_of(
-    track: Track, records: Mapping[float, tuple[RectangleRecord, ...]]
-) -> tuple[Event, ...]:
+def events_of(run: Run, records: Mapping[float, tuple[RectangleRecord, ...]]) -> tuple[Event, ...]:
     """All events of a run in the order of time.
 
     A status that begins to follow the target is a lock, one that ends it a loss. A flip is a jump
     of the attitude between two estimates that the rate does not explain. A rejection is a named
     rectangle that was not accepted; frames in a row that reject it for one reason are one event.
     """
-    found = [*_status_changes(track), *_flips(track), *_rejections(track, records)]
+    found = [*_status_changes(run), *_flips(run), *_rejections(run, records)]
     return tuple(sorted(found, key=lambda event: event.frame))
 
 
@@ -56,9 +56,9 @@ def neighbour(events: tuple[Event, ...], frame: int, step: int, kind: Kind | Non
     return next((event for event in reversed(wanted) if event.frame < frame), None)
 
 
-def _status_changes(track: Track) -> list[Event]:
+def _status_changes(run: Run) -> list[Event]:
     found, followed, ever = [], False, False
-    for k, status in enumerate(track.status):
+    for k, status in enumerate(run.status):
         if status in _FOLLOWED and not followed:
             found.append(Event(k, Kind.LOCK, f"{'found again' if ever else 'found'}: {status}"))
         elif followed and status not in _FOLLOWED:
@@ -68,14 +68,15 @@ def _status_changes(track: Track) -> list[Event]:
     return found
 
 
-def _flips(track: Track) -> list[Event]:
-    known = np.flatnonzero(track.has_estimate)
-    if known.size < 2:
+def _flips(run: Run) -> list[Event]:
+    trajectory, known = run.trajectory, np.flatnonzero(run.has_estimate)
+    if known.size < 2 or ATTITUDE not in trajectory or RATE not in trajectory:
         return []
     before, after = known[:-1], known[1:]
-    turn = track.omega_body[before] * (track.time_s[after] - track.time_s[before])[:, None]
-    expected = track.R_world_body[before] @ exp_rotation(turn)
-    jump = rotation_angle(np.swapaxes(expected, -1, -2) @ track.R_world_body[after])
+    turn = trajectory[RATE][before] * (run.time_s[after] - run.time_s[before])[:, None]
+    R = trajectory[ATTITUDE]
+    predicted = R[before] @ exp_rotation(turn)
+    jump = rotation_angle(np.swapaxes(predicted, -1, -2) @ R[after])
     told = np.linalg.norm(turn, axis=1) < _MAX_RATE_STEP_RAD
     return [
         Event(int(after[k]), Kind.FLIP, f"attitude jumps by {np.rad2deg(jump[k]):.0f} deg")
@@ -83,10 +84,10 @@ def _flips(track: Track) -> list[Event]:
     ]
 
 
-def _rejections(track: Track, records: Mapping[float, tuple[RectangleRecord, ...]]) -> list[Event]:
+def _rejections(run: Run, records: Mapping[float, tuple[RectangleRecord, ...]]) -> list[Event]:
     found: list[Event] = []
     last: set[tuple[str, str]] = set()
-    for k, time_s in enumerate(track.time_s.tolist()):
+    for k, time_s in enumerate(run.time_s.tolist()):
         rejected = {
             (record.rectangle, record.outcome)
             for record in records.get(time_s, ())

@@ -79,7 +79,7 @@ def scene_html(runs: tuple[LoadedRun, ...], frame: int, options: RenderOptions) 
 
 def recorded_frames(loaded: LoadedRun) -> tuple[int, ...]:
     """The frames of a recording: all of them, or so many evenly spread ones."""
-    count = len(loaded.track)
+    count = len(loaded)
     step = max(1, -(-count // MAX_RECORDED_FRAMES))
     return tuple(range(0, count, step))
 
@@ -104,7 +104,7 @@ def recording(
 
 def shown_frame(loaded: LoadedRun, asked: int | None) -> int:
     """The frame asked for, else the first with an estimate. Raises `InputError` beyond the run."""
-    count = len(loaded.track)
+    count = len(loaded)
     if asked is not None and asked >= count:
         expected = f"expected a frame below {count}, got {asked}"
         raise InputError(loaded.name, "--frame", expected)
@@ -168,5 +168,5 @@ def _scene(
 
 def _title(runs: tuple[LoadedRun, ...], frame: int) -> str:
     names = " and ".join(loaded.name for loaded in runs)
-    track = runs[0].track
-    return f"{names}: frame {frame}, {track.time_s[frame]:.2f} s, {track.status[frame]}"
+    run = runs[0].run
+    return f"{names}: frame {frame}, {run.time_s[frame]:.2f} s, {run.status[frame]}"

@@ -11,7 +11,7 @@ import viser
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import invert_transform, transform_points
-from pcnav.runs.results import ACCEPTED, RectangleRecord
+from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.glyphs import closed
 from pcnav.viewer.loaded_run import LoadedRun
@@ -186,11 +186,11 @@ class RunLayers:
     def show(self, frame: int, shot: Shot | None, options: RenderOptions) -> None:
         """Draw a frame of the first run, and those of the others that are nearest in time."""
         first = self._runs[0]
-        time_s = float(first.track.time_s[frame])
+        time_s = float(first.run.time_s[frame])
         if self._sensor is not None:
             self._sensor.show(options)
-        known = bool(first.track.has_estimate[frame])
-        T = first.track.T_cam_model[frame] if known else np.eye(4)
+        pose = first.pose(frame)
+        T = np.eye(4) if pose is None else pose
         place(self._measured, T)
         T_model_cam = invert_transform(T)
         scale_m = 1.0 if first.frames is None else first.frames.scale_m
@@ -220,8 +220,6 @@ def _point_size_m(loaded: LoadedRun, camera: PinholeCamera | None) -> float:
 
 def shot_of(loaded: LoadedRun, frame: int) -> Shot | None:
     """The depth frame of a row of a run, compared with the model where there is an estimate."""
-    if loaded.frames is None or not len(loaded.track):
+    if loaded.frames is None or not len(loaded):
         return None
-    known = bool(loaded.track.has_estimate[frame])
-    pose = loaded.track.T_cam_model[frame] if known else None
-    return loaded.frames.get(frame, float(loaded.track.time_s[frame]), pose)
+    return loaded.frames.get(frame, float(loaded.run.time_s[frame]), loaded.pose(frame))

@@ -1,83 +1,59 @@
 """A run as it goes on: estimates are taken in as they come, frames read again to be looked at."""
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
 
-from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.dynamics.state import STATE_SIZE
-from pcnav.runs.results import RectangleRecord, Track
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.blocks import ATTITUDE
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.runs.estimate import Estimate, Output
+from pcnav.runs.records import RectangleRecord
+from pcnav.runs.run import Run
 from pcnav.viewer.app import serve
-from pcnav.viewer.loaded_run import LoadedRun, Snapshot, load_run
+from pcnav.viewer.loaded_run import STORED_COVARIANCES, LoadedRun, Snapshot
+from pcnav.viewer.loading import load_run, opened
 from pcnav.viewer.server import LOOPBACK, LocalServer
 
-_FIELDS: dict[str, tuple[int, ...]] = {
-    "time_s": (),
-    "r_hill": (3,),
-    "v_hill": (3,),
-    "com_model": (3,),
-    "R_world_body": (3, 3),
-    "omega_body": (3,),
-    "inertia_ratios": (5,),
-    "sd": (STATE_SIZE,),
-    "T_cam_model": (4, 4),
-    "nis": (),
-    "nis_dof": (),
-    "window_nis": (),
-    "inlier_ratio": (),
-    "n_rectangles": (),
-    "position_covariance": (3, 3),
-    "com_covariance": (3, 3),
-}
 _FIRST_ROWS = 256
-
-
-@dataclass(frozen=True)
-class LiveRow:
-    """A frame of any kind of run."""
-
-    time_s: float
-    status: str
-    values: Mapping[str, FloatArray | float]
-    """By field of `Track`, besides ``position_covariance`` and ``com_covariance`` (3, 3), m^2; nan
-    is kept of what is not given."""
-    records: tuple[RectangleRecord, ...] = ()
 
 
 class LiveRun:
     """The source of a run that goes on: what it is given costs the run next to nothing.
 
     About 700 bytes of numbers a frame are kept, and the records of its rectangles. The newest
-    frames are there for whoever asks; nobody is waited for. ``loaded`` tells what is known before
-    the first frame; its track and records are made here.
+    frames are there for whoever asks; nobody is waited for. ``pipeline`` is the one as run, which
+    names the recording.
     """
 
-    def __init__(self, loaded: LoadedRun) -> None:
+    def __init__(self, name: str, pipeline: Pipeline, output: Output) -> None:
+        self._output = output
+        self._blocks = tuple(block for block in STORED_COVARIANCES if block in output.layout)
         self._rows = {
-            field: np.full((_FIRST_ROWS, *shape), np.nan) for field, shape in _FIELDS.items()
+            field: np.full((_FIRST_ROWS, *shape), np.nan) for field, shape in self._shapes().items()
         }
         self._status: list[str] = []
         self._records: dict[float, tuple[RectangleRecord, ...]] = {}
         self._lock = threading.Lock()
         self._finished: Snapshot | None = None
-        self._empty = replace(loaded, track=empty_track(), records=self._records)
+        self._empty = opened(self._run_of(name, pipeline))
         self._newest = Snapshot((self._empty,), 0, is_live=True)
 
-    def add(self, row: LiveRow) -> None:
+    def add(self, estimate: Estimate) -> None:
         """Take in a frame; called by the run."""
         with self._lock:
             k = len(self._status)
             if k == len(self._rows["time_s"]):
                 self._grow()
-            self._rows["time_s"][k] = row.time_s
-            for field, value in row.values.items():
+            for field, value in self._numbers(estimate).items():
                 self._rows[field][k] = value
-            self._records[row.time_s] = row.records
-            self._status.append(row.status)
+            self._records[estimate.time_s] = estimate.records
+            self._status.append(str(estimate.status))
 
     def finish(self, loaded: LoadedRun) -> None:
         """The run has ended: from now on its result folder is shown."""
@@ -91,14 +67,42 @@ class LiveRun:
         with self._lock:
             n = len(self._status)
             if self._newest.number != n:
+                empty = self._empty
                 loaded = replace(
-                    self._empty,
-                    track=self._track(n),
-                    position_covariance=self._rows["position_covariance"][:n],
-                    com_covariance=self._rows["com_covariance"][:n],
+                    empty,
+                    run=self._run_of(empty.name, empty.run.pipeline),
+                    records=self._records,
+                    covariances={b.name: self._rows[f"P_{b.name}"][:n] for b in self._blocks},
                 )
                 self._newest = Snapshot((loaded,), n, is_live=True)
             return self._newest
+
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the numbers of a frame."""
+        output = self._output
+        numbers = ("time_s", "nis", "nis_dof", "window_nis", *output.notes)
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(numbers, ())
+        shapes |= {b.name: (3, 3) if b is ATTITUDE else (b.size,) for b in output.blocks}
+        shapes |= {f"P_{block.name}": (block.size, block.size) for block in self._blocks}
+        return {**shapes, "sd": (output.layout.size,), "T_cam_target": (4, 4)}
+
+    def _numbers(self, estimate: Estimate) -> dict[str, FloatArray | float]:
+        """Those of a frame that are known."""
+        told = {name: estimate.notes.get(name) for name in self._output.notes}
+        notes = {name: value for name, value in told.items() if isinstance(value, float | int)}
+        row: dict[str, FloatArray | float] = {**notes, **estimate.values}
+        row |= {"time_s": estimate.time_s, "nis": estimate.nis, "nis_dof": estimate.nis_dof}
+        if estimate.window_nis is not None:
+            row["window_nis"] = estimate.window_nis
+        if estimate.T_cam_target is not None:
+            row["T_cam_target"] = estimate.T_cam_target
+        P, layout = estimate.covariance, self._output.layout
+        if P is not None:
+            row["sd"] = np.sqrt(np.maximum(np.diagonal(P), 0.0))
+            for block in self._blocks:
+                rows = layout.slice_of(block)
+                row[f"P_{block.name}"] = P[rows, rows]
+        return row
 
     def _grow(self) -> None:
         """Room for twice as many; what was handed out keeps the old arrays."""
@@ -107,37 +111,29 @@ class LiveRun:
             grown[: len(rows)] = rows
             self._rows[field] = grown
 
-    def _track(self, n: int) -> Track:
-        return _track_of({field: values[:n] for field, values in self._rows.items()}, self._status)
-
-
-def empty_track() -> Track:
-    """Of a run that has not begun."""
-    return _track_of({field: np.empty((0, *shape)) for field, shape in _FIELDS.items()}, ())
-
-
-def _track_of(rows: Mapping[str, FloatArray], status: Sequence[str]) -> Track:
-    return Track(
-        time_s=rows["time_s"],
-        r_hill=rows["r_hill"],
-        v_hill=rows["v_hill"],
-        com_model=rows["com_model"],
-        R_world_body=rows["R_world_body"],
-        omega_body=rows["omega_body"],
-        inertia_ratios=rows["inertia_ratios"],
-        sd=rows["sd"],
-        T_cam_model=rows["T_cam_model"],
-        status=tuple(status),
-        nis=rows["nis"],
-        nis_dof=_counts(rows["nis_dof"]),
-        window_nis=rows["window_nis"],
-        inlier_ratio=rows["inlier_ratio"],
-        n_rectangles=_counts(rows["n_rectangles"]),
-    )
-
-
-def _counts(values: FloatArray) -> IntArray:
-    return np.nan_to_num(values).astype(np.intp)
+    def _run_of(self, name: str, pipeline: Pipeline | None) -> Run:
+        output, n = self._output, len(self._status)
+        rows = {field: values[:n] for field, values in self._rows.items()}
+        trajectory = Trajectory(
+            time_s=rows["time_s"],
+            layout=output.layout,
+            values={block.name: rows[block.name] for block in output.blocks},
+            sd=rows["sd"],
+            T_cam_target=rows["T_cam_target"] if output.has_poses else None,
+        )
+        return Run(
+            name=name,
+            folder=None,
+            estimator="" if pipeline is None else str(pipeline.estimator.kind),
+            pipeline=pipeline,
+            trajectory=trajectory,
+            status=tuple(self._status),
+            nis=rows["nis"],
+            nis_dof=np.nan_to_num(rows["nis_dof"]).astype(np.intp),
+            window_nis=rows["window_nis"],
+            notes={name: rows[name] for name in output.notes},
+            is_finished=False,
+        )
 
 
 class _Summary(Protocol):
@@ -156,15 +152,15 @@ class LiveView:
         self._run: LiveRun | None = None
         self._server: LocalServer | None = None
 
-    def expect(self, loaded: LoadedRun) -> None:
+    def expect(self, name: str, pipeline: Pipeline, output: Output) -> None:
         """What is known of the run before its first frame; see `LiveRun`."""
-        self._run = LiveRun(loaded)
+        self._run = LiveRun(name, pipeline, output)
 
-    def add(self, row: LiveRow) -> None:
+    def add(self, estimate: Estimate) -> None:
         """Show a frame."""
         if self._run is None:
             raise RuntimeError("a frame before expect()")
-        self._run.add(row)
+        self._run.add(estimate)
         self._served(self._run)
 
     @property
@@ -176,9 +172,10 @@ class LiveView:
 
     def finish(self, loaded: LoadedRun) -> LocalServer:
         """From now on the result folder is shown; the caller keeps the process alive for it."""
-        run = self._run or LiveRun(loaded)
-        run.finish(loaded)
-        return self._served(run)
+        if self._run is None:
+            raise RuntimeError("an end before expect()")
+        self._run.finish(loaded)
+        return self._served(self._run)
 
     def stop(self) -> None:
         """End it."""

@@ -1,167 +1,119 @@
-"""What the view is told of a run that goes on: what is known at its start, and every frame."""
+"""Frames of the pipelines that do not answer in `Estimate` yet, for the view."""
 
-from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
 from pcnav.config.pipeline_file import Pipeline
-from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.dynamics.state import (
-    COM_MODEL,
-    INERTIA_RATIOS,
-    OMEGA_BODY,
-    R_HILL,
-    STATE_SIZE,
-    THETA_BODY,
+from pcnav.dynamics.blocks import (
+    ATTITUDE,
+    ATTITUDE_LAYOUT,
+    MASS_CENTRE_LAYOUT,
+    MOTION_LAYOUT,
+    RATE,
+    ROTATION_LAYOUT,
 )
 from pcnav.estimators.image_motion.chain import ChainFrame
-from pcnav.recordings.opening import open_sequence
-from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.tracks import TrackFrame, Tracks
 from pcnav.runs.attitude_results import AttitudeFrame
+from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.feature_estimate import FeatureEstimate
-from pcnav.runs.feature_results import pose_in_rig, with_known_mass_centre
+from pcnav.runs.feature_results import pose_in_rig
 from pcnav.runs.image_results import image_status
+from pcnav.runs.records import RectangleRecord
 from pcnav.runs.results import FrameEstimate
-from pcnav.target.satellite import Target, load_target
-from pcnav.viewer.frames import FrameStore
-from pcnav.viewer.live import LiveRow, empty_track
-from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.other_runs import attitude_run, feature_run, image_run, shown_pose
 
-_Values = Mapping[str, FloatArray | float]
+DEPTH = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)
+FEATURES = Output(MOTION_LAYOUT, notes=("n_used",), has_features=True)
+IMAGES = Output(ATTITUDE_LAYOUT, (RATE,), notes=("agreeing",), has_nis=False)
+ATTITUDES = Output(ROTATION_LAYOUT, notes=("sd_measured_rad",))
 
 
-def starting_depth_run(
-    name: str, sequence: Sequence, target: Target, pipeline: Pipeline
-) -> LoadedRun:
-    """Of a run on depth frames that begins.
-
-    The sequence is opened and the target loaded anew: readers and ray caster of the run are not
-    shared with threads that draw.
-    """
-    own_target = load_target(target.mesh_path)
-    own_sequence = open_sequence(sequence.path, target.mesh_path)
-    return LoadedRun(
-        name=name,
-        track=empty_track(),
-        counted="rectangles",
-        records={},
-        frames=FrameStore(own_sequence, own_target, pipeline.perception, pipeline.seed),
-        target=own_target,
-        orbit=KeplerOrbit(sequence.info.mean_motion_rad_s),
-        evaluation=None,
-        verdicts={},
-    )
+def of_recording(pipeline: Pipeline, recording: Path) -> Pipeline:
+    """The pipeline as run."""
+    return pipeline.model_copy(update={"sequence": str(recording.resolve())})
 
 
-def starting_feature_run(name: str, tracks: Tracks) -> LoadedRun:
-    """Of a run on stereo tracks that begins."""
-    return feature_run(name, empty_track(), tracks.orbit)
-
-
-def starting_image_run(name: str) -> LoadedRun:
-    """Of a run on images of one camera that begins."""
-    return image_run(name, empty_track())
-
-
-def starting_attitude_run(name: str) -> LoadedRun:
-    """Of a run on attitudes that begins."""
-    return attitude_run(name, empty_track())
-
-
-def depth_row(estimate: FrameEstimate) -> LiveRow:
+def depth_estimate(estimate: FrameEstimate) -> Estimate:
     """A frame of a run on depth frames."""
-    values: _Values = {
-        "nis": estimate.nis,
-        "nis_dof": float(estimate.nis_dof),
-        "window_nis": estimate.window_nis,
-        "inlier_ratio": estimate.inlier_ratio,
-        "n_rectangles": float(estimate.n_rectangles),
-    }
-    state, P, T = estimate.state, estimate.covariance, estimate.T_cam_model
-    if state is not None and P is not None and T is not None:
+    state = estimate.state
+    values = {}
+    if state is not None:
         values = {
-            **values,
             "r_hill": state.r_hill,
             "v_hill": state.v_hill,
             "com_model": state.com_model,
-            "R_world_body": state.R_world_body,
+            "theta_body": state.R_world_body,
             "omega_body": state.omega_body,
             "inertia_ratios": state.inertia_ratios,
-            "sd": _deviations(P),
-            "T_cam_model": T,
-            "position_covariance": P[R_HILL, R_HILL],
-            "com_covariance": P[COM_MODEL, COM_MODEL],
         }
-    return LiveRow(estimate.time_s, estimate.status, values, estimate.records)
+    return Estimate(
+        time_s=estimate.time_s,
+        status=estimate.status,
+        values=values,
+        covariance=estimate.covariance,
+        T_cam_target=estimate.T_cam_model,
+        nis=estimate.nis,
+        nis_dof=estimate.nis_dof,
+        window_nis=estimate.window_nis,
+        notes={
+            "inlier_ratio": float(estimate.inlier_ratio),
+            "n_rectangles": estimate.n_rectangles,
+        },
+        records=tuple(RectangleRecord(**vars(record)) for record in estimate.records),
+    )
 
 
-def feature_row(tracks: Tracks, frame: TrackFrame, estimate: FeatureEstimate) -> LiveRow:
+def feature_estimate(tracks: Tracks, frame: TrackFrame, estimate: FeatureEstimate) -> Estimate:
     """A frame of a run on stereo tracks."""
-    values: _Values = {
-        "nis": estimate.nis,
-        "nis_dof": float(estimate.nis_dof),
-        "n_rectangles": float(len(estimate.used)),
-    }
     motion = estimate.motion
-    if motion is not None:
-        values = {
-            **values,
-            "r_hill": motion.r_hill,
-            "v_hill": motion.v_hill,
-            "com_model": np.zeros(3),
-            "R_world_body": motion.R_world_body,
-            "omega_body": motion.omega_body,
-            "inertia_ratios": motion.inertia_ratios,
-            "sd": with_known_mass_centre(_deviations(motion.covariance)),
-            "T_cam_model": pose_in_rig(frame, tracks.orbit, motion),
-            "position_covariance": motion.covariance[:3, :3],
-        }
-    return LiveRow(frame.time_s, str(estimate.status), values)
+    answer = Estimate(
+        time_s=frame.time_s,
+        status=str(estimate.status),
+        nis=estimate.nis,
+        nis_dof=estimate.nis_dof,
+        notes={"n_used": len(estimate.used)},
+    )
+    if motion is None:
+        return answer
+    values = {
+        "r_hill": motion.r_hill,
+        "v_hill": motion.v_hill,
+        "theta_body": motion.R_world_body,
+        "omega_body": motion.omega_body,
+        "inertia_ratios": motion.inertia_ratios,
+    }
+    known = {"values": values, "covariance": motion.covariance}
+    pose = pose_in_rig(frame, tracks.orbit, motion)
+    return Estimate(**{**vars(answer), **known, "T_cam_target": pose})
 
 
-def image_row(frame: ChainFrame, measured: set[int]) -> LiveRow:
+def image_estimate(frame: ChainFrame, measured: set[int]) -> Estimate:
     """A frame of a run on images; see `image_status`. Rates are found when it has ended."""
-    values: _Values = {"n_rectangles": float(frame.agreeing)}
-    if frame.R_world_body is not None and frame.covariance is not None:
-        sd = np.full(STATE_SIZE, np.nan)
-        sd[THETA_BODY] = _deviations(frame.covariance)
-        values = {**values, **_turned(frame.R_world_body, frame.R_cam_world), "sd": sd}
-    return LiveRow(frame.time_s, image_status(frame, measured), values)
+    known = frame.R_world_body is not None and frame.covariance is not None
+    return Estimate(
+        time_s=frame.time_s,
+        status=image_status(frame, measured),
+        values={ATTITUDE.name: frame.R_world_body} if frame.R_world_body is not None else {},
+        covariance=frame.covariance if known else None,
+        notes={"agreeing": frame.agreeing},
+    )
 
 
-def attitude_row(frame: AttitudeFrame) -> LiveRow:
+def attitude_estimate(frame: AttitudeFrame) -> Estimate:
     """A frame of a run on attitudes."""
-    values: _Values = {
-        "nis": frame.nis,
-        "nis_dof": 3.0 if np.isfinite(frame.nis) else 0.0,
-        "n_rectangles": float(np.isfinite(frame.measured_sd)),
+    known = bool(np.isfinite(frame.omega_body[0]))
+    values = {
+        "theta_body": frame.R_world_body,
+        "omega_body": frame.omega_body,
+        "inertia_ratios": frame.inertia_ratios,
     }
-    if np.isfinite(frame.omega_body[0]):
-        sd = np.full(STATE_SIZE, np.nan)
-        sd[THETA_BODY], sd[OMEGA_BODY], sd[INERTIA_RATIOS] = np.split(frame.sd, [3, 6])
-        values = {
-            **values,
-            **_turned(frame.R_world_body, np.eye(3)),
-            "omega_body": frame.omega_body,
-            "inertia_ratios": frame.inertia_ratios,
-            "sd": sd,
-        }
-    return LiveRow(frame.time_s, str(frame.status), values)
-
-
-def _turned(R_world_body: FloatArray, R_cam_world: FloatArray) -> _Values:
-    """Of a target whose place nobody knows: it is drawn before the camera."""
-    return {
-        "r_hill": np.zeros(3),
-        "v_hill": np.zeros(3),
-        "com_model": np.zeros(3),
-        "R_world_body": R_world_body,
-        "T_cam_model": shown_pose(R_cam_world @ R_world_body),
-    }
-
-
-def _deviations(covariance: FloatArray) -> FloatArray:
-    return np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    return Estimate(
+        time_s=frame.time_s,
+        status=str(frame.status),
+        values=values if known else {},
+        covariance=frame.covariance if known else None,
+        nis=frame.nis,
+        nis_dof=3 if np.isfinite(frame.nis) else 0,
+        notes={"sd_measured_rad": frame.measured_sd},
+    )

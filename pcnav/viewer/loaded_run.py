@@ -1,45 +1,35 @@
-"""A loaded run: all that the view shows of it, read once from its result folder."""
+"""A loaded run: all that the view shows of it, whatever estimated it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.core.arrays import FloatArray
-from pcnav.core.errors import InputError
-from pcnav.core.spatial import transform_points
+from pcnav.core.spatial import make_transform, transform_points
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, Block
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.dynamics.state import COM_MODEL, R_HILL
-from pcnav.evaluation.knowledge import FROM_DATA
-from pcnav.evaluation.metrics import evaluate
-from pcnav.evaluation.track_errors import TrackErrors, Truth, match_times, relabelled, truth_of
-from pcnav.files.csv_table import read_csv
-from pcnav.recordings.opening import open_sequence
-from pcnav.recordings.sequence import Sequence
-from pcnav.recordings.truth import read_truth
-from pcnav.runs.results import (
-    KNOWLEDGE_FILE,
-    PIPELINE_FILE,
-    STATES_FILE,
-    RectangleRecord,
-    Track,
-    read_measurements,
-    read_track,
-)
-from pcnav.runs.unfinished import is_unfinished, whole_rows
-from pcnav.target.satellite import Target, load_target
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.evaluation.errors import Errors, match_times
+from pcnav.runs.records import RectangleRecord
+from pcnav.runs.run import Run
+from pcnav.target.satellite import Target
 from pcnav.viewer.events import Event, events_of
-from pcnav.viewer.folder import refuse_what_is_no_run
 from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.glyphs import SIGMAS, seen_magnification
 from pcnav.viewer.render_options import Layer
 
 Records = Mapping[float, tuple[RectangleRecord, ...]]
 """By time."""
+CameraAttitude = Callable[[FloatArray], FloatArray]
+"""(n, 3, 3) R_cam_world at times (n,)."""
+
+STORED_COVARIANCES = (POSITION, CENTRE)
+"""Blocks drawn as ellipsoids. The rest of a long run's covariances, 3 kB a frame, is not kept."""
+_SHOWN_AT_M = 4.0
+"""A target whose distance nobody knows is drawn so far in front of the camera."""
 
 
 @dataclass(frozen=True)
@@ -51,46 +41,70 @@ class StateVerdict:
 
 
 @dataclass(frozen=True)
-class Evaluation:
-    """A run against its truth, up to the target's symmetry."""
-
-    errors: TrackErrors
-    T_cam_model: FloatArray | None
-    """(n, 4, 4) the true pose at each frame of the track, nan where unknown; None without any."""
-
-
-@dataclass(frozen=True)
 class LoadedRun:
-    """One run, whatever estimated it. What a kind of run does not have is None or empty."""
+    """One run. What its estimator does not say is None or empty."""
 
-    name: str
-    track: Track
-    counted: str
-    """What `Track.n_rectangles` counts."""
-    records: Records
-    frames: FrameStore | None
+    run: Run
+    target: Target | None = None
+    frames: FrameStore | None = None
     """None when the frames are no longer on disk: the states alone are then shown."""
-    target: Target | None
-    orbit: KeplerOrbit
+    orbit: KeplerOrbit = field(default_factory=lambda: KeplerOrbit(0.0))
     """The chaser's."""
-    evaluation: Evaluation | None
-    verdicts: Mapping[str, StateVerdict]
+    camera: CameraAttitude | None = None
+    """Of a run that knows no place of the target; None for a camera at rest."""
+    errors: Errors | None = None
+    """Against the truth, as in metrics.json; None without a truth."""
+    records: Records = field(default_factory=dict)
+    verdicts: Mapping[str, StateVerdict] = field(default_factory=dict)
     """By column of states.csv; empty for a run that is not finished."""
     notes: tuple[str, ...] = ()
     """What a user should know before looking at it."""
-    position_covariance: FloatArray | None = None
-    com_covariance: FloatArray | None = None
-    """(n, 3, 3) m^2 where they were stored; else the diagonals in the track have to do."""
+    covariances: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(n, 3, 3) by name of those `STORED_COVARIANCES` that are known; else the deviations have to
+    do."""
     points_body: FloatArray | None = None
     """(m, 3) estimated points of a target without a model, body axes, m."""
-    has_mass_centre: bool = True
-    has_position: bool = True
-    has_inertia: bool = True
+
+    def __len__(self) -> int:
+        return len(self.run)
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return self.run.name
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """What was estimated."""
+        return self.run.trajectory
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """What happened, in the order of time."""
-        return events_of(self.track, self.records)
+        return events_of(self.run, self.records)
+
+    @cached_property
+    def T_cam_model(self) -> FloatArray:
+        """(n, 4, 4) where the target is drawn, nan where there is no estimate: before the camera
+        where its place is not known. Without a model it is that of the body axes."""
+        if self.trajectory.T_cam_target is not None:
+            return self.trajectory.T_cam_target
+        known = self.run.has_estimate
+        R = self.trajectory[ATTITUDE][known]
+        if self.camera is not None and len(R):
+            R = self.camera(self.run.time_s[known]) @ R
+        T = np.full((len(self), 4, 4), np.nan)
+        T[known] = make_transform(R, np.broadcast_to([0.0, 0.0, _SHOWN_AT_M], (len(R), 3)))
+        return T
+
+    def pose(self, frame: int) -> FloatArray | None:
+        """(4, 4) of `T_cam_model`; None without an estimate."""
+        return np.asarray(self.T_cam_model[frame]) if self.run.has_estimate[frame] else None
+
+    @cached_property
+    def com_model(self) -> FloatArray:
+        """(n, 3) mass centre; the origin of a target without a model."""
+        return self.trajectory[CENTRE] if self.has(CENTRE) else np.zeros((len(self), 3))
 
     @cached_property
     def size_m(self) -> float:
@@ -102,69 +116,102 @@ class LoadedRun:
         return 1.0
 
     @cached_property
-    def largest_rate(self) -> float:
+    def max_rate(self) -> float:
         """The fastest the target turns, rad/s; 1 when it is not known to turn."""
-        rates = np.linalg.norm(self.track.omega_body, axis=1)
+        if not self.has(RATE):
+            return 1.0
+        rates = np.linalg.norm(self.trajectory[RATE], axis=1)
         known = rates[np.isfinite(rates)]
         return float(known.max()) if known.size and known.max() > 0.0 else 1.0
-
-    @property
-    def first_frame(self) -> int:
-        """The first frame with an estimate, else the first."""
-        known = np.flatnonzero(self.track.has_estimate)
-        return int(known[0]) if known.size else 0
 
     @cached_property
     def layers(self) -> frozenset[Layer]:
         """The layers that it has anything for."""
-        absent: set[Layer] = set()
-        if self.frames is None:
-            absent |= {Layer.POINTS, Layer.SENSOR}
-        if self.target is None:
-            absent |= {Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH}
-        if self.target is None or self.evaluation is None or self.evaluation.T_cam_model is None:
-            absent.add(Layer.TRUTH)
-        if not self.has_mass_centre:
-            absent.add(Layer.COM)
-        if not self.has_position:
-            absent |= {Layer.POSITION, Layer.TRAIL}
-        if not self.has_inertia:
-            absent |= {Layer.PRINCIPAL, Layer.MOMENTUM}
-        return frozenset(Layer) - absent
+        needs = {
+            Layer.POINTS: self.frames is not None,
+            Layer.SENSOR: self.frames is not None,
+            Layer.ACCEPTED: self.target is not None,
+            Layer.REJECTED: self.target is not None,
+            Layer.NAMES: self.target is not None,
+            Layer.MESH: self.target is not None,
+            Layer.TRUTH: self.target is not None and self._true_poses is not None,
+            Layer.COM: self.has(CENTRE),
+            Layer.POSITION: self.has(POSITION),
+            Layer.TRAIL: self.trajectory.T_cam_target is not None,
+            Layer.ATTITUDE: self.has(ATTITUDE),
+            Layer.RATE: self.has(RATE),
+            Layer.PRINCIPAL: self.has(RATIOS),
+            Layer.MOMENTUM: self.has(RATIOS),
+        }
+        return frozenset(layer for layer in Layer if needs.get(layer, True))
+
+    @property
+    def first_frame(self) -> int:
+        """The first frame with an estimate, else the first."""
+        known = np.flatnonzero(self.run.has_estimate)
+        return int(known[0]) if known.size else 0
+
+    def has(self, block: Block) -> bool:
+        """Whether a quantity is estimated."""
+        return block in self.trajectory
+
+    def sd(self, block: Block, frame: int) -> FloatArray:
+        """(k,) standard deviations of a block at a frame; nan where none are known."""
+        return self.trajectory.sd_of(block)[frame]
+
+    def error(self, block: Block) -> FloatArray | None:
+        """(n, k) true minus estimated; None where the truth does not know it."""
+        if self.errors is None:
+            return None
+        error = self.errors.state.get(block.name)
+        if block is POSITION and not self.has(POSITION):
+            error = self.errors.p_cam_m
+        if block is ATTITUDE:
+            # A truth of poses alone knows it, too; where axes are defined there is no error.
+            of_pose = self.errors.theta_model_rad
+            error = of_pose if error is None else np.where(np.isnan(error), of_pose, error)
+            if self.errors.defines_axes is not None:
+                error = np.where(self.errors.defines_axes[:, None], np.nan, error)
+        return error if error is not None and np.isfinite(error).any() else None
 
     def true_pose(self, frame: int | None) -> FloatArray | None:
         """(4, 4) T_cam_model of the truth at a frame; None where it is not known."""
-        if frame is None or self.evaluation is None or self.evaluation.T_cam_model is None:
+        if frame is None or self._true_poses is None:
             return None
-        T = self.evaluation.T_cam_model[frame]
+        T = np.asarray(self._true_poses[frame])
         return T if np.isfinite(T).all() else None
+
+    @property
+    def _true_poses(self) -> FloatArray | None:
+        return None if self.errors is None else self.errors.truth.T_cam_target
 
     def nearest_frame(self, time_s: float) -> int | None:
         """The frame at a time, to within half of the usual distance of frames."""
-        if not len(self.track):
+        if not len(self):
             return None
-        steps = np.diff(self.track.time_s)
+        steps = np.diff(self.run.time_s)
         half = 0.5 * float(np.median(steps)) if steps.size else 0.5
-        row = int(match_times(np.array([time_s]), self.track.time_s, half * (1.0 + 1e-9))[0])
+        row = int(match_times(np.array([time_s]), self.run.time_s, half * (1.0 + 1e-9))[0])
         return None if row < 0 else row
 
     def magnification(self, frame: int) -> float:
         """By how much the doubts of a frame have to be magnified to be seen."""
-        sd = self.track.sd[frame]
-        blocks = (R_HILL, COM_MODEL) if self.has_mass_centre else (R_HILL,)
-        radius_m = SIGMAS * max(float(np.linalg.norm(sd[block])) for block in blocks)
+        known = [block for block in (POSITION, CENTRE) if self.has(block)]
+        radius_m = SIGMAS * max(
+            (float(np.linalg.norm(self.sd(block, frame))) for block in known), default=np.nan
+        )
         return seen_magnification(radius_m, self.size_m) if np.isfinite(radius_m) else 1.0
 
     @cached_property
     def centres(self) -> FloatArray:
         """(m, 3) the mass centre in the camera at the frames that have an estimate."""
-        known = self.track.has_estimate
-        T = self.track.T_cam_model[known]
-        return np.asarray(transform_points(T, self.track.com_model[known][:, None])[:, 0])
+        known = self.run.has_estimate
+        p_model = self.com_model[known][:, None]
+        return np.asarray(transform_points(self.T_cam_model[known], p_model)[:, 0])
 
     def centre(self, frame: int) -> FloatArray:
         """(3,) the mass centre in the camera at a frame, or at the nearest that has an estimate."""
-        known = np.flatnonzero(self.track.has_estimate)
+        known = np.flatnonzero(self.run.has_estimate)
         if not known.size:
             return np.array([0.0, 0.0, 10.0])
         return np.asarray(self.centres[np.argmin(np.abs(known - frame))])
@@ -176,14 +223,15 @@ class LoadedRun:
 
     def position_spread_cam(self, frame: int) -> FloatArray:
         """(3, 3) covariance of the mass centre's position, camera axes, m^2."""
-        P = _block(self.position_covariance, self.track, frame, R_HILL)
-        R_cam_world = self.track.T_cam_model[frame, :3, :3] @ self.track.R_world_body[frame].T
-        R = R_cam_world @ self.orbit.R_hill_world(float(self.track.time_s[frame])).T
-        return np.asarray(R @ P @ R.T)
+        R_cam_world = self.T_cam_model[frame, :3, :3] @ self.trajectory[ATTITUDE][frame].T
+        R = R_cam_world @ self.orbit.R_hill_world(float(self.run.time_s[frame])).T
+        return np.asarray(R @ self.covariance(POSITION, frame) @ R.T)
 
-    def com_spread_model(self, frame: int) -> FloatArray:
-        """(3, 3) covariance of the mass centre, model axes, m^2."""
-        return _block(self.com_covariance, self.track, frame, COM_MODEL)
+    def covariance(self, block: Block, frame: int) -> FloatArray:
+        """(3, 3) of one of `STORED_COVARIANCES`, SI."""
+        if block.name in self.covariances:
+            return np.asarray(self.covariances[block.name][frame])
+        return np.diag(self.sd(block, frame) ** 2)
 
 
 @dataclass(frozen=True)
@@ -214,138 +262,3 @@ class FinishedRuns:
     def snapshot(self) -> Snapshot:
         """Always the same."""
         return self._snapshot
-
-
-_DEPTH_MARKER = "com_x_m"
-"""A column of depth runs alone."""
-
-
-def load_run(folder: Path) -> LoadedRun:
-    """Read a result folder of any kind, finished or not. Raises `InputError` when it is none."""
-    refuse_what_is_no_run(folder)
-    header = _header(folder / STATES_FILE)
-    if _DEPTH_MARKER not in header:
-        # The other kinds need the estimators, which take longer to import than a run to read.
-        from pcnav.viewer.other_runs import OTHER_KINDS
-
-        for kind in OTHER_KINDS:
-            if kind.marker in header:
-                return kind.load(folder, read_pipeline(folder / PIPELINE_FILE))
-    if is_unfinished(folder):
-        with whole_rows(folder) as rows:
-            told = f"unfinished: {{}} frames so far in {folder.name}"
-            return _depth_run(folder, rows, False, told)
-    return _depth_run(folder, folder, True, None)
-
-
-def depth_inputs(pipeline: Pipeline, path: Path) -> tuple[Target, Sequence | None]:
-    """Target and sequence that a pipeline as run names; the sequence where it is still there."""
-    if pipeline.target_mesh is None:
-        raise InputError(path, "target_mesh", "expected the mesh of the run")
-    target = load_target(Path(pipeline.target_mesh))
-    try:
-        sequence = None if pipeline.sequence is None else open_sequence(Path(pipeline.sequence))
-    except InputError:
-        sequence = None
-    return target, sequence
-
-
-def judged(track: Track, truth: Truth | None, symmetries: FloatArray) -> Evaluation | None:
-    """A track against a truth; None where there is none, or nothing to compare it with."""
-    if truth is None or not track.has_estimate.any():
-        return None
-    try:
-        metrics = evaluate(track, truth, symmetries)
-    except InputError:
-        return None
-    if metrics.errors is None:
-        return None
-    told = relabelled(truth, symmetries[metrics.symmetry]).T_cam_model
-    true = None
-    if told is not None:
-        rows = match_times(track.time_s, truth.time_s, 1e-6)
-        true = np.where((rows >= 0)[:, None, None], told[rows], np.nan)
-    return Evaluation(metrics.errors, true)
-
-
-def records_by_time(records: tuple[RectangleRecord, ...]) -> Records:
-    """The records of each frame."""
-    grouped: dict[float, list[RectangleRecord]] = {}
-    for record in records:
-        grouped.setdefault(record.time_s, []).append(record)
-    return {time_s: tuple(rows) for time_s, rows in grouped.items()}
-
-
-def _depth_run(folder: Path, tables: Path, finished: bool, told: str | None) -> LoadedRun:
-    pipeline = read_pipeline(folder / PIPELINE_FILE)
-    track = read_track(tables, with_covariance=finished)
-    target, sequence = depth_inputs(pipeline, folder / PIPELINE_FILE)
-    notes = [] if told is None else [told.format(len(track))]
-    frames, truth, motion = None, None, pipeline.orbit.mean_motion_rad_s
-    if sequence is None:
-        notes.append(f"the depth frames are not at {pipeline.sequence}: states only")
-    else:
-        frames = FrameStore(sequence, target, pipeline.perception, pipeline.seed)
-        motion = sequence.info.mean_motion_rad_s
-        truth = truth_of(read_truth(sequence.path))
-    blocks: list[FloatArray | None] = [None, None]
-    if track.covariance is not None:
-        # The rest of a long run's covariances, 3 kB a frame, is not kept.
-        blocks = [track.covariance[:, block, block].copy() for block in (R_HILL, COM_MODEL)]
-    return LoadedRun(
-        name=folder.name,
-        track=without_covariance(track),
-        counted="rectangles",
-        records=records_by_time(read_measurements(tables)),
-        frames=frames,
-        target=target,
-        orbit=KeplerOrbit(motion),
-        evaluation=judged(without_covariance(track), truth, target.symmetry_transforms),
-        verdicts=_verdicts(folder / KNOWLEDGE_FILE),
-        notes=tuple(notes),
-        position_covariance=blocks[0],
-        com_covariance=blocks[1],
-    )
-
-
-def without_covariance(track: Track) -> Track:
-    """The same track without the full covariances."""
-    return replace(track, covariance=None)
-
-
-def _verdicts(path: Path) -> Mapping[str, StateVerdict]:
-    if not path.is_file():
-        return {}
-    table = read_csv(path, ("state", "prior_sd", "verdict"), ("state", "verdict"))
-    rows = zip(
-        table.words("state"),
-        table.numbers(("prior_sd",))[:, 0],
-        table.words("verdict"),
-        strict=True,
-    )
-    return {name: StateVerdict(float(sd), verdict == FROM_DATA) for name, sd, verdict in rows}
-
-
-def _block(stored: FloatArray | None, track: Track, frame: int, states: slice) -> FloatArray:
-    if stored is not None:
-        return np.asarray(stored[frame])
-    return np.diag(track.sd[frame, states] ** 2)
-
-
-def _header(path: Path) -> frozenset[str]:
-    try:
-        with path.open(encoding="utf-8") as file:
-            return frozenset(file.readline().strip().split(","))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "file", f"expected a readable text file ({error})") from error
-
-
-_Loader = Callable[[Path, Pipeline], LoadedRun]
-
-
-@dataclass(frozen=True)
-class RunKind:
-    """A kind of run beside that on depth frames, told by a column of its states.csv."""
-
-    marker: str
-    load: _Loader

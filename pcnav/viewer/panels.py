@@ -8,8 +8,8 @@ from PIL import Image, ImageDraw
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import project
-from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY
-from pcnav.runs.results import ACCEPTED, RectangleRecord
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS
+from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.status import Status
 from pcnav.viewer.colouring import depth_shades, label_colours, residual_colours
 from pcnav.viewer.frames import ColourBy, Shot
@@ -38,15 +38,14 @@ _STYLE = "font-size:12px;line-height:1.45;padding:2px 10px"
 
 def facts_html(loaded: LoadedRun, frame: int, magnified: float | None) -> str:
     """Time, status and estimate of a frame with standard deviations."""
-    track = loaded.track
-    status = track.status[frame]
+    run, status = loaded.run, loaded.run.status[frame]
     colour = hex_of(_STATUS_COLOURS.get(status, PLAIN))
     head = (
-        f"<b>frame {frame}</b> of {len(track) - 1} · {track.time_s[frame]:.2f} s · "
+        f"<b>frame {frame}</b> of {len(run) - 1} · {run.time_s[frame]:.2f} s · "
         f"<b style='color:{colour}'>{escape(status)}</b>"
     )
     rows = [("estimate", "none")]
-    if track.has_estimate[frame]:
+    if run.has_estimate[frame]:
         rows = _estimate_rows(loaded, frame)
         drawn = magnified or loaded.magnification(frame)
         rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
@@ -59,39 +58,41 @@ def facts_html(loaded: LoadedRun, frame: int, magnified: float | None) -> str:
 
 
 def _estimate_rows(loaded: LoadedRun, frame: int) -> list[tuple[str, str]]:
-    track = loaded.track
-    sd = track.sd[frame]
-
     def norm(values: FloatArray) -> float:
         return float(np.linalg.norm(values))
 
+    def list_of(values: FloatArray) -> str:
+        return ", ".join(f"{value:.3f}" for value in values)
+
+    values = {
+        block: loaded.trajectory[block][frame]
+        for block in (POSITION, RATE, CENTRE, RATIOS)
+        if loaded.has(block)
+    }
     rows = []
-    if loaded.has_position:
-        rows.append(
-            ("range", f"{norm(track.r_hill[frame]):.3f} m ± {1e3 * norm(sd[R_HILL]):.2f} mm")
-        )
-    rows.append(("attitude", f"± {np.rad2deg(norm(sd[THETA_BODY])):.4f} deg"))
-    rate = np.rad2deg(norm(track.omega_body[frame]))
-    rate_sd = np.rad2deg(norm(sd[OMEGA_BODY]))
-    doubt = f" ± {rate_sd:.4f}" if np.isfinite(rate_sd) else ""
-    rows.append(("rate", f"{rate:.4f}{doubt} deg/s"))
-    if loaded.has_mass_centre:
-        com = ", ".join(f"{value:.3f}" for value in track.com_model[frame])
-        rows.append(("mass centre", f"({com}) m ± {1e3 * norm(sd[COM_MODEL]):.2f} mm"))
-    if loaded.has_inertia:
-        ratios = ", ".join(f"{value:.3f}" for value in track.inertia_ratios[frame])
-        rows.append(("Iyy, Izz, Ixy, Ixz, Iyz over Ixx", f"{ratios} ± {_worst_ratio_sd(sd):.2g}"))
-    if loaded.evaluation is not None:
-        errors = loaded.evaluation.errors
-        position, angle = norm(errors.p_cam_m[frame]), norm(errors.theta_model_rad[frame])
-        if np.isfinite(position) and np.isfinite(angle):
-            told = f"{1e3 * position:.2f} mm, {np.rad2deg(angle):.4f} deg"
-            rows.append(("true pose error", told))
+    if POSITION in values:
+        doubt = f"{1e3 * norm(loaded.sd(POSITION, frame)):.2f} mm"
+        rows.append(("range", f"{norm(values[POSITION]):.3f} m ± {doubt}"))
+    elif loaded.trajectory.T_cam_target is not None:
+        rows.append(("range", f"{norm(loaded.centre(frame)):.3f} m"))
+    if loaded.has(ATTITUDE):
+        doubt = f"{np.rad2deg(norm(loaded.sd(ATTITUDE, frame))):.4f}"
+        rows.append(("attitude", f"± {doubt} deg"))
+    if RATE in values:
+        rate_sd = np.rad2deg(norm(loaded.sd(RATE, frame)))
+        doubt = f" ± {rate_sd:.4f}" if np.isfinite(rate_sd) else ""
+        rows.append(("rate", f"{np.rad2deg(norm(values[RATE])):.4f}{doubt} deg/s"))
+    if CENTRE in values:
+        doubt = f"{1e3 * norm(loaded.sd(CENTRE, frame)):.2f} mm"
+        rows.append(("mass centre", f"({list_of(values[CENTRE])}) m ± {doubt}"))
+    if RATIOS in values:
+        doubt = f"{np.max(loaded.sd(RATIOS, frame)):.2g}"
+        rows.append(("Iyy, Izz, Ixy, Ixz, Iyz over Ixx", f"{list_of(values[RATIOS])} ± {doubt}"))
+    if loaded.errors is not None and loaded.errors.has_pose[frame]:
+        position = norm(loaded.errors.p_cam_m[frame])
+        angle = np.rad2deg(norm(loaded.errors.theta_model_rad[frame]))
+        rows.append(("true pose error", f"{1e3 * position:.2f} mm, {angle:.4f} deg"))
     return rows
-
-
-def _worst_ratio_sd(sd: FloatArray) -> float:
-    return float(np.max(sd[INERTIA_RATIOS]))
 
 
 def measurements_html(records: tuple[RectangleRecord, ...]) -> str:

@@ -87,7 +87,7 @@ class PlotsPanel:
         drawn = zip(makers, RUNS, strict=False)
         groups = [(make(), colour) for make, colour in drawn if make is not None]
         self._key.content = _key(self._runs, [group for group, _ in groups])
-        if not len(self._runs[0].track):
+        if not len(self._runs[0]):
             return []
         charts = [[(chart, colour) for chart in group.charts] for group, colour in groups]
         return [[each for each in row if each is not None] for row in zip_longest(*charts)]
@@ -309,7 +309,7 @@ def _lacks(chart: Chart) -> bool:
 def _key(runs: tuple[LoadedRun, ...], groups: list[ChartGroup]) -> str:
     """What the lines mean, as HTML."""
     parts = []
-    if groups:
+    if groups and groups[0].charts:
         first = groups[0].charts[0]
         told = "error: truth minus estimate" if first.is_error else "estimate"
         if first.curve.high is not None:

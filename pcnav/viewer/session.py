@@ -70,8 +70,8 @@ class Session:
             self._controls = Controls(client.gui, self._snapshot, self)
             self._build_panel()
             self._look_at_first()
-            if len(self._first.track):
-                frame = min(self._wanted, len(self._first.track) - 1)
+            if len(self._first):
+                frame = min(self._wanted, len(self._first) - 1)
                 self._draw(time.monotonic(), frame, shot_of(self._first, frame))
         self._questions = ThreadPoolExecutor(1, "pcnav questions")
         self._page = self._asked_page()
@@ -83,7 +83,7 @@ class Session:
 
     def go_to(self, frame: int) -> None:
         """Show a frame; the newest wish wins. Playing starts again from there."""
-        last = max(len(self._first.track) - 1, 0)
+        last = max(len(self._first) - 1, 0)
         with self._wake:
             self._wanted = min(max(frame, 0), last)
             if self._playback is not None:
@@ -110,7 +110,7 @@ class Session:
     def play(self, wanted: bool) -> None:
         """Start or stop."""
         with self._wake:
-            at_end = self._wanted >= len(self._first.track) - 1
+            at_end = self._wanted >= len(self._first) - 1
             start = 0 if at_end else self._wanted
             self._playback = self._playing_from(start) if wanted else None
             self._wake.notify()
@@ -171,7 +171,7 @@ class Session:
 
     @property
     def _wanted_s(self) -> float:
-        times = self._first.track.time_s
+        times = self._first.run.time_s
         return float(times[min(self._wanted, len(times) - 1)]) if len(times) else 0.0
 
     @property
@@ -179,7 +179,7 @@ class Session:
         return self._snapshot.runs[0]
 
     def _playing_from(self, frame: int) -> Playback:
-        time_s = float(self._first.track.time_s[frame])
+        time_s = float(self._first.run.time_s[frame])
         return Playback(time.monotonic(), time_s, self._controls.speed)
 
     def _run(self) -> None:
@@ -209,7 +209,7 @@ class Session:
     def _turn(self, now_s: float) -> None:
         """Draw if there is anything to draw."""
         news = self._take_news()
-        times, ended = self._first.track.time_s, False
+        times, ended = self._first.run.time_s, False
         with self._wake:
             playback = self._playback
             if playback is not None:
@@ -262,7 +262,7 @@ class Session:
         self._snapshot = snapshot
         with self._wake:
             if self._controls.follows_newest:
-                self._wanted = max(len(self._first.track) - 1, 0)
+                self._wanted = max(len(self._first) - 1, 0)
         return True
 
     def _go_on(self, now_s: float) -> None:
@@ -283,16 +283,16 @@ class Session:
             self._controls.show_frame(frame)
             self._facts.content = facts_html(self._first, frame, options.magnified)
         if self._cursor.is_due(now_s) or at_rest:
-            self._plots.move_cursor(float(self._first.track.time_s[frame]))
+            self._plots.move_cursor(float(self._first.run.time_s[frame]))
         self._drawn = frame
         if at_rest or self._picture.is_due(now_s):
             self._draw_details(frame, shot)
 
     def _draw_details(self, frame: int, shot: Shot | None) -> None:
         loaded, options = self._first, self._controls.options
-        time_s = float(loaded.track.time_s[frame])
+        time_s = float(loaded.run.time_s[frame])
         records = loaded.records.get(time_s, ())
-        known = bool(loaded.track.has_estimate[frame])
+        known = loaded.pose(frame) is not None
         self._controls.show_legend(legend_html(loaded, options.colour_by, has_estimate=known))
         if loaded.target is not None:
             self._measurements.content = measurements_html(records)
@@ -342,12 +342,12 @@ class Session:
 
     def _look_at_first(self) -> None:
         """What a page opens with. A target without a model may go far: it is followed."""
-        self._is_placed = bool(self._first.track.has_estimate.any())
+        self._is_placed = bool(self._first.run.has_estimate.any())
         self._look_from(Camera.ORBIT if self._first.target is not None else Camera.FOLLOW)
 
     def _follow(self, frame: int) -> None:
         """Carry the camera along with the target, without touching what the user turned."""
-        if not self._first.track.has_estimate[frame]:
+        if not self._first.run.has_estimate[frame]:
             return
         if not self._is_placed:
             self._look_at_first()
@@ -365,7 +365,7 @@ class Session:
 
 def _start_frame(snapshot: Snapshot, asked: int | None) -> int:
     first = snapshot.runs[0]
-    last = max(len(first.track) - 1, 0)
+    last = max(len(first) - 1, 0)
     if snapshot.is_live:
         return last
     return first.first_frame if asked is None else min(asked, last)

@@ -4,8 +4,9 @@ import numpy as np
 import viser
 
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import THETA_BODY
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, RATE, RATIOS
 from pcnav.target.mesh import wireframe_edges
+from pcnav.viewer import palette
 from pcnav.viewer.glyphs import (
     attitude_cone_scale,
     momentum_direction,
@@ -15,7 +16,7 @@ from pcnav.viewer.glyphs import (
     unit_cone,
 )
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.palette import ATTITUDE, MASS_CENTRE, MOMENTUM, POSITION, RATE, TRUTH, Rgb
+from pcnav.viewer.palette import MASS_CENTRE, MOMENTUM, TRUTH, Rgb
 from pcnav.viewer.render_options import (
     Layer,
     RenderOptions,
@@ -57,10 +58,10 @@ class TargetLayer:
             origin_color=MASS_CENTRE,
         )
         self._com_spread = self._add_ellipsoid(f"{com}/spread", MASS_CENTRE, False)
-        self._position_spread = self._add_ellipsoid(f"{root}/position", POSITION, True)
+        self._position_spread = self._add_ellipsoid(f"{root}/position", palette.POSITION, True)
         self._cone = self._add_cone(f"{com}/attitude")
         self._arrows = {
-            Layer.RATE: self._add_arrow(f"{com}/rate", RATE),
+            Layer.RATE: self._add_arrow(f"{com}/rate", palette.RATE),
             Layer.MOMENTUM: self._add_arrow(f"{com}/momentum", MOMENTUM),
         }
         self._trail = self._add_trail()
@@ -85,31 +86,32 @@ class TargetLayer:
         self._ghost.visible = true is not None
         if true is not None:
             place(self._ghost, true)
-        known = frame is not None and bool(loaded.track.has_estimate[frame])
-        self._model.visible = known
+        pose = None if frame is None else loaded.pose(frame)
+        self._model.visible = pose is not None
         for layer, handle in self._switched.items():
-            handle.visible = known and layer in shown
-        if frame is not None and known:
+            handle.visible = pose is not None and layer in shown
+        if frame is not None and pose is not None:
+            place(self._model, pose)
             self._show_estimate(frame, shown, options.magnified or loaded.magnification(frame))
 
     def _show_estimate(self, frame: int, shown: frozenset[Layer], magnified: float) -> None:
-        loaded, track = self._run, self._run.track
-        place(self._model, track.T_cam_model[frame])
-        self._com.position = vector(track.com_model[frame])
+        loaded, trajectory = self._run, self._run.trajectory
+        self._com.position = vector(loaded.com_model[frame])
         if Layer.PRINCIPAL in shown:
-            self._principal.wxyz = wxyz_of(principal_axes_model(track.inertia_ratios[frame]))
+            self._principal.wxyz = wxyz_of(principal_axes_model(trajectory[RATIOS][frame]))
         if Layer.COM in shown:
-            _stretch(self._com_spread, loaded.com_spread_model(frame), magnified)
+            _stretch(self._com_spread, loaded.covariance(CENTRE, frame), magnified)
         if Layer.POSITION in shown:
             _stretch(self._position_spread, loaded.position_spread_cam(frame), magnified)
             self._position_spread.position = vector(loaded.centre(frame))
         if Layer.ATTITUDE in shown:
-            sd, length = track.sd[frame, THETA_BODY], 0.5 * loaded.size_m
+            sd, length = loaded.sd(ATTITUDE, frame), 0.5 * loaded.size_m
             self._cone.scale = vector(attitude_cone_scale(sd, length, magnified))
         self._show_arrows(frame, shown)
 
     def _show_arrows(self, frame: int, shown: frozenset[Layer]) -> None:
-        loaded, omega = self._run, self._run.track.omega_body[frame]
+        loaded, trajectory = self._run, self._run.trajectory
+        omega = trajectory[RATE][frame] if loaded.has(RATE) else np.zeros(3)
         rate, length = float(np.linalg.norm(omega)), 0.8 * self._run.size_m
         moves = rate > 0.0 and bool(np.isfinite(omega).all())
         for layer, (arrow, text) in self._arrows.items():
@@ -118,10 +120,10 @@ class TargetLayer:
             if not arrow.visible:
                 continue
             if layer is Layer.RATE:
-                tip, text.text = omega / loaded.largest_rate, f"ω {np.rad2deg(rate):.3f} deg/s"
+                tip, text.text = omega / loaded.max_rate, f"ω {np.rad2deg(rate):.3f} deg/s"
             else:
-                ratios = loaded.track.inertia_ratios[frame]
-                tip, text.text = momentum_direction(ratios, omega), "angular momentum"
+                tip = momentum_direction(trajectory[RATIOS][frame], omega)
+                text.text = "angular momentum"
             arrow.points = np.stack([np.zeros(3), length * tip])[None]
             text.position = vector(1.08 * length * tip)
 
@@ -185,7 +187,7 @@ class TargetLayer:
             name,
             vertices.astype(np.float32),
             faces.astype(np.uint32),
-            color=ATTITUDE,
+            color=palette.ATTITUDE,
             opacity=0.45,
             side="double",
             cast_shadow=False,

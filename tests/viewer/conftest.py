@@ -8,7 +8,8 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
 from pcnav.simulation.recording import simulate
 from pcnav.target.satellite import load_target
-from pcnav.viewer.loaded_run import LoadedRun, load_run
+from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.loading import load_run
 
 FRAMES = 12
 

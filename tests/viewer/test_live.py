@@ -24,7 +24,8 @@ from pcnav.target.satellite import load_target
 from pcnav.viewer.app import serve
 from pcnav.viewer.live import LiveRun, run_live
 from pcnav.viewer.live_rows import depth_row, starting_depth_run
-from pcnav.viewer.loaded_run import LoadedRun, load_run
+from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.loading import load_run
 from pcnav.viewer.server import LocalServer
 from tests.viewer.conftest import FRAMES, small_pipeline
 

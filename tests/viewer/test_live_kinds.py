@@ -12,7 +12,8 @@ from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.simulation.image_recording import simulate_images
 from pcnav.viewer.live import LiveView
-from pcnav.viewer.loaded_run import LoadedRun, load_run
+from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.loading import load_run
 from pcnav.viewer.server import LocalServer
 
 _FRAMES = 60

@@ -11,7 +11,8 @@ from pcnav.recordings.truth import read_truth
 from pcnav.runs.results import read_track
 from pcnav.viewer.curves import groups_of
 from pcnav.viewer.layers import shot_of
-from pcnav.viewer.loaded_run import LoadedRun, load_run
+from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.loading import load_run
 from pcnav.viewer.panels import facts_html, measurements_html
 from tests.viewer.conftest import FRAMES
 

@@ -18,7 +18,7 @@ from pcnav.simulation.attitude_recording import simulate_attitudes
 from pcnav.simulation.feature_recording import simulate_tracks
 from pcnav.simulation.image_recording import simulate_images
 from pcnav.viewer.curves import Chart, groups_of
-from pcnav.viewer.loaded_run import load_run
+from pcnav.viewer.loading import load_run
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "deg": 1.0, "deg/s": 1.0, "": 1.0}
 _GROUPS = {
