@@ -58,7 +58,7 @@ def view(
         _play(runs[0], host, port)
         return
     for run in runs:
-        _refuse_what_is_no_run(run)
+        refuse_what_is_no_run(run)
     if asked:
         _export(runs, asked, frame, overwrite)
         return
@@ -78,7 +78,7 @@ def view(
     serve_until_interrupted(server)
 
 
-def _refuse_what_is_no_run(folder: Path) -> None:
+def refuse_what_is_no_run(folder: Path) -> None:
     """Raise `InputError` unless a folder holds a run, finished or not; at once, without reading."""
     from pcnav.runs.result_files import STATES_FILE
 

@@ -157,7 +157,7 @@ class LoadedRun:
 
     def sd(self, block: Block, frame: int) -> FloatArray:
         """(k,) standard deviations of a block at a frame; nan where none are known."""
-        return self.trajectory.sd_of(block)[frame]
+        return np.asarray(self.trajectory.sd_of(block)[frame])
 
     def error(self, block: Block) -> FloatArray | None:
         """(n, k) true minus estimated; None where the truth does not know it."""

@@ -10,7 +10,8 @@ from PIL import Image
 from playwright.sync_api import Locator, Page
 
 from pcnav.viewer.app import show
-from pcnav.viewer.loaded_run import FinishedRuns, load_run
+from pcnav.viewer.loaded_run import FinishedRuns
+from pcnav.viewer.loading import load_run
 from pcnav.viewer.palette import LABELS, RUNS
 from pcnav.viewer.server import LOOPBACK, LocalServer
 from tests.browser.conftest import FRAMES, PATIENCE_MS, Opened, Served

@@ -27,7 +27,7 @@ def test_returns_of_a_rectangle_lie_in_it(loaded: LoadedRun) -> None:
     assert shot is not None and shot.rectangles is not None
     assert loaded.target is not None and loaded.frames is not None
     p_cam = pixel_rays(shot.frame.camera) * shot.frame.depth_m[..., None]
-    T_model_cam = invert_transform(loaded.track.T_cam_model[LAST])
+    T_model_cam = invert_transform(loaded.T_cam_model[LAST])
     shown = np.unique(shot.rectangles[shot.rectangles >= 0])
     assert len(shown) >= 3
     for number in shown:
@@ -54,9 +54,7 @@ def test_a_target_moved_back_is_behind_the_model(loaded: LoadedRun) -> None:
     assert shot is not None and loaded.target is not None
     from pcnav.target.rendering import DepthRenderer
 
-    rendered = DepthRenderer(loaded.target.mesh, shot.frame.camera).render(
-        loaded.track.T_cam_model[LAST]
-    )
+    rendered = DepthRenderer(loaded.target.mesh, shot.frame.camera).render(loaded.T_cam_model[LAST])
     moved = np.where(rendered.depth_m > 0.0, rendered.depth_m + np.float32(0.1), np.float32(0.0))
     residual = range_residual(moved.astype(np.float32), rendered)
     seen = residual[np.isfinite(residual)]
@@ -66,7 +64,7 @@ def test_a_target_moved_back_is_behind_the_model(loaded: LoadedRun) -> None:
 
 
 def test_frames_without_an_estimate_show_planes_of_their_own(loaded: LoadedRun) -> None:
-    assert not loaded.track.has_estimate[0]
+    assert not loaded.run.has_estimate[0]
     shot = shot_of(loaded, 0)
     assert shot is not None and shot.rectangles is None and shot.residual_m is None
     assert len(np.unique(shot.planes[shot.planes >= 0])) >= 2

@@ -1,41 +1,23 @@
-"""What the plots show against the track and its evaluation."""
+"""What the plots show against the run and its deviations."""
 
 import numpy as np
 import pytest
 
-from pcnav.evaluation.metrics import evaluate
-from pcnav.evaluation.track_errors import truth_of
-from pcnav.recordings.truth import read_truth
+from pcnav.dynamics.blocks import CENTRE
 from pcnav.viewer.clock import Playback, speeds
 from pcnav.viewer.curves import Chart, Curve, groups_of, linear_range
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.plots import two_sided_ticks
 
 
-def test_every_group_has_plots_with_units(loaded: LoadedRun) -> None:
-    for name, make in groups_of(loaded).items():
-        group = make()
-        assert group.charts, name
-        for chart in group.charts:
-            assert "," in chart.label or "/" in chart.label or "%" in chart.label, chart.label
-            assert len(chart.curve.values) == len(chart.time_s) == len(loaded.track)
-
-
-def test_errors_are_those_of_the_evaluation(loaded: LoadedRun, run_folder: object) -> None:
-    from pathlib import Path
-
-    assert isinstance(run_folder, Path) and loaded.target is not None
-    truth = read_truth(run_folder.parent / "sequence")
-    errors = evaluate(loaded.track, truth_of(truth), loaded.target.symmetry_transforms).errors
-    assert errors is not None
-    charts = groups_of(loaded)["mass centre"]().charts
-    assert all(chart.is_error for chart in charts)
+def test_errors_have_three_stated_deviations_about_zero(loaded: LoadedRun) -> None:
+    charts, error = groups_of(loaded)["mass centre"]().charts, loaded.error(CENTRE)
+    assert error is not None and all(chart.is_error for chart in charts)
     scale = 1e3 if charts[0].label.endswith("mm") else 1.0
-    shown = np.column_stack([chart.curve.values for chart in charts])
-    assert np.allclose(shown, scale * errors.state[:, 6:9], equal_nan=True)
     for k, chart in enumerate(charts):
+        assert np.allclose(chart.curve.values, scale * error[:, k], equal_nan=True)
         assert chart.curve.high is not None and chart.curve.low is not None
-        expected = 3.0 * scale * loaded.track.sd[:, 6 + k]
+        expected = 3.0 * scale * loaded.trajectory.sd_of(CENTRE)[:, k]
         assert np.allclose(chart.curve.high, expected, equal_nan=True)
         assert np.allclose(chart.curve.low, -expected, equal_nan=True)
 

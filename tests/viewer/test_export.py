@@ -44,7 +44,7 @@ def test_long_runs_are_thinned_out(loaded: LoadedRun) -> None:
 
 def test_a_frame_beyond_the_run_is_refused(loaded: LoadedRun) -> None:
     assert shown_frame(loaded, 3) == 3
-    assert loaded.track.has_estimate[shown_frame(loaded, None)]
+    assert loaded.run.has_estimate[shown_frame(loaded, None)]
     with pytest.raises(InputError, match=rf"below {FRAMES}"):
         shown_frame(loaded, FRAMES)
 

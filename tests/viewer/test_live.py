@@ -23,7 +23,7 @@ from pcnav.runs.results import FrameEstimate
 from pcnav.target.satellite import load_target
 from pcnav.viewer.app import serve
 from pcnav.viewer.live import LiveRun, run_live
-from pcnav.viewer.live_rows import depth_row, starting_depth_run
+from pcnav.viewer.live_rows import DEPTH, depth_estimate
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
 from pcnav.viewer.server import LocalServer
@@ -67,40 +67,18 @@ def estimates(run_folder: Path) -> list[FrameEstimate]:
 
 @pytest.fixture
 def live(run_folder: Path) -> LiveRun:
-    pipeline = read_pipeline(run_folder / "pipeline.toml")
-    sequence = open_sequence(run_folder.parent / "sequence")
-    assert sequence.info.target_mesh is not None
-    target = load_target(sequence.info.target_mesh)
-    return LiveRun(starting_depth_run("live", sequence, target, pipeline))
-
-
-def test_the_newest_edition_has_all_frames_so_far(
-    live: LiveRun, estimates: list[FrameEstimate], loaded: LoadedRun
-) -> None:
-    assert len(live.snapshot.runs[0].track) == 0
-    for count, estimate in enumerate(estimates, start=1):
-        live.add(depth_row(estimate))
-        snapshot = live.snapshot
-        assert snapshot.is_live and len(snapshot.runs[0].track) == count
-    track, stored = live.snapshot.runs[0].track, loaded.track
-    # The file holds attitudes as quaternions.
-    assert np.allclose(track.T_cam_model, stored.T_cam_model, atol=1e-12, equal_nan=True)
-    assert np.array_equal(track.sd, stored.sd, equal_nan=True)
-    assert track.status == stored.status
-    assert np.array_equal(track.n_rectangles, stored.n_rectangles)
-    covariance = live.snapshot.runs[0].com_spread_model(FRAMES - 1)
-    assert np.array_equal(covariance, loaded.com_spread_model(FRAMES - 1))
+    return LiveRun("live", read_pipeline(run_folder / "pipeline.toml"), DEPTH)
 
 
 def test_what_was_handed_out_does_not_change(live: LiveRun, estimates: list[FrameEstimate]) -> None:
     for estimate in estimates[:3]:
-        live.add(depth_row(estimate))
-    early = live.snapshot.runs[0].track
+        live.add(depth_estimate(estimate))
+    early = live.snapshot.runs[0]
     before = early.T_cam_model.copy()
     for repeat in range(200):
         for estimate in estimates[3:6]:
-            live.add(depth_row(estimate))
-        assert len(live.snapshot.runs[0].track) == 3 + 3 * (repeat + 1)
+            live.add(depth_estimate(estimate))
+        assert len(live.snapshot.runs[0]) == 3 + 3 * (repeat + 1)
     assert np.array_equal(early.T_cam_model, before, equal_nan=True)
 
 
@@ -151,7 +129,7 @@ def test_a_stuck_page_does_not_hold_up_the_run(
     """No call of the run waits for a page, and what is kept for the page stays bounded."""
     server = serve(live, "127.0.0.1", 0)
     try:
-        live.add(depth_row(estimates[0]))
+        live.add(depth_estimate(estimates[0]))
         with stuck_page(server.get_port()):
             deadline = time.monotonic() + 20.0
             while not server.get_clients() and time.monotonic() < deadline:
@@ -161,14 +139,14 @@ def test_a_stuck_page_does_not_hold_up_the_run(
             for _ in range(100):
                 for estimate in estimates[1:]:
                     started = time.thread_time()
-                    live.add(depth_row(estimate))
+                    live.add(depth_estimate(estimate))
                     longest = max(longest, time.thread_time() - started)
                 time.sleep(0.005)
             buffer = client._websock_connection.get_message_buffer()
             assert len(buffer.message_from_id) < 500
             # Processor time of the run's own thread, which other programs do not change.
             assert longest < 0.01
-            assert len(live.snapshot.runs[0].track) == 1 + 100 * (FRAMES - 1)
+            assert len(live.snapshot.runs[0]) == 1 + 100 * (FRAMES - 1)
     finally:
         server.stop()
 

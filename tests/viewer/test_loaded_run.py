@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pcnav.cli.view import refuse_what_is_no_run
 from pcnav.core.errors import InputError
+from pcnav.dynamics.blocks import CENTRE, POSITION
 from pcnav.recordings.truth import read_truth
-from pcnav.runs.results import read_track
+from pcnav.runs.reader import read_run
+from pcnav.runs.result_files import RAW_COVARIANCES_FILE
 from pcnav.viewer.curves import groups_of
 from pcnav.viewer.layers import shot_of
 from pcnav.viewer.loaded_run import LoadedRun
@@ -17,26 +20,22 @@ from pcnav.viewer.panels import facts_html, measurements_html
 from tests.viewer.conftest import FRAMES
 
 
-def test_the_track_is_that_of_the_result_folder(loaded: LoadedRun, run_folder: Path) -> None:
-    assert len(loaded.track) == FRAMES
-    assert np.array_equal(loaded.track.r_hill, read_track(run_folder).r_hill, equal_nan=True)
-
-
 def test_covariances_are_those_of_the_result_folder(loaded: LoadedRun, run_folder: Path) -> None:
-    P = read_track(run_folder, with_covariance=True).covariance
-    assert P is not None
-    assert np.array_equal(loaded.com_spread_model(FRAMES - 1), P[-1, 6:9, 6:9])
+    P = read_run(run_folder, with_covariance=True).trajectory.covariance
+    assert P is not None and len(loaded) == FRAMES
+    assert np.array_equal(loaded.covariance(CENTRE, FRAMES - 1), P[-1, 6:9, 6:9])
     # The camera of this sequence is at rest in the turning frame: only the axes differ.
     spread = loaded.position_spread_cam(FRAMES - 1)
     assert np.allclose(np.linalg.eigvalsh(spread), np.linalg.eigvalsh(P[-1, :3, :3]), rtol=1e-6)
-    assert loaded.track.covariance is None
+    assert loaded.trajectory.covariance is None
 
 
 def test_the_ghost_is_where_the_truth_says(loaded: LoadedRun, run_folder: Path) -> None:
     truth = read_truth(run_folder.parent / "sequence")
     assert truth is not None and truth.T_cam_target is not None
-    assert loaded.evaluation is not None and loaded.evaluation.T_cam_model is not None
-    assert np.allclose(loaded.evaluation.T_cam_model, truth.T_cam_target)
+    for frame in range(FRAMES):
+        true = loaded.true_pose(frame)
+        assert true is not None and np.allclose(true, truth.T_cam_target[frame])
 
 
 def test_outlines_of_used_rectangles_lie_on_returns(loaded: LoadedRun) -> None:
@@ -53,9 +52,9 @@ def test_facts_are_those_of_the_result_files(loaded: LoadedRun) -> None:
     last = FRAMES - 1
     facts = facts_html(loaded, last, None)
     assert "locked" in facts
-    assert f"{np.linalg.norm(loaded.track.r_hill[last]):.3f} m" in facts
-    listed = measurements_html(loaded.records[float(loaded.track.time_s[last])])
-    for record in loaded.records[float(loaded.track.time_s[last])]:
+    assert f"{np.linalg.norm(loaded.trajectory[POSITION][last]):.3f} m" in facts
+    listed = measurements_html(loaded.records[float(loaded.run.time_s[last])])
+    for record in loaded.records[float(loaded.run.time_s[last])]:
         assert record.rectangle in listed
         assert record.outcome in listed
     # Acquiring: nothing is known yet.
@@ -65,15 +64,15 @@ def test_facts_are_those_of_the_result_files(loaded: LoadedRun) -> None:
 def test_text_of_a_run_cannot_become_markup(loaded: LoadedRun) -> None:
     from dataclasses import replace
 
-    record = loaded.records[float(loaded.track.time_s[-1])][0]
+    record = loaded.records[float(loaded.run.time_s[-1])][0]
     listed = measurements_html((replace(record, rectangle="<script>x</script>"),))
     assert "<script>" not in listed
 
 
 def test_frames_of_another_run_are_matched_by_the_nearest_time(loaded: LoadedRun) -> None:
-    step = float(loaded.track.time_s[1] - loaded.track.time_s[0])
-    assert loaded.nearest_frame(float(loaded.track.time_s[3]) + 0.4 * step) == 3
-    assert loaded.nearest_frame(float(loaded.track.time_s[-1]) + 0.6 * step) is None
+    step = float(loaded.run.time_s[1] - loaded.run.time_s[0])
+    assert loaded.nearest_frame(float(loaded.run.time_s[3]) + 0.4 * step) == 3
+    assert loaded.nearest_frame(float(loaded.run.time_s[-1]) + 0.6 * step) is None
 
 
 def test_states_are_shown_when_the_frames_are_gone(run_folder: Path, tmp_path: Path) -> None:
@@ -103,28 +102,34 @@ def test_a_run_that_was_killed_shows_its_whole_frames(
     for name in ("states.csv", "poses.tum", "measurements.csv"):
         content = (run_folder / name).read_bytes()
         (part / name).write_bytes(content[: len(content) - cut] if cut else content)
+    (part / RAW_COVARIANCES_FILE).touch()
     shutil.copy(run_folder / "pipeline.toml", part)
     loaded = load_run(part)
     whole = load_run(run_folder)
-    n = len(loaded.track)
+    n = len(loaded)
     assert n == FRAMES if cut == 0 else n < FRAMES
-    assert np.array_equal(loaded.track.T_cam_model, whole.track.T_cam_model[:n], equal_nan=True)
+    assert np.array_equal(loaded.T_cam_model, whole.T_cam_model[:n], equal_nan=True)
     assert loaded.notes == (f"unfinished: {n} frames so far in {part.name}",)
 
 
 def test_a_run_that_has_only_begun_is_an_empty_one(run_folder: Path, tmp_path: Path) -> None:
-    for name in ("states.csv", "poses.tum", "measurements.csv"):
-        (tmp_path / name).touch()
+    for name in ("states.csv", "measurements.csv"):
+        header = (run_folder / name).read_text().splitlines(keepends=True)[0]
+        (tmp_path / name).write_text(header)
+    (tmp_path / "poses.tum").touch()
+    (tmp_path / RAW_COVARIANCES_FILE).touch()
     shutil.copy(run_folder / "pipeline.toml", tmp_path)
-    assert len(load_run(tmp_path).track) == 0
+    assert len(load_run(tmp_path)) == 0
 
 
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"states\.csv"):
         load_run(tmp_path)
+    with pytest.raises(InputError, match=r"states\.csv"):
+        refuse_what_is_no_run(tmp_path)
 
 
 def test_an_unfinished_run_of_the_name_is_pointed_at(tmp_path: Path) -> None:
     (tmp_path / ".result-ab12").mkdir()
     with pytest.raises(InputError, match=r"\.result-ab12"):
-        load_run(tmp_path / "result")
+        refuse_what_is_no_run(tmp_path / "result")

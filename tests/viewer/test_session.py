@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pcnav.core.spatial import exp_rotation
+from pcnav.dynamics.blocks import ATTITUDE, POSITION
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.viewer import app
 from pcnav.viewer.controls import _notes_html
+from pcnav.viewer.layers import RunLayers
 from pcnav.viewer.loaded_run import FinishedRuns, LoadedRun, Snapshot
+from pcnav.viewer.palette import RUNS
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 from pcnav.viewer.server import LOOPBACK, LocalServer
 from pcnav.viewer.target_layer import TargetLayer
@@ -27,6 +31,34 @@ def test_a_trail_that_is_off_stays_off(loaded: LoadedRun) -> None:
             layer.show(FRAMES - 1, RenderOptions(layers=layers))
             layer.refresh_trail()
             assert layer._trail.visible is shown
+    finally:
+        server.stop()
+
+
+def test_nodes_stand_where_the_poses_say(loaded: LoadedRun) -> None:
+    """The first number of a browser's quaternion is the real part."""
+    R = exp_rotation(np.array([0.3, -1.1, 0.6]))
+    k = FRAMES - 1
+    poses = loaded.T_cam_model.copy()
+    poses[k, :3, :3] = R
+    turned = replace(
+        loaded, run=replace(loaded.run, trajectory=replace(loaded.trajectory, T_cam_target=poses))
+    )
+    server = LocalServer(LOOPBACK, 0, "poses")
+    try:
+        layers = RunLayers(server.scene, (turned,), RUNS)
+        layers.show(k, None, RenderOptions())
+        for node in (layers._measured, layers._targets[0]._model):
+            w, x, y, z = node.wxyz
+            along_x = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
+            np.testing.assert_allclose(along_x, R[:, 0], atol=1e-12)
+            np.testing.assert_allclose(node.position, poses[k, :3, 3])
+        truth = layers._targets[0]._ghost
+        true = loaded.true_pose(k)
+        assert true is not None
+        w, *imaginary = truth.wxyz
+        np.testing.assert_allclose(w, 0.5 * np.sqrt(1.0 + np.trace(true[:3, :3])), atol=1e-9)
+        np.testing.assert_allclose(true[:3, :3] @ imaginary, imaginary, atol=1e-9)
     finally:
         server.stop()
 
@@ -74,11 +106,11 @@ def test_what_a_folder_says_is_text(loaded: LoadedRun) -> None:
 def test_the_position_is_told_in_the_axes_of_an_eccentric_orbit(loaded: LoadedRun) -> None:
     orbit = KeplerOrbit(1e-3, 0.3, 0.4)
     P = np.diag([1.0, 4.0, 9.0])
-    later = replace(loaded.track, time_s=loaded.track.time_s + 2000.0)
-    told = replace(
-        loaded, track=later, orbit=orbit, position_covariance=np.tile(P, (len(later), 1, 1))
-    )
+    times_s = loaded.run.time_s + 2000.0
+    later = replace(loaded.run, trajectory=replace(loaded.trajectory, time_s=times_s))
+    covariances = {POSITION.name: np.tile(P, (len(later), 1, 1))}
+    told = replace(loaded, run=later, orbit=orbit, covariances=covariances)
     k = FRAMES - 1
-    R_cam_world = later.T_cam_model[k, :3, :3] @ later.R_world_body[k].T
-    R = R_cam_world @ orbit.R_hill_world(float(later.time_s[k])).T
+    R_cam_world = loaded.T_cam_model[k, :3, :3] @ loaded.trajectory[ATTITUDE][k].T
+    R = R_cam_world @ orbit.R_hill_world(float(times_s[k])).T
     np.testing.assert_allclose(told.position_spread_cam(k), R @ P @ R.T, atol=1e-12)

@@ -1,0 +1,238 @@
+"""Runs of every kind: what the view draws is what their files say, and what it drew meanwhile."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcnav.cli.run_kinds import Work, attitudes_run, depth_run, images_run, tracks_run
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_pipeline
+from pcnav.core import chi_square
+from pcnav.dynamics.blocks import RATE
+from pcnav.simulation.attitude_recording import simulate_attitudes
+from pcnav.simulation.feature_recording import simulate_tracks
+from pcnav.simulation.image_recording import simulate_images
+from pcnav.viewer.controls import available_layers
+from pcnav.viewer.curves import Chart, groups_of
+from pcnav.viewer.live import LiveView
+from pcnav.viewer.loaded_run import LoadedRun, Snapshot
+from pcnav.viewer.loading import load_run
+from pcnav.viewer.panels import facts_html
+from pcnav.viewer.render_options import Layer
+from pcnav.viewer.server import LocalServer
+from tests.viewer.conftest import FRAMES, small_pipeline
+
+_UNITS = {"m": 1.0, "mm": 1e-3, "deg": 1.0, "deg/s": 1.0, "": 1.0}
+_QUANTITIES = {
+    "r_hill_m": "position",
+    "attitude_deg": "attitude",
+    "omega_body_deg_s": "rate",
+    "com_model_m": "mass centre",
+    "inertia_ratios": "inertia ratios",
+}
+"""Group of plots by key of metrics.json; both have errors of the same unit or its thousandth."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of run, and what the view has of it."""
+
+    frames: int
+    work: Callable[[Path, int], Work]
+    """By an empty folder and the number of frames."""
+    groups: tuple[str, ...]
+    absent: frozenset[Layer]
+    used: str
+    """What the last plot counts."""
+
+
+def _pipeline(name: str, frames: int) -> tuple[Path, Pipeline]:
+    path = shipped_pipeline(name)
+    assert path is not None
+    pipeline = read_pipeline(path)
+    scenario = pipeline.scenario.model_copy(update={"frames": frames})
+    return path, pipeline.model_copy(update={"scenario": scenario})
+
+
+def _stereo(name: str) -> Callable[[Path, int], Work]:
+    def work(folder: Path, frames: int) -> Work:
+        path, pipeline = _pipeline(name, frames)
+        simulate_tracks(pipeline, folder / "recording", False, path)
+        return tracks_run(folder / "recording", path, pipeline, folder / "result", False)
+
+    return work
+
+
+def _images(folder: Path, frames: int) -> Work:
+    path, pipeline = _pipeline("applsci2022", frames)
+    simulate_images(pipeline, folder / "recording", False, path)
+    return images_run(folder / "recording", pipeline, folder / "result", False)
+
+
+def _attitudes(folder: Path, frames: int) -> Work:
+    _, pipeline = _pipeline("deng2024", frames)
+    simulate_attitudes(pipeline, folder / "recording")
+    return attitudes_run(folder / "recording", pipeline, folder / "result", False)
+
+
+_NO_MODEL = frozenset(
+    {
+        *(Layer.POINTS, Layer.SENSOR, Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.MESH),
+        *(Layer.TRUTH, Layer.COM),
+    }
+)
+_NO_PLACE = _NO_MODEL | {Layer.POSITION, Layer.TRAIL}
+_TURNING = ("attitude", "rate", "inertia ratios", "consistency")
+KINDS = {
+    # The first estimate comes after 100 frames.
+    "hu2024": Kind(150, _stereo("hu2024"), ("position", *_TURNING), _NO_MODEL, "features"),
+    "segal2011": Kind(40, _stereo("segal2011"), ("position", *_TURNING), _NO_MODEL, "features"),
+    "images": Kind(
+        *(40, _images, ("attitude", "rate", "consistency")),
+        *(_NO_PLACE | {Layer.PRINCIPAL, Layer.MOMENTUM}, "matches"),
+    ),
+    "attitudes": Kind(40, _attitudes, _TURNING, _NO_PLACE, "attitudes"),
+}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A run as it was seen to go on, and its result."""
+
+    live: LoadedRun
+    stored: LoadedRun
+    folder: Path
+    kind: Kind
+
+
+def _seen(kind: Kind, work: Work) -> Seen:
+    served: list[LocalServer] = []
+    counts: list[int] = []
+    view = LiveView(0, served.append)
+
+    def advance(done: int, total: int, failed: int = 0, /) -> None:
+        snapshot = view.snapshot
+        assert snapshot.is_live and len(snapshot.runs[0]) == done
+        counts.append(done)
+
+    try:
+        done = work(advance, view)
+        assert counts == list(range(1, kind.frames + 1)) and len(served) == 1
+        last = view.snapshot.runs[0]
+        stored = load_run(done.folder)
+        view.finish(stored)
+        assert view.snapshot.runs == (stored,) and not view.snapshot.is_live
+    finally:
+        view.stop()
+    return Seen(last, stored, done.folder, kind)
+
+
+@pytest.fixture(scope="module", params=["depth", *KINDS])
+def seen(
+    request: pytest.FixtureRequest, run_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Seen:
+    folder = tmp_path_factory.mktemp("kinds")
+    if request.param == "depth":
+        groups = ("position", "attitude", "rate", "mass centre", "inertia ratios", "consistency")
+        sequence, out = run_folder.parent / "sequence", folder / "result"
+        work = depth_run(sequence, None, small_pipeline(), out, False)
+        return _seen(
+            Kind(FRAMES, lambda folder, frames: work, groups, frozenset(), "rectangles"), work
+        )
+    kind = KINDS[request.param]
+    return _seen(kind, kind.work(folder, kind.frames))
+
+
+def _metrics(seen: Seen) -> Any:
+    return json.loads((seen.folder / "metrics.json").read_text())
+
+
+def _rms(charts: tuple[Chart, ...]) -> float:
+    """Of the norms of errors, in the unit of metrics.json."""
+    unit = charts[0].label.partition(", ")[2]
+    values = np.column_stack([chart.curve.values for chart in charts])
+    norms = _UNITS[unit] * np.linalg.norm(values, axis=1)
+    return float(np.sqrt(np.mean(norms[np.isfinite(norms)] ** 2)))
+
+
+def test_errors_are_those_of_metrics_json(seen: Seen) -> None:
+    groups, errors = groups_of(seen.stored), _metrics(seen)["errors"]
+    for key, name in _QUANTITIES.items():
+        charts = groups[name]().charts if name in groups else ()
+        assert any(chart.is_error for chart in charts) is (key in errors), name
+        if key in errors:
+            assert _rms(charts) == pytest.approx(errors[key]["whole"]["rms"], rel=1e-9), name
+
+
+def test_innovations_are_those_of_metrics_json(seen: Seen) -> None:
+    stored = _metrics(seen)["nis"]
+    charts = groups_of(seen.stored)["consistency"]().charts
+    shown = [chart.curve.values for chart in charts if "NIS" in chart.label]
+    if not stored["frames"]:
+        assert shown == []
+        return
+    used, dof = np.isfinite(shown[0]), seen.stored.run.nis_dof
+    squared = shown[0][used] * chi_square.quantile(0.95, dof[used])
+    assert int(used.sum()) == stored["frames"]
+    mean = float(squared.sum() / dof[used].sum())
+    assert mean == pytest.approx(stored["mean_per_degree_of_freedom"], rel=1e-9)
+
+
+def test_what_was_seen_meanwhile_is_what_is_stored(seen: Seen) -> None:
+    live, stored = seen.live, seen.stored
+    known = live.run.has_estimate
+    assert live.run.status == stored.run.status
+    assert known.any() and np.array_equal(known, stored.run.has_estimate)
+    assert np.array_equal(live.run.nis_dof, stored.run.nis_dof)
+    assert live.orbit == stored.orbit
+    assert set(live.covariances) == set(stored.covariances)
+    for name, P in live.covariances.items():
+        assert np.array_equal(P, stored.covariances[name], equal_nan=True)
+    # The file holds attitudes as quaternions.
+    np.testing.assert_allclose(live.T_cam_model, stored.T_cam_model, atol=1e-9)
+    assert live.trajectory.sd is not None and stored.trajectory.sd is not None
+    np.testing.assert_allclose(live.trajectory.sd[known], stored.trajectory.sd[known], rtol=1e-12)
+    for name, values in live.trajectory.values.items():
+        # The rates of a chain of images are found when it has ended.
+        if name != RATE.name or np.isfinite(values).any():
+            np.testing.assert_allclose(values, stored.trajectory.values[name], atol=1e-12)
+    counted = [groups_of(run)["consistency"]().charts[-1] for run in (live, stored)]
+    assert counted[0].label == counted[1].label == f"{seen.kind.used} used, count"
+    assert np.array_equal(counted[0].curve.values, counted[1].curve.values)
+
+
+def test_plots_layers_and_facts_are_those_that_the_kind_has(seen: Seen) -> None:
+    groups = groups_of(seen.stored)
+    assert tuple(groups) == seen.kind.groups
+    for name, make in groups.items():
+        charts = make().charts
+        assert charts, name
+        for chart in charts:
+            assert "," in chart.label or "/" in chart.label or "%" in chart.label, chart.label
+            assert len(chart.curve.values) == len(chart.time_s) == seen.kind.frames
+    layers = available_layers(Snapshot((seen.stored,), 0, is_live=False))
+    assert set(Layer) - set(layers) == seen.kind.absent
+    last = int(np.flatnonzero(seen.stored.run.has_estimate)[-1])
+    facts = facts_html(seen.stored, last, None)
+    assert "nan" not in facts and "deg/s" in facts
+    assert ("range" in facts) is ("position" in groups)
+    assert ("over Ixx" in facts) is ("inertia ratios" in groups)
+
+
+def test_a_target_without_a_place_is_drawn_before_its_camera(seen: Seen) -> None:
+    if seen.stored.trajectory.T_cam_target is not None:
+        return
+    T = seen.stored.T_cam_model[seen.stored.run.has_estimate]
+    assert np.allclose(T[:, :3, 3], [0.0, 0.0, 4.0])
+
+
+def test_a_frame_of_a_run_that_nothing_is_known_of() -> None:
+    from pcnav.runs.estimate import Estimate
+
+    with pytest.raises(RuntimeError, match="expect"):
+        LiveView(0, print).add(Estimate(0.0, "locked"))
