@@ -42,8 +42,8 @@ class Trajectory:
     def has_estimate(self) -> BoolArray:
         """(n,) whether the frame has all blocks of the layout, or a pose where there are none."""
         if self.layout.blocks:
-            first = self[self.layout.blocks[0]].reshape(len(self), -1)
-            return np.asarray(np.isfinite(first[:, 0]))
+            first = self[self.layout.blocks[0]]
+            return np.asarray(np.isfinite(first[:, 0] if first.ndim == 2 else first[:, 0, 0]))
         if self.T_cam_target is not None:
             return np.asarray(np.isfinite(self.T_cam_target[:, 0, 0]))
         return np.zeros(len(self), dtype=np.bool_)
