@@ -51,7 +51,7 @@ EXPLAINED: Mapping[str, Explained] = {
         relative=0.1,
     ),
     "study-hu2024/study/tables/inside.csv/axes as they come": Explained("as above", relative=0.1),
-    "study-tracking/study/tables/faults.csv/explained": Explained(
+    "study-tracking/study/tables/faults.csv/inlier_ratio": Explained(
         "headed inlier ratio", relative=math.inf
     ),
     "study-tracking/study/tables/faults.csv/inlier ratio": Explained(
