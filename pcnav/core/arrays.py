@@ -1,12 +1,38 @@
-"""Array type names used across the package."""
+"""Array type names used across the package, and members of batches of arrays."""
 
-from typing import TypeAlias
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IntArray: TypeAlias = npt.NDArray[np.intp]
 DepthImage: TypeAlias = npt.NDArray[np.float32]
 """(height, width) z-depth, metres; 0 where no return came back."""
+
+Batch = TypeVar("Batch", bound="DataclassInstance")
+"""A dataclass of arrays over one leading dimension; its other fields are common to all."""
+
+
+def picked(batch: Batch, index: IntArray | BoolArray) -> Batch:
+    """The members of a batch at (b,) places."""
+    return replace(batch, **{name: array[index] for name, array in _arrays(batch)})
+
+
+def chosen(which: BoolArray, new: Batch, old: Batch) -> Batch:
+    """The members of a new batch where marked (B,), of an old one where not."""
+    changes = {}
+    for name, array in _arrays(new):
+        mask = which.reshape(-1, *(1,) * (array.ndim - 1))
+        changes[name] = np.where(mask, array, getattr(old, name))
+    return replace(new, **changes)
+
+
+def _arrays(batch: "DataclassInstance") -> list[tuple[str, FloatArray]]:
+    values = ((field.name, getattr(batch, field.name)) for field in fields(batch))
+    return [(name, value) for name, value in values if isinstance(value, np.ndarray)]

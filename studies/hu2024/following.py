@@ -214,5 +214,5 @@ def true_state(
         ratios=ratios_from_moments(moments),
         r_hill=truth.r_hill[k],
         v_hill=truth.v_hill[k],
-        points=truth.points[features] @ S,
+        points=truth.points[list(features)] @ S,
     )

@@ -10,7 +10,8 @@ from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
-from pcnav.estimators.attitude_inertia.rotation_arc import SIZE, fit_rotation_arc, positive
+from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc, positive
+from pcnav.estimators.attitude_inertia.rotation_model import SIZE
 from pcnav.estimators.features.photogrammetric_frame import align, best_triple, photogrammetric_axes
 from pcnav.estimators.principal_axes.inertia_identification import (
     angular_rate,
@@ -189,13 +190,13 @@ def _best_fit(
 ) -> FloatArray:
     """(B, 5) inertia parameters; fits that explain their arc badly are begun again from a ball."""
     fit = fit_rotation_arc(times, R, spread, rate, start, _MAX_STEPS)
-    found, degrees = fit.parameters.copy(), max(3 * len(times) - SIZE, 1)
+    found, degrees = fit.start.parameters.copy(), max(3 * len(times) - SIZE, 1)
     bad = np.flatnonzero(fit.cost > _BAD_FIT * degrees)
     if len(bad):
         ball = np.tile(parameters_of(np.eye(3)), (len(bad), 1))
         again = fit_rotation_arc(times, R[bad], spread[bad], rate[bad], ball)
         better = again.cost < fit.cost[bad]
-        found[bad[better]] = again.parameters[better]
+        found[bad[better]] = again.start.parameters[better]
     return found
 
 

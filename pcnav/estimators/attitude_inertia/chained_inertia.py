@@ -26,9 +26,9 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
 )
 from pcnav.estimators.image_motion.chain import ChainFrame
 from pcnav.estimators.image_motion.chain_errors import ChainErrors
+from pcnav.filtering.least_squares import ArcGrowth
 
-_FIRST_FIT = 4
-_ARC_GROWTH = 1.1
+_FIRST_FIT, _GROWTH = 4, 1.1
 _MAX_FITTED = 400
 """Attitudes of a fit; of a longer arc as many, evenly spaced."""
 _MIN_SD_RAD = 1e-4
@@ -78,7 +78,7 @@ class ChainedInertiaEstimator:
         self._prior: RotationPrior | None = None
         self._start: RotationState | None = None
         self._now: ChainedEstimate | None = None
-        self._next_fit = _FIRST_FIT
+        self._growth = ArcGrowth(_FIRST_FIT, _GROWTH)
 
     def step(self, frame: ChainFrame) -> ChainedEstimate | None:
         """Take in a frame; None while too few attitudes are known."""
@@ -97,8 +97,7 @@ class ChainedInertiaEstimator:
         self._numbers.append(self._number)
         self._times_s.append(frame.time_s)
         self._attitudes.append(frame.R_world_body @ self._R_segment_body)
-        if len(self._numbers) >= self._next_fit:
-            self._next_fit = int(np.ceil(_ARC_GROWTH * len(self._numbers)))
+        if self._growth.is_due(len(self._numbers)):
             self._now = self._fitted() or self._now
         return self._now
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
-from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray, chosen
 from pcnav.core.errors import InputError
 from pcnav.estimators.attitude_inertia.rotation_fit import AttitudeArc, RotationPrior, fit_rotations
 from pcnav.estimators.attitude_inertia.rotation_model import (
@@ -27,10 +27,10 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     printed_ratios_jacobian,
 )
 from pcnav.filtering.batched_filter import BatchedFilter
+from pcnav.filtering.least_squares import ArcGrowth
 
-_FIRST_FIT = 4
-_ARC_GROWTH = 1.15
-_LAST_ARC = 400
+_FIRST_FIT, _GROWTH = 4, 1.15
+LONGEST_ARC = 400
 """Attitudes after which the filter goes on alone at the latest: in a spin the inertia stays
 unknown for good."""
 _KNOWN_SD = 0.002
@@ -75,7 +75,7 @@ class AttitudeInertiaEstimator:
         self._fitted: RotationState | None = None
         self._times_s: list[float] = []
         self._seen: list[tuple[FloatArray, FloatArray]] = []
-        self._next_fit = _FIRST_FIT
+        self._growth = ArcGrowth(_FIRST_FIT, _GROWTH, LONGEST_ARC)
 
     def step(
         self,
@@ -150,9 +150,8 @@ class AttitudeInertiaEstimator:
         """Keep the attitude; fit the whole arc when it is time for it."""
         assert self._prior is not None and self._fitted is not None
         self._seen.append((measured, noise))
-        if len(self._seen) < self._next_fit:
+        if not self._growth.is_due(len(self._seen)):
             return
-        self._next_fit = int(np.ceil(_ARC_GROWTH * len(self._seen)))
         # The first time is the prior's; an attitude that says nothing keeps the arrays in step.
         blank = (self._prior.mean.R_world_body, 1e6 * np.eye(3))
         arc = AttitudeArc(
@@ -163,16 +162,8 @@ class AttitudeInertiaEstimator:
         fit = fit_rotations(self._model, self._prior, arc, self._fitted)
         good = fit.converged
         self._fitted = fit.start
-        kalman.states = _replaced(kalman.states, fit.end, good)
+        kalman.states = chosen(good, fit.end, kalman.states)
         kalman.covariance = np.where(good[:, None, None], fit.covariance, kalman.covariance)
         spread = np.sqrt(np.diagonal(kalman.covariance[:, INERTIA, INERTIA], axis1=-2, axis2=-1))
-        if len(self._seen) >= _LAST_ARC or np.all(spread < _KNOWN_SD):
+        if self._growth.is_over(len(self._seen)) or np.all(spread < _KNOWN_SD):
             self._fits = False
-
-
-def _replaced(old: RotationState, new: RotationState, which: BoolArray) -> RotationState:
-    return RotationState(
-        np.where(which[:, None, None], new.R_world_body, old.R_world_body),
-        np.where(which[:, None], new.omega_body, old.omega_body),
-        np.where(which[:, None], new.parameters, old.parameters),
-    )

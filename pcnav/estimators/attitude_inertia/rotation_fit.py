@@ -1,12 +1,16 @@
-"""Maximum a-posteriori fit of free rotations to the attitudes of an arc, many arcs at once.
+"""Free rotations fitted to the attitudes of arcs, many arcs of the same times at once.
 
-What `map_arc_fit` does for the start of a depth track, for attitudes alone: the filter
-linearises each attitude once, about an inertia that is hardly known yet, and what it drops then it
-takes for knowledge ever after. The fit has no such memory. `rotation_arc` is the
-same fit without a prior on the rate and with one of its own on the inertia.
+A filter linearises each attitude once, about an inertia that is hardly known yet, and what it drops
+then it takes for knowledge ever after. A fit has no such memory. `fit_rotations` has a prior on all
+states, `fit_rotation_arc` only a weak one on the inertia: what the linear identification of Hu 2024
+(11)-(14) asks of rates, it asks of the motion itself. Nothing that is measured is a regressor, so
+noise does not bias the result, and an attitude weighs by its own covariance.
 """
 
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -14,7 +18,7 @@ from scipy.linalg import solve_triangular
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import left_jacobian, log_rotation
 from pcnav.dynamics.inertia_parameters import INERTIA_UNITS, inertia_of
-from pcnav.estimators.attitude_inertia.rotation_arc import positive
+from pcnav.dynamics.rotation_step import at_rest, torque_free_by_inertia
 from pcnav.estimators.attitude_inertia.rotation_model import (
     INERTIA,
     SIZE,
@@ -22,14 +26,17 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     RotationState,
     TorqueFreeModel,
 )
+from pcnav.filtering.least_squares import ArcProblem, Descent, NormalEquations, minimise
 
-_MAX_STEPS = 30
-_SETTLED = 0.02
-"""Change of every component over its standard deviation: what is left is far below its noise."""
+_DESCENT = Descent(max_steps=30, settled_sd=0.02, damping=(1e-4, 1e-12, 1e10))
 _THIN_SHARE, _THIN_SD = 0.01, 0.005
 """Shares of the second moments below a hundredth are lacking, by standard deviations of half that;
 as in `pcnav.dynamics.inertia_parameters.thinness`."""
-_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e-12, 1e10
+_BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+_BALL_SD = 0.5
+"""Of each inertia parameter about a ball's: what an arc does not show stays a ball's."""
+_MIN_MOMENT = 0.05
+"""Over the mean moment."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ class AttitudeArc:
     R_world_body: FloatArray
     """(n, B, 3, 3)"""
     noise: FloatArray
-    """(n, 3, 3) of each, body axes, rad^2; or (3n, 3n) of all, where their errors belong together.
+    """(n, 3, 3) of each, body axes, rad^2; or (3n, 3n) of all, where their errors are correlated.
     """
 
     def whitened(self, rows: FloatArray) -> FloatArray:
@@ -82,97 +89,79 @@ class RotationFit:
 
 
 @dataclass(frozen=True)
-class _Point:
-    """The normal equations about a start."""
+class _Guided(NormalEquations):
+    """Normal equations with what keeps the inertia a body's."""
 
     measured: FloatArray
-    """(B, 11, 11) of prior and attitudes: the information."""
-    normal: FloatArray
-    """(B, 11, 11) with what keeps the inertia a body's. It guides the fit; as a measurement it
+    """(B, 11, 11) of prior and attitudes alone: the information. As a measurement the guidance
     would claim too much."""
-    gradient: FloatArray
-    """(B, 11)"""
-    cost: FloatArray
-    """(B,)"""
 
-    def chosen(self, which: BoolArray, other: "_Point") -> "_Point":
-        """This where a run is marked, the other where not."""
-        return _Point(
-            np.where(which[:, None, None], self.measured, other.measured),
-            np.where(which[:, None, None], self.normal, other.normal),
-            np.where(which[:, None], self.gradient, other.gradient),
-            np.where(which, self.cost, other.cost),
-        )
+
+@dataclass(frozen=True)
+class _PriorProblem(ArcProblem[RotationState, _Guided]):
+    """Prior and attitudes."""
+
+    model: TorqueFreeModel
+    prior: RotationPrior
+    arc: AttitudeArc
+
+    def linearised(self, state: RotationState) -> _Guided:
+        weight = np.linalg.inv(self.prior.covariance)
+        # By a small error of the start: log(exp(a) exp(da)) = a + J_r(a)^-1 da.
+        away = self.prior.mean.local(state)
+        by_error = np.broadcast_to(np.eye(SIZE), (len(away), SIZE, SIZE)).copy()
+        by_error[:, THETA, THETA] = np.linalg.inv(left_jacobian(-away[:, THETA]))
+        weighted = np.swapaxes(by_error, -1, -2) @ weight
+        normal = weighted @ by_error
+        gradient = -(weighted @ away[..., None])[..., 0]
+        cost = np.einsum("bi,bij,bj->b", away, np.broadcast_to(weight, normal.shape), away)
+        rows = self.arc.whitened(self._rows(state))
+        H, error = rows[..., :SIZE], rows[..., SIZE]
+        normal = normal + np.einsum("nbij,nbik->bjk", H, H)
+        gradient = gradient + np.einsum("nbij,nbi->bj", H, error)
+        cost = cost + np.einsum("nbi,nbi->b", error, error)
+        lack, slopes = _thinness(state.parameters)
+        guided = normal.copy()
+        guided[:, INERTIA, INERTIA] += np.swapaxes(slopes, -1, -2) @ slopes
+        gradient[:, INERTIA] -= (np.swapaxes(slopes, -1, -2) @ lack[..., None])[..., 0]
+        return _Guided(guided, gradient, cost + np.sum(lack**2, axis=-1), normal)
+
+    def moved(self, state: RotationState, step: FloatArray) -> RotationState:
+        return _moved(state, step)
+
+    def _rows(self, start: RotationState) -> FloatArray:
+        """(n, B, 3, 12) derivative of the attitudes by the errors of the start; residuals."""
+        rows = []
+        for (state, transition), seen in zip(self.along(start), self.arc.R_world_body, strict=True):
+            error = log_rotation(np.swapaxes(state.R_world_body, -1, -2) @ seen)
+            H = np.linalg.inv(left_jacobian(error)) @ transition[:, THETA]
+            rows.append(np.concatenate([H, error[..., None]], axis=-1))
+        return np.stack(rows)
+
+    def along(self, start: RotationState) -> Iterator[tuple[RotationState, FloatArray]]:
+        """The states at all times, and the transitions (B, 11, 11) to them."""
+        transition = np.broadcast_to(np.eye(SIZE), (len(start.omega_body), SIZE, SIZE))
+        yield start, transition
+        for before, time_s in pairwise(self.arc.times_s.tolist()):
+            start, step, _ = self.model.propagate(start, before, time_s - before)
+            transition = step @ transition
+            yield start, transition
 
 
 def fit_rotations(
     model: TorqueFreeModel, prior: RotationPrior, arc: AttitudeArc, start: RotationState
 ) -> RotationFit:
-    """Least squares over prior and attitudes by Levenberg and Marquardt.
+    """Least squares over prior and attitudes.
 
     ``start`` (B,) is where the iteration begins. Process noise is left out: over the arcs this is
     for it is far below that of the attitudes.
     """
-    state, here = start, _normal_equations(model, prior, arc, start)
-    damping = np.full(len(here.cost), _FIRST_DAMPING)
-    converged = np.zeros(len(damping), dtype=np.bool_)
-    for _ in range(_MAX_STEPS):
-        damped = here.normal + damping[:, None, None] * (here.normal * np.eye(SIZE))
-        step = np.asarray(np.linalg.solve(damped, here.gradient[..., None])[..., 0], np.float64)
-        step[converged] = 0.0
-        tried = _moved(state, step)
-        there = _normal_equations(model, prior, arc, tried)
-        better = (there.cost <= here.cost * (1.0 + 1e-12)) & ~converged
-        sd = 1.0 / np.sqrt(np.diagonal(here.normal, axis1=-2, axis2=-1))
-        settled = np.all(np.abs(step) < _SETTLED * sd, axis=-1)
-        state, here = _chosen(better, tried, state), there.chosen(better, here)
-        damping = np.clip(damping * np.where(better, 0.1, 10.0), _MIN_DAMPING, _MAX_DAMPING)
-        converged |= settled & better
-        if np.all(converged | (damping >= _MAX_DAMPING)):
-            break
-    end, transition = _carried(model, arc.times_s, state)
-    covariance = transition @ np.linalg.inv(here.measured) @ np.swapaxes(transition, -1, -2)
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    return RotationFit(state, end, covariance, here.cost, converged)
-
-
-def _normal_equations(
-    model: TorqueFreeModel, prior: RotationPrior, arc: AttitudeArc, start: RotationState
-) -> _Point:
-    weight = np.linalg.inv(prior.covariance)
-    # By a small error of the start: log(exp(a) exp(da)) = a + J_r(a)^-1 da.
-    away = prior.mean.local(start)
-    by_error = np.broadcast_to(np.eye(SIZE), (len(away), SIZE, SIZE)).copy()
-    by_error[:, THETA, THETA] = np.linalg.inv(left_jacobian(-away[:, THETA]))
-    weighted = np.swapaxes(by_error, -1, -2) @ weight
-    normal = weighted @ by_error
-    gradient = -(weighted @ away[..., None])[..., 0]
-    cost = np.einsum("bi,bij,bj->b", away, np.broadcast_to(weight, normal.shape), away)
-    rows = arc.whitened(_linearised(model, arc, start))
-    H, error = rows[..., :SIZE], rows[..., SIZE]
-    normal = normal + np.einsum("nbij,nbik->bjk", H, H)
-    gradient = gradient + np.einsum("nbij,nbi->bj", H, error)
-    cost = cost + np.einsum("nbi,nbi->b", error, error)
-    lack, slopes = _thinness(start.parameters)
-    guided = normal.copy()
-    guided[:, INERTIA, INERTIA] += np.swapaxes(slopes, -1, -2) @ slopes
-    gradient[:, INERTIA] -= (np.swapaxes(slopes, -1, -2) @ lack[..., None])[..., 0]
-    return _Point(normal, guided, gradient, cost + np.sum(lack**2, axis=-1))
-
-
-def _linearised(model: TorqueFreeModel, arc: AttitudeArc, start: RotationState) -> FloatArray:
-    """(n, B, 3, 12) derivative of the attitudes by the errors of the start; their residuals."""
-    state, transition = start, np.broadcast_to(np.eye(SIZE), (len(start.omega_body), SIZE, SIZE))
-    rows = []
-    for k, time_s in enumerate(arc.times_s.tolist()):
-        if k > 0:
-            before = float(arc.times_s[k - 1])
-            state, step, _ = model.propagate(state, before, time_s - before)
-            transition = step @ transition
-        error = log_rotation(np.swapaxes(state.R_world_body, -1, -2) @ arc.R_world_body[k])
-        H = np.linalg.inv(left_jacobian(error)) @ transition[:, THETA]
-        rows.append(np.concatenate([H, error[..., None]], axis=-1))
-    return np.stack(rows)
+    problem = _PriorProblem(model, prior, arc)
+    found = minimise(problem, start, _DESCENT)
+    ((end, transition),) = deque(problem.along(found.state), maxlen=1)
+    P = transition @ np.linalg.inv(found.equations.measured) @ np.swapaxes(transition, -1, -2)
+    P = 0.5 * (P + np.swapaxes(P, -1, -2))
+    return RotationFit(found.state, end, P, found.equations.cost, found.converged)
 
 
 def _thinness(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -186,15 +175,16 @@ def _thinness(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     return lack, slopes * (lack > 0.0)[..., None]
 
 
-def _carried(
-    model: TorqueFreeModel, times_s: FloatArray, start: RotationState
-) -> tuple[RotationState, FloatArray]:
-    """The states at the last time and the transition (B, 11, 11) to there."""
-    state, transition = start, np.eye(SIZE)
-    for before, time_s in zip(times_s[:-1].tolist(), times_s[1:].tolist(), strict=True):
-        state, step, _ = model.propagate(state, before, time_s - before)
-        transition = step @ transition
-    return state, np.broadcast_to(transition, (len(start.omega_body), SIZE, SIZE))
+def positive(parameters: FloatArray) -> FloatArray:
+    """(..., 5) moved towards a ball's until all moments are positive.
+
+    The triangle inequality is left alone: a fit that errs past it is no worse for that, and one
+    that is held at it would not know how far it errs.
+    """
+    least = np.linalg.eigvalsh(inertia_of(parameters))[..., 0]
+    # The ball's moments are all 1; the smallest moment is concave along the way to it.
+    part = np.where(least < _MIN_MOMENT, (1.0 - _MIN_MOMENT) / (1.0 - np.minimum(least, 0.5)), 1.0)
+    return np.asarray(_BALL + part[..., None] * (parameters - _BALL), dtype=np.float64)
 
 
 def _moved(state: RotationState, step: FloatArray) -> RotationState:
@@ -204,9 +194,77 @@ def _moved(state: RotationState, step: FloatArray) -> RotationState:
     return state.retract(allowed)
 
 
-def _chosen(which: BoolArray, new: RotationState, old: RotationState) -> RotationState:
-    return RotationState(
-        np.where(which[:, None, None], new.R_world_body, old.R_world_body),
-        np.where(which[:, None], new.omega_body, old.omega_body),
-        np.where(which[:, None], new.parameters, old.parameters),
-    )
+@dataclass(frozen=True)
+class _FreeProblem(ArcProblem[RotationState, NormalEquations]):
+    """Attitudes alone, and a ball's inertia where they show none."""
+
+    times_s: FloatArray
+    measured: FloatArray
+    """(B, n, 3, 3)"""
+    weight: FloatArray
+    """(B, n, 3, 3)"""
+
+    def linearised(self, state: RotationState) -> NormalEquations:
+        R, parameters, batch = state.R_world_body, state.parameters, len(state.parameters)
+        inertia = inertia_of(parameters)
+        slope = torque_free_by_inertia(inertia, np.asarray(np.linalg.inv(inertia), np.float64))
+        done = at_rest(state.omega_body, SIZE - 3)
+        away = (parameters - _BALL) / _BALL_SD**2
+        normal = np.zeros((batch, SIZE, SIZE))
+        normal[:, INERTIA, INERTIA] = np.eye(5) / _BALL_SD**2
+        gradient = np.concatenate([np.zeros((batch, 6)), -away], axis=1)
+        cost = np.sum((parameters - _BALL) * away, axis=1)
+        for k, weight in enumerate(np.moveaxis(self.weight, 1, 0)):
+            if k > 0:
+                done = done.then(slope, float(self.times_s[k] - self.times_s[k - 1]))
+            transition = np.concatenate([np.swapaxes(done.turn, -1, -2), done.by_start], axis=-1)
+            error = log_rotation(np.swapaxes(R @ done.turn, -1, -2) @ self.measured[:, k])
+            # log(exp(-theta) exp(e)) = e - theta to first order in small e.
+            weighted = np.swapaxes(transition, -1, -2) @ weight
+            normal += weighted @ transition
+            gradient += (weighted @ error[..., None])[..., 0]
+            cost += (error[:, None] @ weight @ error[..., None])[:, 0, 0]
+        return NormalEquations(normal, gradient, cost)
+
+    def moved(self, state: RotationState, step: FloatArray) -> RotationState:
+        return _moved(state, step)
+
+
+@dataclass(frozen=True)
+class RotationArc:
+    """Rotations that pass through arcs of attitudes."""
+
+    start: RotationState
+    """(B,) at the first time."""
+    covariance: FloatArray
+    """(B, 11, 11) of its errors."""
+    cost: FloatArray
+    """(B,) weighted squared residual, prior included."""
+    converged: BoolArray
+    """(B,)"""
+
+
+def fit_rotation_arc(
+    times_s: FloatArray,
+    R_world_body: FloatArray,
+    noise: FloatArray,
+    omega_body: FloatArray,
+    parameters: FloatArray,
+    max_steps: int = 25,
+) -> RotationArc:
+    """Least squares over arcs of attitudes alone.
+
+    Args:
+        times_s: (n,) increasing.
+        R_world_body: (B, n, 3, 3) measured attitudes.
+        noise: (B, n, 3, 3) their covariances, body axes, rad^2.
+        omega_body: (B, 3) rates at the first time to start from.
+        parameters: (B, 5) inertia to start from.
+        max_steps: of the iteration.
+    """
+    weight = np.asarray(np.linalg.inv(noise), np.float64)
+    start = RotationState(R_world_body[:, 0], omega_body, positive(parameters))
+    descent = Descent(max_steps, settled_sd=1e-3, damping=(1e-3, 1e-9, 1e9))
+    found = minimise(_FreeProblem(times_s, R_world_body, weight), start, descent)
+    covariance = np.asarray(np.linalg.inv(found.equations.normal), np.float64)
+    return RotationArc(found.state, covariance, found.equations.cost, found.converged)

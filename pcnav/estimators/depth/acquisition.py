@@ -10,8 +10,6 @@ import logging
 from collections import deque
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pcnav.config.depth import FilterTable
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
@@ -42,6 +40,7 @@ from pcnav.estimators.depth.views import (
     view_of_rectangles,
 )
 from pcnav.filtering.error_state import ErrorStateFilter
+from pcnav.filtering.least_squares import ArcGrowth
 from pcnav.filtering.map_arc_fit import ArcError, ArcFit, TimedMeasurements, fit_arc
 from pcnav.perception.association import Unused
 from pcnav.perception.perceive import PerceivedFrame
@@ -58,10 +57,8 @@ need no search for others."""
 _DOUBT_WITHOUT_RATE = 3.0
 """A hypothesis carried over from one observation may be off by so many times more than one that
 rectangles propose: the target turns."""
-_FIRST_ARC = 6
-_ARC_GROWTH = 1.12
-"""The whole arc since the start is fitted anew at this length, and whenever it has grown so."""
-_LAST_ARC = 400
+_FIRST_ARC, _ARC_GROWTH = 6, 1.12
+LONGEST_ARC = 400
 """Frames after which the filter goes on alone: by then the inertia is known well enough."""
 _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
@@ -78,7 +75,7 @@ class InitialArc:
         self._model, self._guess = model, guess
         self._prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
         self._start: NavigationState | None = None
-        self._next_fit = _FIRST_ARC
+        self._growth = ArcGrowth(_FIRST_ARC, _ARC_GROWTH, LONGEST_ARC)
         self.frames: list[TimedMeasurements] = []
 
     def fit(self) -> ArcFit | None:
@@ -96,15 +93,12 @@ class InitialArc:
     def extend(self, timed: TimedMeasurements) -> ArcFit | None:
         """Add a frame; a fit of the whole when it is time for one."""
         self.frames.append(condensed(timed))
-        if len(self.frames) < self._next_fit:
-            return None
-        self._next_fit = int(np.ceil(_ARC_GROWTH * len(self.frames)))
-        return self.fit()
+        return self.fit() if self._growth.is_due(len(self.frames)) else None
 
     @property
     def is_over(self) -> bool:
         """Whether the arc is too long to go on with."""
-        return len(self.frames) >= _LAST_ARC
+        return self._growth.is_over(len(self.frames))
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.core.arrays import FloatArray
-from pcnav.estimators.principal_axes.feature_measurements import FrameView
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import (
     MOTION_SIZE,
     RATIOS,
@@ -14,11 +14,10 @@ from pcnav.estimators.principal_axes.feature_states import (
     PrincipalAxesModel,
     PrincipalState,
 )
+from pcnav.filtering.least_squares import ArcProblem, Descent, NormalEquations, minimise
 
 _MAX_FRAMES = 40
-_MAX_STEPS = 12
-_SETTLED = 0.02
-"""Of the standard deviations: what is left is a matter of noise."""
+_DESCENT = Descent(max_steps=12, settled_sd=0.02, damping=(1e-4, 1e-12, 1e6), slack=1e-9)
 _ROBUST_SD = 4.0
 """A coordinate that is off by more weighs less (Huber 1964)."""
 _TILT_SD_RAD = 0.5
@@ -49,70 +48,72 @@ def longest_steps(before_s: float, after_s: float) -> Iterator[tuple[float, floa
 
 def fit_pixels(
     times_s: FloatArray,
-    views: Sequence[FrameView],
+    views: Sequence[FeatureView],
     model: PrincipalAxesModel,
     start: PrincipalState,
 ) -> ArcFit:
-    """Gauss-Newton with damping from a start near by; robust against single wrong pixels.
+    """Least squares from a start near by, robust against single wrong pixels.
 
     Residuals and Jacobians are the filter's own, carried to the first time by its transition
     matrices. Weak priors hold what the arc does not show: axes, ratios, and the mass centre
     within the reach of the points.
     """
     every = -(-len(times_s) // _MAX_FRAMES)
-    chosen = sorted({*range(0, len(times_s), every), len(times_s) - 1})
-    times, seen = times_s[chosen], [views[k] for k in chosen]
-    state, damping = start, 1e-4
-    normal, gradient, cost, size = _normal_equations(times, seen, model, state, start)
-    converged = False
-    for _ in range(_MAX_STEPS):
-        damped = normal + damping * np.diag(np.diag(normal))
-        inverse = np.asarray(np.linalg.inv(damped), np.float64)
-        step = state.admissible(inverse @ gradient, inverse)
-        tried = state.retract(step)
-        after = _normal_equations(times, seen, model, tried, start)
-        converged = bool(np.all(np.abs(step) < _SETTLED / np.sqrt(np.diag(normal))))
-        if after[2] <= cost * (1.0 + 1e-9):
-            state, damping = tried, max(0.1 * damping, 1e-12)
-            normal, gradient, cost, size = after
-        else:
-            damping = min(10.0 * damping, 1e6)
-        if converged:
-            break
-    degrees = max(size - len(gradient), 1)
-    covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    return ArcFit(state, covariance, cost / degrees, converged)
+    kept = sorted({*range(0, len(times_s), every), len(times_s) - 1})
+    problem = _PixelProblem(times_s[kept].tolist(), [views[k] for k in kept], model, start)
+    found = minimise(problem, start, _DESCENT)
+    covariance = np.asarray(np.linalg.inv(found.equations.normal[0]), np.float64)
+    degrees = max(problem.residuals - len(covariance), 1)
+    misfit = float(found.equations.cost[0]) / degrees
+    return ArcFit(found.state, covariance, misfit, bool(found.converged[0]))
 
 
-def _normal_equations(
-    times: FloatArray,
-    views: Sequence[FrameView],
-    model: PrincipalAxesModel,
-    first: PrincipalState,
-    start: PrincipalState,
-) -> tuple[FloatArray, FloatArray, float, int]:
-    """Normal matrix (n, n), right-hand side (n,), cost and number of residuals."""
-    size = MOTION_SIZE + 3 * len(first.points)
-    transition = np.eye(size)
-    normal, gradient, cost = _priors(first, start)
-    state, count = first, 0
-    for k, view in enumerate(views):
-        if k > 0:
-            step = float(times[k] - times[k - 1])
-            state, moved, _ = model.propagate(state, float(times[k - 1]), step)
-            transition = moved @ transition
-        residual, jacobian = view.at(state)
-        sigma = np.sqrt(np.diag(view.covariance))
-        scaled = (residual / sigma).ravel()
-        H = (jacobian / sigma[:, None]).reshape(-1, size) @ transition
-        weight = np.minimum(1.0, _ROBUST_SD / np.maximum(np.abs(scaled), 1e-12))
-        normal += H.T @ (weight[:, None] * H)
-        gradient += H.T @ (weight * scaled)
-        beyond = np.abs(scaled) > _ROBUST_SD
-        squares = np.where(beyond, 2.0 * _ROBUST_SD * np.abs(scaled) - _ROBUST_SD**2, scaled**2)
-        cost += float(squares.sum())
-        count += len(scaled)
-    return normal, gradient, cost, count
+@dataclass(frozen=True)
+class _PixelProblem(ArcProblem[PrincipalState, NormalEquations]):
+    """One arc: a batch of one."""
+
+    times_s: Sequence[float]
+    views: Sequence[FeatureView]
+    model: PrincipalAxesModel
+    start: PrincipalState
+
+    @property
+    def residuals(self) -> int:
+        """How many there are."""
+        return sum(4 * len(view.features) for view in self.views)
+
+    def linearised(self, state: PrincipalState) -> NormalEquations:
+        size = MOTION_SIZE + 3 * len(state.points)
+        transition = np.eye(size)
+        normal, gradient, cost = _priors(state, self.start)
+        for k, view in enumerate(self.views):
+            if k > 0:
+                before = self.times_s[k - 1]
+                state, moved, _ = self.model.propagate(state, before, self.times_s[k] - before)
+                transition = moved @ transition
+            residual, jacobian = view.at(state)
+            sigma = np.sqrt(np.diag(view.covariance))
+            scaled = (residual / sigma).ravel()
+            H = (jacobian / sigma[:, None]).reshape(-1, size) @ transition
+            off = np.abs(scaled)
+            weight = np.minimum(1.0, _ROBUST_SD / np.maximum(off, 1e-12))
+            normal += H.T @ (weight[:, None] * H)
+            gradient += H.T @ (weight * scaled)
+            linear = 2.0 * _ROBUST_SD * off - _ROBUST_SD**2
+            cost += float(np.where(off > _ROBUST_SD, linear, scaled**2).sum())
+        return NormalEquations(normal[None], gradient[None], np.array([cost]))
+
+    def step(self, state: PrincipalState, damped: FloatArray, gradient: FloatArray) -> FloatArray:
+        inverse = np.asarray(np.linalg.inv(damped[0]), np.float64)
+        return state.admissible(inverse @ gradient[0], inverse)[None]
+
+    def moved(self, state: PrincipalState, step: FloatArray) -> PrincipalState:
+        return state.retract(step[0])
+
+    def choose(
+        self, which: BoolArray, tried: PrincipalState, before: PrincipalState
+    ) -> PrincipalState:
+        return tried if which[0] else before
 
 
 def _priors(first: PrincipalState, start: PrincipalState) -> tuple[FloatArray, FloatArray, float]:

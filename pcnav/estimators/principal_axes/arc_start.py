@@ -16,11 +16,11 @@ from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.principal_inertia import ratios_from_moments
-from pcnav.estimators.attitude_inertia.rotation_arc import fit_rotation_arc, positive
+from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc, positive
 from pcnav.estimators.features.feature_map import FeatureMap, build_map, triangulated
 from pcnav.estimators.features.photogrammetric_frame import best_triple, photogrammetric_axes
 from pcnav.estimators.principal_axes.arc_fit import ArcFit, fit_pixels, longest_steps, weakly_held
-from pcnav.estimators.principal_axes.feature_measurements import FrameView
+from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
 from pcnav.estimators.principal_axes.inertia_identification import (
     angular_rate,
@@ -146,7 +146,9 @@ def _identified(found: FeatureMap, times: FloatArray, method: Identification) ->
         starts,
     )
     best = int(fit.cost.argmin())
-    return _Rotation(fit.R_world_g[best], fit.omega_g[best], fit.inertia()[best])
+    start = fit.start
+    inertia = inertia_of(start.parameters[best])
+    return _Rotation(start.R_world_body[best], start.omega_body[best], inertia)
 
 
 def _first_rate(rates: FloatArray, times: FloatArray, first: float) -> FloatArray:
@@ -221,7 +223,7 @@ def _views(
     rig: StereoRig,
     orbit: KeplerOrbit,
     names: Sequence[int],
-) -> list[FrameView]:
+) -> list[FeatureView]:
     """The frames of the poses with the features that agree with the map."""
     slot = {name: k for k, name in enumerate(names)}
     views = []
@@ -231,14 +233,14 @@ def _views(
         features = frame.features[rig.disparity(frame.pixels) > 0.0][pose.agrees]
         kept = replace(frame, features=features, pixels=usable)
         slots = np.array([slot[name] for name in features.tolist()], dtype=np.intp)
-        views.append(FrameView(kept, rig, orbit.R_hill_world(frame.time_s), slots))
+        views.append(FeatureView(kept, rig, orbit.R_hill_world(frame.time_s), slots))
     return views
 
 
 def _filtered(
     fit: ArcFit,
     times: FloatArray,
-    views: Sequence[FrameView],
+    views: Sequence[FeatureView],
     model: PrincipalAxesModel,
     gate_probability: float,
 ) -> tuple[PrincipalState, FloatArray]:

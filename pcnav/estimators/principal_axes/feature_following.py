@@ -16,7 +16,7 @@ from pcnav.estimators.principal_axes.arc_fit import longest_steps
 from pcnav.estimators.principal_axes.arc_start import ArcStart
 from pcnav.estimators.principal_axes.feature_measurements import (
     AttitudeMeasurement,
-    FrameView,
+    FeatureView,
     PointMeasurement,
 )
 from pcnav.estimators.principal_axes.feature_state_changes import (
@@ -220,7 +220,7 @@ class FeatureFollower:
         if not trusted.all():
             frame = replace(frame, features=frame.features[trusted], pixels=frame.pixels[trusted])
         R_hill_world = self._orbit.R_hill_world(frame.time_s)
-        return [*FrameView(frame, self._rig, R_hill_world, slots[trusted]).measurements()]
+        return [*FeatureView(frame, self._rig, R_hill_world, slots[trusted]).measurements()]
 
     def _points_and_attitude(
         self, seen: TriangulatedFrame, slots: IntArray, trusted: BoolArray

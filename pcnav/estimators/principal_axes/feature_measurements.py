@@ -21,7 +21,7 @@ _NEAREST_M = 0.05
 """Points are predicted no closer to the plane of the cameras; the gate refuses such anyway."""
 
 
-class FrameView:
+class FeatureView:
     """The features of a frame as a state predicts them, all at once.
 
     The engine asks feature by feature, for residual and Jacobian and again for every iterate:
@@ -76,7 +76,7 @@ class FrameView:
 class PixelMeasurement(Measurement[PrincipalState]):
     """The four pixel coordinates of one feature: (1) and (32) in one."""
 
-    view: FrameView
+    view: FeatureView
     row: int
 
     @property

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.estimators.principal_axes.feature_measurements import FrameView
+from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import PrincipalState
 from pcnav.filtering.error_state import ErrorStateFilter, Measurement, MotionModel
 
@@ -82,7 +82,7 @@ class _LinearMeasurement(Measurement[Deviation]):
 def filter_about(
     trajectory: Sequence[PrincipalState],
     legs: Sequence[Sequence[Leg]],
-    views: Sequence[FrameView],
+    views: Sequence[FeatureView],
     covariance: FloatArray,
     gate_probability: float,
 ) -> tuple[FloatArray, FloatArray]:

@@ -32,7 +32,7 @@ from pcnav.estimators.inertia_bank.relative_state import (
     RelativeStates,
     reduced_pixels,
 )
-from pcnav.estimators.principal_axes.feature_measurements import FrameView
+from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import (
     MOTION_SIZE,
     PrincipalAxesModel,
@@ -252,7 +252,7 @@ def principal_subject(
         p_world = seen.points[slots] @ seen.R_world_body.T + hill.T @ seen.r_hill
         pixels = rig.project(p_world @ R_rig_world.T)
         frame = TrackFrame(float(timing.times_s[k]), R_rig_world, slots, pixels)
-        return list(FrameView(frame, rig, hill, slots).measurements())
+        return list(FeatureView(frame, rig, hill, slots).measurements())
 
     start = carried(model, state, at.time_s, float(timing.times_s[0]))
     arc = reference_arc(model, start, timing.times_s, sensor, timing.weights)

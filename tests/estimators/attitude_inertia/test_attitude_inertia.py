@@ -224,7 +224,14 @@ def test_nutation_tells_all_ratios_with_the_right_covariance():
     assert np.degrees(np.sqrt(np.mean(error[:, OMEGA] ** 2))) < 0.04
 
 
-def test_spin_leaves_three_ratios_where_they_were():
+def test_spin_leaves_three_ratios_where_they_were(monkeypatch):
+    fitted = []
+
+    def counted(model, prior, arc, start):
+        fitted.append(len(arc.times_s))
+        return fit_rotations(model, prior, arc, start)
+
+    monkeypatch.setattr("pcnav.estimators.attitude_inertia.estimator.fit_rotations", counted)
     spin = np.radians([0.0, 2.3, 0.0])
     table = AttitudeInertiaTable(
         rate_deg_s=(0.0, 2.0, 0.0), rate_sd_deg_s=1.0, inertia_ratios_zz=(0.9, 1.2, 0.0, 0.0, 0.0)
@@ -237,6 +244,8 @@ def test_spin_leaves_three_ratios_where_they_were():
     sd = np.sqrt(np.diag(printed_covariance(one, estimate.covariance[0])))[INERTIA]
     assert np.all(sd[[0, 1, 3]] > 0.2)
     assert np.all(sd[[2, 4]] < 0.05)
+    # As long as the inertia is not known, the whole arc is fitted again.
+    assert fitted[0] == 5 and fitted[-1] > 50
 
 
 def test_bad_input_is_told():

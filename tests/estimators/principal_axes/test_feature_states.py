@@ -14,7 +14,7 @@ from pcnav.dynamics.principal_inertia import (
 )
 from pcnav.estimators.principal_axes.feature_measurements import (
     AttitudeMeasurement,
-    FrameView,
+    FeatureView,
     PointMeasurement,
 )
 from pcnav.estimators.principal_axes.feature_state_changes import (
@@ -62,7 +62,7 @@ def view_of(state, rng):
     frame = TrackFrame(
         3.0, exp_rotation(0.05 * rng.normal(size=3)), np.array([7, 3]), np.full((2, 4), 500.0)
     )
-    return FrameView(frame, RIG, ORBIT.R_hill_world(3.0), np.array([2, 0]))
+    return FeatureView(frame, RIG, ORBIT.R_hill_world(3.0), np.array([2, 0]))
 
 
 def test_local_undoes_retract_and_its_jacobian_is_the_derivative():

@@ -11,7 +11,8 @@ from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios
 from pcnav.dynamics.rigid_body import ratios_from_inertia
-from pcnav.estimators.attitude_inertia.rotation_arc import fit_rotation_arc
+from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc
+from pcnav.estimators.attitude_inertia.rotation_model import RotationState
 from pcnav.estimators.features.photogrammetric_frame import (
     align,
     best_triple,
@@ -174,14 +175,7 @@ def test_arc_fit_states_its_errors():
     noise = np.broadcast_to(sd**2 * np.eye(3), (runs, len(times), 3, 3))
     fit = fit_rotation_arc(times, seen, noise, np.tile(rates[1], (runs, 1)), start)
     assert fit.converged.mean() > 0.95
-    error = np.concatenate(
-        [
-            log_rotation(np.swapaxes(fit.R_world_g, 1, 2) @ attitudes[0]),
-            rates[0] - fit.omega_g,
-            truth - fit.parameters,
-        ],
-        axis=1,
-    )
+    error = fit.start.local(RotationState(attitudes[0], rates[0], truth))
     nees = np.einsum("bi,bi->b", error, np.linalg.solve(fit.covariance, error[..., None])[..., 0])
     assert nees.mean() / 11.0 == pytest.approx(1.0, abs=0.2)
 
