@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.batch.case import BatchRun, Case, batch_runs
+from pcnav.batch.axes import GridRun, grid_case
 from pcnav.batch.depth_run import DepthRun
-from pcnav.batch.grid import named_grid
+from pcnav.batch.grid import grid_runs, named_grid
 from pcnav.batch.record import RunRecord
 from pcnav.runs.provenance import library_versions
 
@@ -24,8 +24,8 @@ range_m = 20.0
 cross = {{ estimator = ["pcnav"] }}
 """
 
-RunFunction = Callable[[BatchRun], RunRecord]
-Planned = tuple[RunFunction, list[BatchRun]]
+RunFunction = Callable[[GridRun], RunRecord]
+Planned = tuple[RunFunction, list[GridRun]]
 
 
 def real_runs(count: int, folder: Path) -> Planned:
@@ -38,10 +38,10 @@ def real_runs(count: int, folder: Path) -> Planned:
 
 def cheap_runs(count: int, folder: Path) -> Planned:
     """Random numbers: what is left is the engine."""
-    return cheap_run, batch_runs([Case((("range_m", 10.0),))], count, 1)
+    return cheap_run, grid_runs([grid_case((("range_m", 10.0),))], count, 1)
 
 
-def cheap_run(run: BatchRun) -> RunRecord:
+def cheap_run(run: GridRun) -> RunRecord:
     """As many numbers as a real record has."""
     generator = np.random.default_rng(run.seed)
     columns = {f"error_{k}_m": generator.standard_normal(100) for k in range(40)}

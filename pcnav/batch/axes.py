@@ -1,18 +1,37 @@
-"""The axes that a grid may have, the values they take, and what those change in a pipeline."""
+"""The axes that a grid may have, the values they take, and what those change in a pipeline.
 
-import math
-from collections.abc import Callable, Sequence
+Beside the axes listed here, any key of the pipeline file is one, by its path: ``features.count``.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated, Any
 
-from pydantic import BaseModel
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
-from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, shown_value
+from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.table import Fraction, NonNegative, Positive
 from pcnav.estimators.names import EstimatorName
+from pcnav.files.toml_file import checked
+
+AxisValue = str | float | int
+"""What a case has on an axis."""
+AxisValues = tuple[tuple[str, AxisValue], ...]
+"""Axis and value, in the order in which the axes are shown."""
+GridCase = Case[AxisValues]
+"""One combination of axis values: its settings. Named like
+``satellite=boxsat range_m=10 estimator=pcnav``."""
+GridRun = Run[AxisValues]
 
 SATELLITE_AXIS = "satellite"
 RANGE_AXIS = "range_m"
 TUMBLE_AXIS = "tumble_deg_s"
+RESOLUTION_AXIS = "resolution_px"
+ESTIMATOR_AXIS = "estimator"
+"""The one axis that changes no frame."""
+_DIGITS = 12
+"""Of a number in a case's name: values closer than this are the same case."""
 
 
 @dataclass(frozen=True)
@@ -25,118 +44,128 @@ class Axis:
     """In words, for tables and figures."""
     unit: str
     """Empty for words and counts without one, 1 for a share."""
-    expected: str
-    """What its values have to be, for a message."""
-    value_of: Callable[[object], AxisValue | None]
-    """The checked value of something read from a file; None for what it cannot be."""
-    apply: Callable[[Pipeline, AxisValue], Pipeline] = lambda pipeline, _: pipeline
-    """The pipeline with the value; unchanged by axes that act elsewhere."""
+    type: Any
+    """Of its values, as pydantic checks them."""
+    key: str | None = None
+    """Path in the pipeline file of what it sets; None where it acts elsewhere."""
+    only_depth: bool = True
+    """Whether it has a meaning for depth frames alone."""
 
     @property
     def label(self) -> str:
         """Title and unit: ``distance, m``."""
         return f"{self.title}, {self.unit}" if self.unit not in ("", "1") else self.title
 
-
-def _number(low: float, *, above: bool = False, high: float = math.inf) -> Callable[..., AxisValue]:
-    """Checks a number from ``low``, or above it, up to ``high``."""
-
-    def value_of(found: object) -> float | None:
-        # A bool is an int to Python, not to anyone who writes a grid.
-        if isinstance(found, bool) or not isinstance(found, int | float):
-            return None
-        inside = (found > low if above else found >= low) and found <= high
-        return float(found) if inside and math.isfinite(found) else None
-
-    return value_of  # type: ignore[return-value]
-
-
-def _count(found: object) -> int | None:
-    return found if isinstance(found, int) and not isinstance(found, bool) and found > 0 else None
+    def value_of(self, found: object) -> AxisValue:
+        """The checked value of something read from a file. Raises ``ValueError`` in one line."""
+        # A path stands for whatever a pipeline file may say there.
+        strict = self.name != self.key
+        adapter = TypeAdapter(self.type, config=ConfigDict(strict=strict, allow_inf_nan=False))
+        try:
+            value = adapter.validate_python(found)
+        except ValidationError as error:
+            message = error.errors()[0]["msg"].removeprefix("Value error, ")
+            raise ValueError(f"{message}, got {found!r}") from error
+        kept = value if strict else found
+        if not isinstance(kept, AxisValue):
+            raise ValueError(f"expected a number or a word, got {found!r}")
+        return kept
 
 
-def _word(found: object) -> str | None:
-    # A case's name is words between spaces.
-    return found if isinstance(found, str) and found and not any(map(str.isspace, found)) else None
+def _known_estimator(name: str) -> str:
+    if name not in list(EstimatorName):
+        raise ValueError(f"expected some of {', '.join(EstimatorName)}")
+    return name
 
 
-def _estimator(found: object) -> str | None:
-    return str(found) if found in list(EstimatorName) else None
-
-
-def _noise(key: str) -> Callable[[Pipeline, AxisValue], Pipeline]:
-    return lambda pipeline, value: _with(pipeline, "noise", {key: value})
-
-
-def _resolution(pipeline: Pipeline, value: AxisValue) -> Pipeline:
-    """As many pixels across; the field of view and the shape of the image stay."""
-    camera = pipeline.camera
-    height = max(1, round(int(value) * camera.height_px / camera.width_px))
-    return _with(pipeline, "camera", {"width_px": int(value), "height_px": height})
-
-
-def _with(pipeline: Pipeline, table: str, changed: dict[str, AxisValue]) -> Pipeline:
-    before: BaseModel = getattr(pipeline, table)
-    return pipeline.model_copy(update={table: before.model_copy(update=changed)})
-
-
-_SHARE = "numbers from 0 to 1"
+# A case's name is words between spaces.
+_Word = Annotated[str, Field(pattern=r"^\S+$")]
 _ALL = (
-    Axis(SATELLITE_AXIS, "satellite", "", "names of shipped satellites or mesh files", _word),
-    Axis(RANGE_AXIS, "distance", "m", "numbers above 0", _number(0.0, above=True)),
-    Axis(TUMBLE_AXIS, "tumble rate", "deg/s", "numbers from 0 on", _number(0.0)),
+    Axis(SATELLITE_AXIS, "satellite", "", _Word),
+    Axis(RANGE_AXIS, "distance", "m", Positive),
+    Axis(TUMBLE_AXIS, "tumble rate", "deg/s", NonNegative),
     Axis(
-        "frame_rate_hz",
-        "frame rate",
-        "Hz",
-        "numbers above 0",
-        _number(0.0, above=True),
-        lambda pipeline, value: _with(pipeline, "scenario", {"frame_rate_hz": value}),
+        *("frame_rate_hz", "frame rate", "Hz", Positive, "scenario.frame_rate_hz"),
+        only_depth=False,
     ),
-    Axis("resolution_px", "image width", "px", "whole numbers above 0", _count, _resolution),
+    Axis(RESOLUTION_AXIS, "image width", "px", Annotated[int, Field(gt=0)]),
+    Axis("range_sigma_m", "range noise", "m", NonNegative, "noise.range_sigma_m"),
+    Axis("dropout_share", "lost returns", "1", Fraction, "noise.dropout_fraction"),
+    Axis("outlier_share", "outliers", "1", Fraction, "noise.outlier_fraction"),
+    Axis("mixed_pixel_share", "mixed pixels", "1", Fraction, "noise.mixed_pixel_fraction"),
     Axis(
-        "range_sigma_m",
-        "range noise",
-        "m",
-        "numbers from 0 on",
-        _number(0.0),
-        _noise("range_sigma_m"),
+        *(ESTIMATOR_AXIS, "estimator", "", Annotated[str, AfterValidator(_known_estimator)]),
+        only_depth=False,
     ),
-    Axis(
-        "dropout_share",
-        "lost returns",
-        "1",
-        _SHARE,
-        _number(0.0, high=1.0),
-        _noise("dropout_fraction"),
-    ),
-    Axis(
-        "outlier_share", "outliers", "1", _SHARE, _number(0.0, high=1.0), _noise("outlier_fraction")
-    ),
-    Axis(
-        "mixed_pixel_share",
-        "mixed pixels",
-        "1",
-        _SHARE,
-        _number(0.0, high=1.0),
-        _noise("mixed_pixel_fraction"),
-    ),
-    Axis(ESTIMATOR_AXIS, "estimator", "", f"some of {', '.join(EstimatorName)}", _estimator),
 )
 AXES = {axis.name: axis for axis in _ALL}
-"""Every axis by its name, in the order in which a case lists them."""
+"""The axes that have a name of their own, in the order in which a case lists them."""
+
+
+def named_axis(name: str) -> Axis:
+    """An axis by its name, or a path of the pipeline file. Raises ``ValueError`` for neither."""
+    if name in AXES:
+        return AXES[name]
+    table, _, key = name.partition(".")
+    model = Pipeline.model_fields[table].annotation if table in Pipeline.model_fields else None
+    fields = getattr(model, "model_fields", {})
+    if key not in fields:
+        keys = "a key of the pipeline file like features.count"
+        raise ValueError(f"unknown axis; expected one of {', '.join(AXES)}, or {keys}")
+    field = fields[key]
+    type_ = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
+    return Axis(name, name, "", type_, name, only_depth=False)
+
+
+def grid_case(values: Iterable[tuple[str, AxisValue]]) -> GridCase:
+    """The case of some axis values."""
+    settings = tuple(values)
+    return Case(_words(settings), settings)
+
+
+def scenario_of(case: GridCase) -> str:
+    """The name without the estimator, axes in alphabetical order: what fixes the frames."""
+    return _words(sorted(axis for axis in case.settings if axis[0] != ESTIMATOR_AXIS))
+
+
+def shown_value(value: AxisValue) -> str:
+    """A value as it stands in a case's name."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return value if isinstance(value, str) else f"{value:.{_DIGITS}g}"
+
+
+def with_axes(pipeline: Pipeline, case: GridCase, source: str) -> Pipeline:
+    """A pipeline with what the axes of a case set in it.
+
+    Raises `InputError`, which names the source and the key, for a value that cannot be there.
+    """
+    found: dict[str, Any] = pipeline.model_dump()
+    for name, value in case.settings:
+        key = named_axis(name).key
+        if key is not None:
+            table, _, field = key.partition(".")
+            found[table][field] = value
+        elif name == RESOLUTION_AXIS:
+            # The field of view and the shape of the image stay.
+            camera, width = found["camera"], int(value)
+            height = max(1, round(width * camera["height_px"] / camera["width_px"]))
+            camera |= {"width_px": width, "height_px": height}
+    return checked(source, Pipeline, found)
 
 
 def axis_label(name: str) -> str:
     """An axis in words, with its unit."""
-    axis = AXES.get(name)
-    return name if axis is None else axis.label
+    return AXES[name].label if name in AXES else name
 
 
 def axis_setting(name: str, values: Sequence[AxisValue]) -> str:
     """An axis and the values it has, with its unit: ``distance 10, 20 and 40 m``."""
-    axis = AXES.get(name)
-    title = name if axis is None else axis.title
-    unit = "" if axis is None or axis.unit in ("", "1") else f" {axis.unit}"
+    title, _, unit = axis_label(name).partition(", ")
     *most, last = map(shown_value, values)
-    return f"{title} {', '.join(most)} and {last}{unit}" if most else f"{title} {last}{unit}"
+    text = f"{', '.join(most)} and {last}" if most else last
+    return f"{title} {text} {unit}".rstrip()
+
+
+def _words(values: Iterable[tuple[str, AxisValue]]) -> str:
+    return " ".join(f"{axis}={shown_value(value)}" for axis, value in values)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun
+from pcnav.batch.axes import ESTIMATOR_AXIS, GridRun
 from pcnav.batch.changes import (
     VERDICTS,
     Change,
@@ -50,7 +50,7 @@ class Comparison:
     """By estimator and metric, the mean over the cases."""
     cases: tuple[JudgedChange, ...]
     """Case by case."""
-    newly_failed: tuple[BatchRun, ...]
+    newly_failed: tuple[GridRun, ...]
     """Runs with a result in the old batch and none in the new one."""
     repaired: int
     """Runs that failed in the old batch and have a result in the new one."""
@@ -125,7 +125,7 @@ def _row_of(
 ) -> dict[str, object]:
     """A run with every metric of it alone; nan where it has no number."""
     run, failed = record.run, record.failure is not None
-    axes = dict(run.case.axes)
+    axes = dict(run.case.settings)
     who = f"{ESTIMATOR_AXIS}={axes[ESTIMATOR_AXIS]}" if ESTIMATOR_AXIS in axes else "all"
     row: dict[str, object] = {"case": run.case.name, "index": run.index, "seed": run.seed}
     row |= {"run": run, "failed": failed, "estimator": who}

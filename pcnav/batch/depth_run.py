@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from pcnav.batch.basis import GridBasis
-from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun
+from pcnav.batch.axes import ESTIMATOR_AXIS, GridRun
 from pcnav.batch.following import follow, truth_of
+from pcnav.batch.grid import GridBasis
 from pcnav.batch.judging import judge
 from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
@@ -28,7 +28,7 @@ class DepthRun:
 
     basis: GridBasis
 
-    def __call__(self, run: BatchRun) -> RunRecord:
+    def __call__(self, run: GridRun) -> RunRecord:
         """The record of a run: the same for the same run, but for times and memory.
 
         Raises `InputError` for a scenario that cannot be simulated and for a library that is
@@ -37,7 +37,7 @@ class DepthRun:
         reset_peak_memory()
         pipeline, target = run_pipeline(self.basis, run)
         scene = Scene.of(pipeline, target.mesh)
-        entry = ESTIMATORS[EstimatorName(str(run.case.value(ESTIMATOR_AXIS)))]
+        entry = ESTIMATORS[EstimatorName(str(dict(run.case.settings)[ESTIMATOR_AXIS]))]
         estimator = entry.make(given_to(entry, scene, target))
         # Who is told a true pose knows more than the bound, which knows the frames alone.
         bounded = entry.first_pose is not FirstPose.EXACT

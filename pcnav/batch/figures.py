@@ -12,8 +12,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
 
-from pcnav.batch.axes import axis_label, axis_setting
-from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, shown_value
+from pcnav.batch.axes import (
+    ESTIMATOR_AXIS,
+    SATELLITE_AXIS,
+    AxisValue,
+    axis_label,
+    axis_setting,
+    shown_value,
+)
 from pcnav.batch.metrics import Metric
 from pcnav.batch.samples import EvaluationWindow
 from pcnav.batch.statistics import MetricValue
@@ -29,7 +35,7 @@ from pcnav.batch.tables import (
 )
 from pcnav.report.figures import CATEGORIES, add_legend, new_figure, style_axes, svg_bytes
 
-FACET_AXIS = "satellite"
+FACET_AXIS = SATELLITE_AXIS
 """Never pooled in a figure: errors in metres follow the size of the target."""
 _HEIGHT_IN = 2.9
 _MARKERS = ("o", "s", "^", "D", "v")

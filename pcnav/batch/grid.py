@@ -1,20 +1,116 @@
 """A grid of cases ready to run: every run with its seed, and a look at all that the runs need."""
 
 import hashlib
+import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import tomli_w
 
-from pcnav.batch.axes import RANGE_AXIS, SATELLITE_AXIS
-from pcnav.batch.basis import GridBasis, stated_pipeline
-from pcnav.batch.case import ESTIMATOR_AXIS, BatchRun, Case, batch_runs, shown_value
+from pcnav.batch.axes import (
+    ESTIMATOR_AXIS,
+    RANGE_AXIS,
+    SATELLITE_AXIS,
+    GridCase,
+    GridRun,
+    scenario_of,
+    shown_value,
+    with_axes,
+)
 from pcnav.batch.grid_file import GridFile, cases_of, read_grid_file
-from pcnav.config.pipeline_file import Pipeline
-from pcnav.config.shipped import shipped_grid_names, shipped_pipeline
+from pcnav.batch.monte_carlo import Run
+from pcnav.config.pipeline_file import EstimatorKind, Pipeline, read_pipeline
+from pcnav.config.shipped import (
+    shipped_grid_names,
+    shipped_mesh,
+    shipped_mesh_names,
+    shipped_pipeline,
+    shipped_pipeline_names,
+)
 from pcnav.core.errors import InputError
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
+
+
+@dataclass(frozen=True)
+class GridBasis:
+    """The part of a grid that all cases share; it finds the pipeline and the mesh of each.
+
+    This is all of a grid that a run needs, so it is all that travels to another machine. Shipped
+    files are those of the machine that runs; files of the user's own must be at the same place
+    there.
+    """
+
+    source: str
+    """What the grid is called: a path or a shipped name."""
+    folder: Path
+    """That paths in the grid are relative to."""
+    frames: int | None
+    """Of every run; None where the duration is stated."""
+    duration_s: float | None
+    pipeline_name: str | None
+    """Of the pipeline under all cases; None takes the one shipped with each satellite."""
+    pipeline: Pipeline | None
+    """Its content."""
+
+    def command(self, run: GridRun) -> str:
+        """What repeats a run alone."""
+        words = ("pcnav", "table", self.source, "--case", run.case.name, "--run", str(run.index))
+        return shlex.join([*words, "-o", f"runs/{run.key}"])
+
+    def shared_pipeline(self, case: GridCase) -> tuple[str, Pipeline]:
+        """Name and content of the pipeline that a case is based on, none of its axes applied.
+
+        Raises `InputError` where there is none.
+        """
+        if self.pipeline_name is not None and self.pipeline is not None:
+            return self.pipeline_name, self.pipeline
+        name = _satellite(case) or ""
+        path = shipped_pipeline(name)
+        if path is None:
+            known = ", ".join(shipped_pipeline_names())
+            expected = f"expected one of {known}, or batch.pipeline beside it, got {name}"
+            raise InputError(self.source, SATELLITE_AXIS, expected)
+        return name, read_pipeline(path)
+
+    def pipeline_of(self, case: GridCase) -> Pipeline:
+        """The pipeline of a case: its axes applied, before a truth is drawn.
+
+        Raises `InputError` for an axis that means nothing to its kind of recording.
+        """
+        name, pipeline = self.shared_pipeline(case)
+        kind = pipeline.estimator.kind
+        if kind is not EstimatorKind.DEPTH:
+            expected = f'expected a pipeline for depth frames, {name} has estimator.kind = "{kind}"'
+            raise InputError(self.source, "batch.pipeline", expected)
+        pipeline = with_axes(pipeline, case, self.source)
+        return pipeline.model_copy(update={"target_mesh": str(self.mesh_of(case))})
+
+    def mesh_of(self, case: GridCase) -> Path:
+        """The mesh of a case's satellite. Raises `InputError` where there is none."""
+        satellite = _satellite(case)
+        if satellite is None:
+            name, pipeline = self.shared_pipeline(case)
+            satellite = pipeline.target_mesh
+            if satellite is None:
+                expected = f"expected this axis, as {name} has no target_mesh"
+                raise InputError(self.source, SATELLITE_AXIS, expected)
+        beside = self.folder / satellite
+        found = beside if beside.is_file() else shipped_mesh(satellite)
+        if found is None:
+            known = ", ".join(shipped_mesh_names())
+            expected = f"expected a mesh file or one of {known}, got {satellite}"
+            raise InputError(self.source, SATELLITE_AXIS, expected)
+        return found
+
+    def frames_at(self, frame_rate_hz: float) -> int:
+        """Frames of a run; two at least."""
+        if self.frames is not None:
+            return self.frames
+        assert self.duration_s is not None, "a grid file states one of them"
+        return max(2, round(self.duration_s * frame_rate_hz))
 
 
 @dataclass(frozen=True)
@@ -22,21 +118,16 @@ class GridPlan:
     """A grid file with all its cases."""
 
     file: GridFile
-    cases: tuple[Case, ...]
+    cases: tuple[GridCase, ...]
     """In the order of the file."""
     basis: GridBasis
 
-    @property
-    def name(self) -> str:
-        """Of the batch."""
-        return self.file.batch.name
-
     @cached_property
-    def runs(self) -> list[BatchRun]:
+    def runs(self) -> list[GridRun]:
         """Every run of every case, case after case."""
-        return batch_runs(self.cases, self.file.batch.runs, self.file.batch.seed)
+        return grid_runs(self.cases, self.file.batch.runs, self.file.batch.seed)
 
-    def run_named(self, case: str, index: int) -> BatchRun:
+    def run_named(self, case: str, index: int) -> GridRun:
         """One run by the name of its case and its index.
 
         The name's words may come in any order; those that tell the case from all others are
@@ -46,16 +137,12 @@ class GridPlan:
         words = set(case.split())
         found = [each for each in self.cases if words <= set(each.name.split())]
         if len(found) != 1:
-            told = f"{len(found)} cases fit, like {found[0]}" if found else "no case fits"
-            expected = f'expected words that name one case, as "{self.cases[0]}"; {told}'
+            fit = f"{len(found)} cases fit, like {found[0]}" if found else "no case fits"
+            expected = f'expected words that name one case, as "{self.cases[0]}"; {fit}'
             raise InputError(source, "--case", expected)
         if not 0 <= index < runs:
             raise InputError(source, "--run", f"expected a number from 0 to {runs - 1}")
-        return batch_runs(found, runs, self.file.batch.seed)[index]
-
-    def command(self, run: BatchRun) -> str:
-        """What repeats a run alone."""
-        return self.basis.command(run)
+        return grid_runs(found, runs, self.file.batch.seed)[index]
 
     def check(self) -> None:
         """Look at all that the cases need before the first of them runs.
@@ -70,15 +157,17 @@ class GridPlan:
         from pcnav.target.satellite import load_target
 
         source = self.basis.source
-        for name in dict.fromkeys(str(case.value(ESTIMATOR_AXIS)) for case in self.cases):
+        names = (str(dict(case.settings)[ESTIMATOR_AXIS]) for case in self.cases)
+        for name in dict.fromkeys(names):
             library = ESTIMATORS[EstimatorName(name)].library
             if library is not None:
                 library(f"the estimator {name} of {source}")
-        meshes = {case: self.basis.mesh_of(case) for case in self.cases}
-        radius_m = {mesh: 0.5 * load_target(mesh).diameter_m for mesh in set(meshes.values())}
-        for case, mesh in meshes.items():
-            _, pipeline = self.basis.pipeline_of(case)
-            range_m = dict(case.axes).get(RANGE_AXIS)
+        radius_m: dict[Path, float] = {}
+        for case in self.cases:
+            mesh, pipeline = self.basis.mesh_of(case), self.basis.pipeline_of(case)
+            if mesh not in radius_m:
+                radius_m[mesh] = 0.5 * load_target(mesh).diameter_m
+            range_m = dict(case.settings).get(RANGE_AXIS)
             if range_m is None:
                 continue
             farthest_m = MAXIMUM_UNITS * pipeline.noise.quantisation_m - radius_m[mesh]
@@ -95,15 +184,14 @@ class GridPlan:
         Batches with the same text are the same batch.
         """
         basis = self.basis
-        pipelines = dict(map(basis.pipeline_of, self.cases))
+        pipelines = dict(map(basis.shared_pipeline, self.cases))
         meshes = {path.name: path for path in map(basis.mesh_of, self.cases)}
         as_run: dict[str, object] = {
             "pipelines_sha256": {name: _pipeline_digest(pipelines[name]) for name in pipelines},
             "meshes_sha256": {name: _mesh_digest(path) for name, path in meshes.items()},
         }
-        named = {str(dict(case.axes).get(SATELLITE_AXIS, "")) for case in self.cases}
-        named.add(basis.pipeline_name or "")
-        if any((basis.folder / name).is_file() for name in named):
+        named = {*map(_satellite, self.cases), basis.pipeline_name}
+        if any((basis.folder / name).is_file() for name in named if name):
             as_run["folder"] = str(basis.folder)
         table = self.file.model_dump(mode="json", exclude_none=True, exclude={"as_run"})
         table["grid"] = [
@@ -112,20 +200,39 @@ class GridPlan:
         return tomli_w.dumps(table | {"as_run": as_run})
 
 
+def grid_runs(cases: Iterable[GridCase], runs: int, seed: int) -> list[GridRun]:
+    """So many runs of every case, case after case."""
+    return [
+        Run(case, index, grid_seed(seed, case, index)) for case in cases for index in range(runs)
+    ]
+
+
+def grid_seed(seed: int, case: GridCase, index: int) -> int:
+    """Seed of a run: of the batch's seed, the case's scenario and the run's index alone.
+
+    Never of the place in the batch: a run alone is the run in the batch, and all estimators of a
+    scenario meet the same frames.
+    """
+    digest = hashlib.sha256(scenario_of(case).encode()).digest()
+    words = np.frombuffer(digest, dtype="<u4").tolist()
+    sequence = np.random.SeedSequence([seed, *words], spawn_key=(index,))
+    return int(sequence.generate_state(1)[0])
+
+
 def read_grid(path: Path, source: str | None = None) -> GridPlan:
     """Read a grid file and all its cases. Raises `InputError`.
 
     ``source`` is what the user called it; None takes the path.
     """
     file = read_grid_file(path)
-    batch, folder = file.batch, path.resolve().parent
-    if file.as_run.folder is not None:
-        folder = Path(file.as_run.folder)
-    name = batch.pipeline
-    pipeline = None if name is None else stated_pipeline(name, folder, path)
-    basis = GridBasis(source or str(path), folder, batch.frames, batch.duration_s, name, pipeline)
+    batch = file.batch
+    folder = path.resolve().parent if file.as_run.folder is None else Path(file.as_run.folder)
+    pipeline = None if batch.pipeline is None else _stated_pipeline(batch.pipeline, folder, path)
+    basis = GridBasis(
+        source or str(path), folder, batch.frames, batch.duration_s, batch.pipeline, pipeline
+    )
     cases = cases_of(file, path)
-    if name is None and SATELLITE_AXIS not in dict(cases[0].axes):
+    if pipeline is None and _satellite(cases[0]) is None:
         expected = f"expected a pipeline, or the axis {SATELLITE_AXIS} in [base] or [[grid]]"
         raise InputError(path, "batch.pipeline", expected)
     return GridPlan(file, cases, basis)
@@ -143,6 +250,28 @@ def named_grid(name: str) -> GridPlan:
     return read_grid(path, name)
 
 
+def _stated_pipeline(name: str, folder: Path, grid: Path) -> Pipeline:
+    """The pipeline that a grid names, its mesh as an absolute path where it is a file.
+
+    Raises `InputError`, naming the grid where there is no such pipeline.
+    """
+    beside = folder / name
+    path = beside if beside.is_file() else shipped_pipeline(name)
+    if path is None:
+        known = ", ".join(shipped_pipeline_names())
+        raise InputError(grid, "batch.pipeline", f"expected a file or one of {known}, got {name}")
+    pipeline = read_pipeline(path)
+    mesh = path.parent / (pipeline.target_mesh or "")
+    if not mesh.is_file():
+        return pipeline
+    return pipeline.model_copy(update={"target_mesh": str(mesh.resolve())})
+
+
+def _satellite(case: GridCase) -> str | None:
+    value = dict(case.settings).get(SATELLITE_AXIS)
+    return None if value is None else str(value)
+
+
 def _pipeline_digest(pipeline: Pipeline) -> str:
     # The mesh has a digest of its own, and may lie elsewhere on another machine.
     content = pipeline.model_dump_json(exclude={"target_mesh"})
@@ -151,8 +280,6 @@ def _pipeline_digest(pipeline: Pipeline) -> str:
 
 def _mesh_digest(path: Path) -> str:
     """Of a mesh and of the file of names and mass properties beside it, where there is one."""
-    digest = hashlib.sha256(path.read_bytes())
     sidecar = path.with_suffix(".toml")
-    if sidecar.is_file():
-        digest.update(sidecar.read_bytes())
-    return digest.hexdigest()
+    content = path.read_bytes() + (sidecar.read_bytes() if sidecar.is_file() else b"")
+    return hashlib.sha256(content).hexdigest()

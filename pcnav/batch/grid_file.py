@@ -16,18 +16,24 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from pcnav.batch.axes import AXES
-from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, Case
+from pcnav.batch.axes import (
+    AXES,
+    ESTIMATOR_AXIS,
+    AxisValue,
+    GridCase,
+    grid_case,
+    named_axis,
+)
 from pcnav.config.table import Positive, Table
 from pcnav.core.errors import InputError
-from pcnav.files.toml_file import read_toml, read_toml_model
+from pcnav.files.toml_file import checked, read_toml
 
 BATCH_TABLE = "batch"
 """The table that tells a grid file from a pipeline file."""
 
 _Axes = dict[str, Any]
-"""Axis to list of values, or to a value in [base]; checked in `cases_of`, which names the block."""
-_Values = tuple[tuple[str, AxisValue], ...]
+"""Axis to list of values, or to a value in [base]; checked in `cases_of`, which names the block.
+A path may be quoted, ``"features.count"``, or not."""
 
 
 class BatchTable(Table):
@@ -79,74 +85,77 @@ class GridFile(Table):
 
 def read_grid_file(path: Path) -> GridFile:
     """Read and check a grid file but for its axes. Raises `InputError`."""
-    try:
-        missing = BATCH_TABLE not in read_toml(path)
-    except InputError:
-        missing = False  # said in full by what reads it next
-    if missing:
+    found = read_toml(path)
+    if BATCH_TABLE not in found:
         expected = "expected a grid of cases with this table; a pipeline is for `pcnav run`"
         raise InputError(path, BATCH_TABLE, expected)
-    return read_toml_model(path, GridFile)
+    return checked(path, GridFile, found)
 
 
-def cases_of(file: GridFile, path: Path) -> tuple[Case, ...]:
+def cases_of(file: GridFile, path: Path) -> tuple[GridCase, ...]:
     """Every case of a grid file, block after block, the last axis of a cross varying fastest.
 
     All have the same axes. Raises `InputError`, naming ``path``, for an axis that is unknown,
     empty, given twice, or missing in a block; for a value that it cannot have; and for a case
     given twice.
     """
-    base = {axis: _value(path, "base", axis, value) for axis, value in file.base.items()}
-    blocks = [_block(path, f"grid.{k + 1}", block) for k, block in enumerate(file.grid)]
-    used = set(base).union(*(axes for axes, _ in blocks), {ESTIMATOR_AXIS})
+    base = {axis: _value(path, "base", axis, v) for axis, v in _flat(file.base).items()}
+    blocks = [_rows(path, f"grid.{k}", block) for k, block in enumerate(file.grid, 1)]
+    used = dict.fromkeys([ESTIMATOR_AXIS, *base, *(axis for rows in blocks for axis in rows[0])])
+    order = [*(axis for axis in AXES if axis in used), *(axis for axis in used if axis not in AXES)]
     found: dict[str, int] = {}
     cases = []
-    for k, (axes, rows) in enumerate(blocks):
-        for axis in AXES:
-            if axis in used and axis not in base and axis not in axes:
-                expected = "expected this axis in the block or in [base], as every case has it"
-                raise InputError(path, f"grid.{k + 1}.{axis}", expected)
+    for k, rows in enumerate(blocks, 1):
         for row in rows:
-            values = base | dict(row)
-            case = Case(tuple((axis, values[axis]) for axis in AXES if axis in used))
+            values = base | row
+            missing = [axis for axis in order if axis not in values]
+            if missing:
+                expected = "expected this axis in the block or in [base], as every case has it"
+                raise InputError(path, f"grid.{k}.{missing[0]}", expected)
+            case = grid_case((axis, values[axis]) for axis in order)
             if case.name in found:
                 before = f"is in grid.{found[case.name]} too"
-                raise InputError(path, f"grid.{k + 1}", f"expected no case twice: {case} {before}")
-            found[case.name] = k + 1
+                raise InputError(path, f"grid.{k}", f"expected no case twice: {case} {before}")
+            found[case.name] = k
             cases.append(case)
     return tuple(cases)
 
 
-def _block(path: Path, field: str, block: BlockTable) -> tuple[set[str], list[_Values]]:
-    """The axes of a block and its rows of values."""
-    crossed = {axis: _list(path, f"{field}.cross", axis, v) for axis, v in block.cross.items()}
-    zipped = {axis: _list(path, f"{field}.zip", axis, v) for axis, v in block.zip.items()}
+def _rows(path: Path, field: str, block: BlockTable) -> list[dict[str, AxisValue]]:
+    """The values of each case of a block, those of [base] apart."""
+    crossed, zipped = (
+        {axis: _list(path, f"{field}.{how}", axis, values) for axis, values in _flat(axes).items()}
+        for how, axes in (("cross", block.cross), ("zip", block.zip))
+    )
     if not crossed and not zipped:
         raise InputError(path, field, "expected an axis in cross or zip")
     both = sorted(set(crossed) & set(zipped))
     if both:
         raise InputError(path, f"{field}.zip.{both[0]}", "expected an axis once, cross has it too")
-    lengths = {axis: len(values) for axis, values in zipped.items()}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{axis} has {n}" for axis, n in lengths.items())
-        raise InputError(path, f"{field}.zip", f"expected lists of one length, {told}")
-    return set(crossed) | set(zipped), list(_rows(crossed, zipped))
+    if len(set(map(len, zipped.values()))) > 1:
+        lengths = ", ".join(f"{axis} has {len(values)}" for axis, values in zipped.items())
+        raise InputError(path, f"{field}.zip", f"expected lists of one length, {lengths}")
+    return list(_combined(crossed, zipped))
 
 
-def _rows(
+def _combined(
     crossed: dict[str, list[AxisValue]], zipped: dict[str, list[AxisValue]]
-) -> Iterator[_Values]:
-    pairs = list(zip(*zipped.values(), strict=True)) or [()]
-    for together in pairs:
+) -> Iterator[dict[str, AxisValue]]:
+    for together in zip(*zipped.values(), strict=True) if zipped else [()]:
         for apart in itertools.product(*crossed.values()):
-            yield (
-                *zip(zipped, together, strict=True),
-                *zip(crossed, apart, strict=True),
-            )
+            yield dict(zip((*zipped, *crossed), (*together, *apart), strict=True))
+
+
+def _flat(axes: _Axes) -> _Axes:
+    """With the paths of keys that TOML reads as tables within tables, written without quotes."""
+    found: _Axes = {}
+    for axis, value in axes.items():
+        deeper = _flat(value) if isinstance(value, dict) else {"": value}
+        found |= {f"{axis}.{key}".rstrip("."): each for key, each in deeper.items()}
+    return found
 
 
 def _list(path: Path, field: str, axis: str, values: object) -> list[AxisValue]:
-    _known(path, field, axis)
     if not isinstance(values, list) or not values:
         got = "an empty one" if values == [] else repr(values)
         raise InputError(path, f"{field}.{axis}", f"expected a list of values, got {got}")
@@ -154,15 +163,7 @@ def _list(path: Path, field: str, axis: str, values: object) -> list[AxisValue]:
 
 
 def _value(path: Path, field: str, axis: str, value: object) -> AxisValue:
-    _known(path, field, axis)
-    checked = AXES[axis].value_of(value)
-    if checked is None:
-        expected = f"expected {AXES[axis].expected}, got {value!r}"
-        raise InputError(path, f"{field}.{axis}", expected)
-    return checked
-
-
-def _known(path: Path, field: str, axis: str) -> None:
-    if axis not in AXES:
-        expected = f"unknown axis; expected one of {', '.join(AXES)}"
-        raise InputError(path, f"{field}.{axis}", expected)
+    try:
+        return named_axis(axis).value_of(value)
+    except ValueError as error:
+        raise InputError(path, f"{field}.{axis}", str(error)) from error

@@ -9,6 +9,8 @@ The function finds in a run the settings of its case and a seed. Where many runs
 is given `batches` of runs instead of single ones.
 """
 
+import hashlib
+import re
 import zlib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
@@ -20,6 +22,8 @@ import numpy as np
 
 from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import results
+
+_MAX_SLUG, _HASH_DIGITS = 60, 10
 
 Settings = TypeVar("Settings", covariant=True)
 Result = TypeVar("Result")
@@ -53,6 +57,15 @@ class Run(Generic[Settings]):
     def work(self) -> float:
         """Units of work."""
         return self.case.work
+
+    @property
+    def key(self) -> str:
+        """Unique and stable, fit for a file's name: some words to read, a hash, the index."""
+        # Of ``axis=value`` the value.
+        words = re.sub(r"(^| )[^ =]+=", r"\1", self.case.name)
+        slug = re.sub(r"[^a-z0-9.]+", "-", words.lower()).strip("-.")[:_MAX_SLUG].rstrip("-.")
+        digest = hashlib.sha256(self.case.name.encode()).hexdigest()[:_HASH_DIGITS]
+        return f"{slug}-{digest}-{self.index:03d}"
 
     def __str__(self) -> str:
         return f"{self.case.name}, run {self.index} (seed {self.seed})"

@@ -18,7 +18,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.axes import GridRun
+from pcnav.batch.monte_carlo import Case, Run
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 
@@ -40,7 +41,7 @@ Column = FloatArray | list[str]
 class RunRecord:
     """All that is kept of one run."""
 
-    run: BatchRun
+    run: GridRun
     columns: Mapping[str, Column]
     """Values frame by frame, all of one length, by name; the unit ends the name."""
     values: Mapping[str, float]
@@ -68,8 +69,8 @@ class RecordHeader:
     """What a record says of itself without its frames."""
 
     key: str
-    """`BatchRun.key` of its run."""
-    run: BatchRun
+    """`GridRun.key` of its run."""
+    run: GridRun
     failure: str | None
     versions: Mapping[str, str]
     numbers: int
@@ -131,9 +132,9 @@ def read_header(path: Path) -> RecordHeader:
     return RecordHeader(about["key"], _run(about), about["failure"], about["versions"], numbers)
 
 
-def _run(about: dict[str, Any]) -> BatchRun:
+def _run(about: dict[str, Any]) -> GridRun:
     axes = tuple((name, value) for name, value in about["axes"])
-    return BatchRun(Case(axes), about["index"], about["seed"])
+    return Run(Case(about["case"], axes), about["index"], about["seed"])
 
 
 def _table(record: RunRecord) -> pa.Table:
@@ -144,7 +145,7 @@ def _table(record: RunRecord) -> pa.Table:
         "format": FORMAT,
         "key": record.run.key,
         "case": record.run.case.name,
-        "axes": record.run.case.axes,
+        "axes": record.run.case.settings,
         "index": record.run.index,
         "seed": record.run.seed,
         "values": {name: _json_number(value) for name, value in record.values.items()},

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.batch.axes import AXES, RANGE_AXIS, TUMBLE_AXIS
-from pcnav.batch.basis import GridBasis
-from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.axes import RANGE_AXIS, TUMBLE_AXIS, GridRun
+from pcnav.batch.grid import GridBasis
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.table import Vector3
 from pcnav.simulation.random_truth import Satellite, Spread, random_truth
@@ -25,22 +24,14 @@ def loaded_target(mesh: Path) -> Target:
     return load_target(mesh)
 
 
-def case_pipeline(basis: GridBasis, case: Case) -> Pipeline:
-    """A case's pipeline with its axes applied, before a truth is drawn. Raises `InputError`."""
-    _, pipeline = basis.pipeline_of(case)
-    for name, value in case.axes:
-        pipeline = AXES[name].apply(pipeline, value)
-    return pipeline.model_copy(update={"target_mesh": str(basis.mesh_of(case))})
-
-
-def run_pipeline(basis: GridBasis, run: BatchRun) -> tuple[Pipeline, Target]:
+def run_pipeline(basis: GridBasis, run: GridRun) -> tuple[Pipeline, Target]:
     """Everything that fixes the frames of a run, and the target they show. Raises `InputError`.
 
     `pcnav simulate` of this pipeline writes the same frames.
     """
-    pipeline = case_pipeline(basis, run.case)
+    pipeline = basis.pipeline_of(run.case)
     target = loaded_target(basis.mesh_of(run.case))
-    axes = dict(run.case.axes)
+    axes = dict(run.case.settings)
     orbit, body = pipeline.orbit, pipeline.body
     range_m = float(axes.get(RANGE_AXIS, _length(orbit.r_hill_m)))
     tumble_deg_s = float(axes.get(TUMBLE_AXIS, _length(body.omega_body_deg_s)))

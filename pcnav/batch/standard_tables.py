@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pcnav.batch.case import ESTIMATOR_AXIS
+from pcnav.batch.axes import ESTIMATOR_AXIS, RESOLUTION_AXIS, SATELLITE_AXIS
 from pcnav.batch.metrics import METRICS, Family, named_metrics, of_family
 from pcnav.batch.tables import TableLayout, axes_of, varying_axes
 from pcnav.core.errors import InputError
 
 DEFAULT_METRICS = ("position_sym_rms_m", "attitude_sym_rms_deg")
 """Of a pivot that names none, of figures and of comparisons."""
-_SATELLITE = "satellite"
-_RESOLUTION = "resolution_px"
 STATISTICS = "statistics"
 """Key of the table with every metric of every case, for programs."""
 
@@ -58,8 +56,8 @@ def asked_layout(wanted: Wanted, runs: pd.DataFrame) -> TableLayout:
 def default_layouts(runs: pd.DataFrame) -> tuple[TableLayout, ...]:
     """The tables that every batch has; the cost is apart, because no two machines agree on it."""
     scenario, estimator = _scenario(runs, but=(ESTIMATOR_AXIS,)), _estimator(runs)
-    cases, satellite = (*scenario, *estimator), tuple({_SATELLITE} & set(axes_of(runs)))
-    shown = tuple(axis for axis in (_SATELLITE, _RESOLUTION) if axis in varying_axes(runs))
+    cases, satellite = (*scenario, *estimator), tuple({SATELLITE_AXIS} & set(axes_of(runs)))
+    shown = tuple(axis for axis in (SATELLITE_AXIS, RESOLUTION_AXIS) if axis in varying_axes(runs))
     summary = (
         *("position_sym_median_m", "position_sym_p95_m"),
         *("attitude_sym_median_deg", "attitude_sym_p95_deg"),

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pcnav
-from pcnav.batch.case import BatchRun
+from pcnav.batch.axes import GridRun
 from pcnav.batch.layout import BATCH_FILE, GRID_FILE, RUNS_FOLDER
 from pcnav.batch.record import (
     FORMAT,
@@ -47,7 +47,7 @@ class RunStore:
     version: str
     """Of pcnav, which made all records."""
     keys: tuple[str, ...]
-    """`BatchRun.key` of every run, in the order of the grid."""
+    """`GridRun.key` of every run, in the order of the grid."""
     identity: str = field(compare=False)
     """Drawn when the folder was made: tells it from one of the same name on another machine."""
 
@@ -60,7 +60,7 @@ class RunStore:
         """The file of a run, there or not."""
         return self.runs_folder / (key + SUFFIX)
 
-    def finished(self, run: BatchRun) -> bool:
+    def finished(self, run: GridRun) -> bool:
         """Whether the run has its record, be it of a failure."""
         return self.path(run.key).is_file()
 
@@ -105,7 +105,7 @@ class RunStore:
             raise InputError(path, "run", f"expected that of the file's name, found {key}")
 
 
-def new_store(folder: Path, grid_toml: str, runs: Sequence[BatchRun]) -> RunStore:
+def new_store(folder: Path, grid_toml: str, runs: Sequence[GridRun]) -> RunStore:
     """Make the folder of a batch, or open that of the same batch to go on with it.
 
     Raises `InputError` when the folder holds something else, another grid or records of another

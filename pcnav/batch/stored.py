@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from pcnav.batch.case import BatchRun
+from pcnav.batch.axes import GridRun
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import Failure, attempt, outcomes
 from pcnav.batch.fitness import here
@@ -21,7 +21,7 @@ OnBatchProgress = Callable[[int, int, int], None]
 class _Task:
     """One run, and what repeats it."""
 
-    run: BatchRun
+    run: GridRun
     command: str
 
     def __str__(self) -> str:
@@ -45,11 +45,11 @@ class _Recorded:
 
 
 def run_stored(
-    function: Callable[[BatchRun], RunRecord],
-    runs: Sequence[BatchRun],
+    function: Callable[[GridRun], RunRecord],
+    runs: Sequence[GridRun],
     store: RunStore,
     workers: Workers,
-    command: Callable[[BatchRun], str],
+    command: Callable[[GridRun], str],
     on_progress: OnBatchProgress = lambda done, total, failed: None,
 ) -> None:
     """Run what has no record yet; afterwards every run has one, be it of a failure.
@@ -89,7 +89,7 @@ def run_stored(
 class _Recording:
     """Runs and leaves the record in the folder; called in whatever process has the task."""
 
-    function: Callable[[BatchRun], RunRecord]
+    function: Callable[[GridRun], RunRecord]
     folder: Path
 
     def __call__(self, task: _Task) -> _Recorded | _Refused:

@@ -11,8 +11,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pcnav.batch.axes import axis_label, axis_setting
-from pcnav.batch.case import ESTIMATOR_AXIS, AxisValue, BatchRun, shown_value
+from pcnav.batch.axes import (
+    ESTIMATOR_AXIS,
+    AxisValue,
+    GridRun,
+    axis_label,
+    axis_setting,
+    scenario_of,
+    shown_value,
+)
 from pcnav.batch.metrics import Family, Metric
 from pcnav.batch.record import RunRecord
 from pcnav.batch.samples import EvaluationWindow
@@ -26,7 +33,7 @@ _MAX_AXES = 4
 _MAX_FACTOR = 1000.0
 """An interval whose ends lie farther apart, as a factor, tells nothing in a table."""
 
-ReadRun = Callable[[BatchRun], RunRecord]
+ReadRun = Callable[[GridRun], RunRecord]
 """Reads the record of a run."""
 
 
@@ -48,19 +55,19 @@ class TableLayout:
     pool other cases cannot be compared."""
 
 
-def run_table(runs: Sequence[BatchRun]) -> pd.DataFrame:
+def run_table(runs: Sequence[GridRun]) -> pd.DataFrame:
     """A row a run: its axes, each in the order in which its values are shown, and `RUN`.
 
     Numbers are shown rising, words as they come in the batch.
     """
-    table = pd.DataFrame([dict(run.case.axes) for run in runs], dtype=object)
+    table = pd.DataFrame([dict(run.case.settings) for run in runs], dtype=object)
     for axis in table:
         values = table[axis].unique().tolist()
         numbers = sorted(value for value in values if not isinstance(value, str))
         words = [value for value in values if isinstance(value, str)]
         table[axis] = pd.Categorical(table[axis], [*numbers, *words], ordered=True)
     table[RUN] = pd.Series(list(runs), dtype=object)
-    table[SCENARIO] = [run.case.scenario for run in runs]
+    table[SCENARIO] = [scenario_of(run.case) for run in runs]
     return table
 
 

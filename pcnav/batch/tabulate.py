@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pcnav.batch.case import ESTIMATOR_AXIS
+from pcnav.batch.axes import ESTIMATOR_AXIS
 from pcnav.batch.figures import Drawing, figures
 from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics
 from pcnav.batch.record import RunRecord

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.batch.case import BatchRun, Case, batch_runs
+from pcnav.batch.axes import GridRun, grid_case
+from pcnav.batch.grid import grid_runs
 from pcnav.batch.record import RunRecord
 from pcnav.runs.provenance import library_versions
 
@@ -16,13 +17,15 @@ FRAMES = 40
 COMMAND = "pcnav table {run}"
 
 
-def planned(count: int) -> list[BatchRun]:
+def planned(count: int) -> list[GridRun]:
     """So many runs of two cases."""
-    cases = [Case((("satellite", name), ("range_m", 10.0))) for name in ("boxsat", "cubesat6u")]
-    return batch_runs(cases, count // 2, 7)
+    cases = [
+        grid_case((("satellite", name), ("range_m", 10.0))) for name in ("boxsat", "cubesat6u")
+    ]
+    return grid_runs(cases, count // 2, 7)
 
 
-def command_of(run: BatchRun) -> str:
+def command_of(run: GridRun) -> str:
     """What stands in a record for the command that repeats it."""
     return COMMAND.format(run=run.key)
 
@@ -48,7 +51,7 @@ class CheapRun:
     largest_file: int | None = None
     """Bytes above which the system refuses what this process writes."""
 
-    def __call__(self, run: BatchRun) -> RunRecord:
+    def __call__(self, run: GridRun) -> RunRecord:
         with self.log.open("a") as file:
             file.write(f"{run.key}\n")
         time.sleep(0.0 if run.key == self.quick else self.seconds)
@@ -62,7 +65,7 @@ class CheapRun:
         return record_of(run)
 
 
-def record_of(run: BatchRun) -> RunRecord:
+def record_of(run: GridRun) -> RunRecord:
     """The record of a run: linear algebra and random numbers, nothing of the clock."""
     generator = np.random.default_rng(run.seed)
     matrix = generator.standard_normal((FRAMES, FRAMES))

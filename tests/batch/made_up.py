@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 import pcnav
-from pcnav.batch.case import BatchRun, Case, batch_runs
+from pcnav.batch.axes import GridCase, GridRun, grid_case
+from pcnav.batch.grid import grid_runs
 from pcnav.batch.record import RunRecord
 from pcnav.core.arrays import FloatArray
 from pcnav.evaluation.metrics import BLOCKS
@@ -19,10 +20,10 @@ def cases(
     ranges_m: Sequence[float] = (10.0, 20.0, 40.0),
     sigmas_m: Sequence[float] = (0.01, 0.02),
     estimators: Sequence[str] = ESTIMATORS,
-) -> list[Case]:
+) -> list[GridCase]:
     """All combinations of some axes."""
     return [
-        Case(
+        grid_case(
             (
                 ("satellite", satellite),
                 ("range_m", range_m),
@@ -45,7 +46,7 @@ def errors(generator: np.random.Generator, typical: float, frames: int) -> Float
 
 
 def record(
-    run: BatchRun,
+    run: GridRun,
     factor: float = 1.0,
     frames: int = FRAMES,
     failure: str | None = None,
@@ -56,14 +57,15 @@ def record(
     versions = {"pcnav": version, "numpy": np.__version__}
     if failure is not None:
         return RunRecord(run, {}, {}, failure, versions, command)
-    values = {name: value for name, value in run.case.axes if isinstance(value, int | float)}
-    filtered = run.case.value("estimator") == "pcnav"
+    values = {name: value for name, value in run.case.settings if isinstance(value, int | float)}
+    estimator = str(dict(run.case.settings)["estimator"])
+    filtered = estimator == "pcnav"
     level = (
         values.get("range_sigma_m", 0.01)
         * values.get("range_m", 10.0)
         / (1000.0 if filtered else 200.0)
     )
-    generator = np.random.default_rng([run.seed, len(str(run.case.value("estimator")))])
+    generator = np.random.default_rng([run.seed, len(estimator)])
     position = factor * errors(generator, level, frames)
     attitude = errors(generator, 3.0 * level, frames)
     columns: dict[str, FloatArray | list[str]] = {
@@ -83,18 +85,18 @@ def record(
 
 
 def records(
-    runs: Sequence[BatchRun],
+    runs: Sequence[GridRun],
     factor: float = 1.0,
     failures: Mapping[str, str] | None = None,
 ) -> Iterator[RunRecord]:
-    """Records of runs; ``failures`` are messages by `BatchRun.key`."""
+    """Records of runs; ``failures`` are messages by `GridRun.key`."""
     for run in runs:
         yield record(run, factor, failure=(failures or {}).get(run.key))
 
 
-def some_runs(count: int = 5, seed: int = 1, **axes: Sequence) -> list[BatchRun]:
+def some_runs(count: int = 5, seed: int = 1, **axes: Sequence) -> list[GridRun]:
     """So many runs of every case."""
-    return batch_runs(cases(**axes), count, seed)
+    return grid_runs(cases(**axes), count, seed)
 
 
 def _filter_columns(

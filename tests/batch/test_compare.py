@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pcnav.batch.case import BatchRun
+from pcnav.batch.axes import GridRun
 from pcnav.batch.changes import Change, case_change, judged, mean_change
 from pcnav.batch.compare import case_table, compare, overall_table, verdict_lines
 from pcnav.batch.metrics import METRICS
@@ -132,7 +132,7 @@ def test_intervals_widen_with_the_number_of_numbers_that_differ() -> None:
     assert judged([changes[0], same, same])[0] == few
 
 
-def store(folder: Path, runs: list[BatchRun], grid: str = "grid", **made) -> RunStore:
+def store(folder: Path, runs: list[GridRun], grid: str = "grid", **made) -> RunStore:
     found = new_store(folder, grid, runs)
     for each in records(runs, **made):
         write_record(found.runs_folder, each)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pcnav.batch.basis import GridBasis
-from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.axes import GridRun, grid_case
 from pcnav.batch.depth_run import DepthRun, given_to
 from pcnav.batch.following import recorded_frames
+from pcnav.batch.grid import GridBasis
+from pcnav.batch.monte_carlo import Run
 from pcnav.batch.record import Column, RunRecord
 from pcnav.batch.scenario import run_pipeline
 from pcnav.config.depth import Measurements, PerceptionMode
@@ -56,8 +57,8 @@ MODES = {
 PEERS = [name for name in EstimatorName if ESTIMATORS[name].first_pose is not FirstPose.NOTHING]
 
 
-def a_run(seed: int = 3, **axes: str | float | int) -> BatchRun:
-    return BatchRun(Case(tuple((AXES | axes).items())), 0, seed)
+def a_run(seed: int = 3, **axes: str | float | int) -> GridRun:
+    return Run(grid_case(tuple((AXES | axes).items())), 0, seed)
 
 
 def needs_extra(name: EstimatorName) -> None:
@@ -135,7 +136,7 @@ def test_the_case_fixes_what_it_names_and_the_seed_draws_the_rest() -> None:
     assert run_pipeline(longer, a_run())[0].scenario.frames == 20
     # Without these axes distance and rate are those of the pipeline: 25 m, and 2.8 deg/s.
     axes = tuple((name, AXES[name]) for name in ("satellite", "estimator"))
-    bare = run_pipeline(BASIS, BatchRun(Case(axes), 0, 3))[0]
+    bare = run_pipeline(BASIS, Run(grid_case(axes), 0, 3))[0]
     assert bare.orbit.r_hill_m[0] == pytest.approx(25.0, abs=1.0)
     assert np.linalg.norm(bare.body.omega_body_deg_s) == pytest.approx(2.79, abs=0.01)
 

@@ -8,12 +8,13 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from pcnav import cli
-from pcnav.batch.axes import AXES
-from pcnav.batch.grid import GridPlan, named_grid, read_grid
-from pcnav.batch.scenario import case_pipeline
+from pcnav.batch.axes import AXES, grid_case, scenario_of, with_axes
+from pcnav.batch.grid import GridPlan, grid_runs, grid_seed, named_grid, read_grid
+from pcnav.config.depth import PerceptionMode
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_grid_names, shipped_mesh, shipped_pipeline_names
 from pcnav.core.errors import InputError
@@ -62,9 +63,7 @@ def test_a_cross_has_every_combination_in_the_order_of_the_file(tmp_path: Path) 
         )
     ]
     assert names(plan) == expected
-    assert plan.cases[0].value("range_m") == 15.0
-    with pytest.raises(LookupError, match="no axis dropout_share"):
-        plan.cases[0].value("dropout_share")
+    assert ("range_m", 15.0) in plan.cases[0].settings
 
 
 def test_a_zip_goes_row_by_row_and_each_row_is_crossed(tmp_path: Path) -> None:
@@ -76,7 +75,7 @@ def test_a_zip_goes_row_by_row_and_each_row_is_crossed(tmp_path: Path) -> None:
         ("twinwing", 25.0, 64),
     ]
     axes = ("satellite", "range_m", "resolution_px", "estimator")
-    assert [case.axes for case in grid(tmp_path, ZIP).cases] == [
+    assert [case.settings for case in grid(tmp_path, ZIP).cases] == [
         tuple(zip(axes, (*row, "pcnav"), strict=True)) for row in rows
     ]
 
@@ -96,16 +95,39 @@ def test_seeds_are_those_of_scenario_and_index_alone(tmp_path: Path) -> None:
 
     by_scenario: dict[tuple[str, int], set[int]] = {}
     for run in (*plan.runs, *other.runs):
-        by_scenario.setdefault((run.case.scenario, run.index), set()).add(run.seed)
+        by_scenario.setdefault((scenario_of(run.case), run.index), set()).add(run.seed)
     assert len(by_scenario) == 6 * 3
     assert all(len(found) == 1 for found in by_scenario.values())
     assert len(set.union(*by_scenario.values())) == 6 * 3
 
 
+def test_a_seed_depends_on_the_batch_not_on_the_order_of_axes() -> None:
+    case = grid_case((("range_m", 10.0), ("satellite", "boxsat"), ("estimator", "pcnav")))
+    turned = grid_case((("estimator", "kiss_icp"), ("satellite", "boxsat"), ("range_m", 10)))
+    assert grid_seed(1, case, 0) == grid_seed(1, turned, 0)
+    assert len({grid_seed(seed, case, index) for seed in (0, 1) for index in (0, 1)}) == 4
+    # The same on every machine and in every version: results of a batch can be added to.
+    assert grid_seed(1, case, 0) == 58248975
+
+
+def test_keys_are_unique_and_name_files() -> None:
+    pairs = itertools.product((15.0, 20.5), ("pcnav", "kiss_icp"))
+    cases = [grid_case((("range_m", range_m), ("estimator", name))) for range_m, name in pairs]
+    runs = grid_runs(cases, 3, seed=5)
+    keys = {run.key for run in runs}
+    assert len(keys) == len(runs)
+    assert all(set(key) <= set("abcdefghijklmnopqrstuvwxyz0123456789.-") for key in keys)
+    assert runs[0].key.startswith("15-pcnav-")
+    long = grid_runs([grid_case((("satellite", "/a/b" * 80 + ".obj"),))], 1, 0)
+    assert len(long[0].key) < 90
+    close = grid_runs([grid_case((("range_m", value),)) for value in (0.1, 0.1 + 1e-9)], 1, 0)
+    assert close[0].key != close[1].key
+
+
 def test_the_printed_command_finds_the_run_again(tmp_path: Path) -> None:
     plan = grid(tmp_path, CROSS)
     run = plan.runs[7]
-    words = shlex.split(plan.command(run))
+    words = shlex.split(plan.basis.command(run))
     assert words[:2] == ["pcnav", "table"]
     again = named_grid(words[2])
     options = dict(zip(words[3::2], words[4::2], strict=True))
@@ -127,28 +149,52 @@ def test_part_of_a_name_is_enough_where_only_one_case_has_it(tmp_path: Path) -> 
             plan.run_named(case, index)
 
 
+def changed(pipeline: Pipeline, *values: tuple[str, str | float | int]) -> Pipeline:
+    return with_axes(pipeline, grid_case(values), "grid.toml")
+
+
 def test_every_axis_reaches_the_pipeline_and_nothing_else() -> None:
     base = Pipeline()
-    values = {
+    values: dict[str, tuple[str, str | float | int]] = {
         "frame_rate_hz": ("scenario.frame_rate_hz", 4.0),
         "range_sigma_m": ("noise.range_sigma_m", 0.3),
         "dropout_share": ("noise.dropout_fraction", 0.3),
         "outlier_share": ("noise.outlier_fraction", 0.3),
         "mixed_pixel_share": ("noise.mixed_pixel_fraction", 0.3),
+        "features.count": ("features.count", 5),
+        "perception.mode": ("perception.mode", "paper"),
     }
     for axis, (place, value) in values.items():
         table, key = place.split(".")
         expected = base.model_dump()
         expected[table][key] = value
-        assert AXES[axis].apply(base, value).model_dump() == expected
+        assert changed(base, (axis, value)).model_dump() == expected
     wide = base.model_copy(
         update={"camera": base.camera.model_copy(update={"width_px": 320, "height_px": 240})}
     )
-    camera = AXES["resolution_px"].apply(wide, 100).camera
+    camera = changed(wide, ("resolution_px", 100)).camera
     assert (camera.width_px, camera.height_px, camera.horizontal_fov_deg) == (100, 75, 25.0)
     # These decide what is drawn or who looks at it; see tests/batch/test_depth_run.py.
     elsewhere = {"satellite", "range_m", "tumble_deg_s", "estimator"}
-    assert set(AXES) == set(values) | {"resolution_px"} | elsewhere
+    assert set(AXES) == set(list(values)[:5]) | {"resolution_px"} | elsewhere
+    assert changed(base, *((axis, 3.0) for axis in ("range_m", "tumble_deg_s"))) == base
+
+
+def test_any_key_of_a_pipeline_is_an_axis(tmp_path: Path) -> None:
+    plan = grid(
+        tmp_path,
+        '[base]\nsatellite = "boxsat"\n"filter.gate_probability" = 0.99\n'
+        '[[grid]]\ncross = { perception.mode = ["paper"], range_m = [15, 20], '
+        'noise.quantisation_m = [0.001, 0.01], estimator = ["pcnav"] }',
+    )
+    assert names(plan)[1] == (
+        "satellite=boxsat range_m=15 estimator=pcnav filter.gate_probability=0.99 "
+        "perception.mode=paper noise.quantisation_m=0.01"
+    )
+    pipeline = plan.basis.pipeline_of(plan.cases[1])
+    assert pipeline.perception.mode is PerceptionMode.PAPER
+    assert (pipeline.noise.quantisation_m, pipeline.filter.gate_probability) == (0.01, 0.99)
+    assert read_grid(written(tmp_path, plan.to_toml(), "as_run.toml")).cases == plan.cases
 
 
 BAD = {
@@ -167,34 +213,49 @@ BAD = {
         '[[grid]]\ncross = { range_m = 3, estimator = ["pcnav"] }',
         "grid.1.cross.range_m: expected a list of values, got 3",
     ),
-    "a list in base": ("[base]\nrange_m = [3]\n[[grid]]\n", "expected numbers above 0, got [3]"),
+    "a list in base": (
+        "[base]\nrange_m = [3]\n[[grid]]\n",
+        "base.range_m: Input should be a valid number, got [3]",
+    ),
     "a word for a number": (
         '[[grid]]\ncross = { range_m = [3, "far"], estimator = ["pcnav"] }',
-        "grid.1.cross.range_m: expected numbers above 0, got 'far'",
+        "grid.1.cross.range_m: Input should be a valid number, got 'far'",
     ),
     "true for a number": (
         '[[grid]]\ncross = { range_sigma_m = [true], estimator = ["pcnav"] }',
-        "expected numbers from 0 on, got True",
+        "grid.1.cross.range_sigma_m: Input should be a valid number, got True",
     ),
     "a number out of range": (
         '[[grid]]\ncross = { dropout_share = [1.5], estimator = ["pcnav"] }',
-        "grid.1.cross.dropout_share: expected numbers from 0 to 1, got 1.5",
+        "grid.1.cross.dropout_share: Input should be less than or equal to 1, got 1.5",
     ),
     "infinity": (
         '[[grid]]\ncross = { range_m = [inf], estimator = ["pcnav"] }',
-        "expected numbers above 0, got inf",
+        "grid.1.cross.range_m: Input should be a finite number, got inf",
     ),
     "half a pixel": (
         '[[grid]]\ncross = { resolution_px = [64.5], estimator = ["pcnav"] }',
-        "expected whole numbers above 0, got 64.5",
+        "grid.1.cross.resolution_px: Input should be a valid integer, got 64.5",
     ),
     "a number for a word": (
         '[[grid]]\ncross = { satellite = [3], estimator = ["pcnav"] }',
-        "expected names of shipped satellites or mesh files, got 3",
+        "grid.1.cross.satellite: Input should be a valid string, got 3",
     ),
     "an unknown estimator": (
         '[[grid]]\ncross = { estimator = ["pcnav", "icp"] }',
         "grid.1.cross.estimator: expected some of pcnav, pcnav_rectangles",
+    ),
+    "a key that no pipeline has": (
+        '[[grid]]\ncross = { noise.loudness = [1], estimator = ["pcnav"] }',
+        "grid.1.cross.noise.loudness: unknown axis; expected one of satellite, range_m",
+    ),
+    "a value that the key cannot have": (
+        '[[grid]]\ncross = { "features.count" = [5, 0], estimator = ["pcnav"] }',
+        "grid.1.cross.features.count: Input should be greater than or equal to 1, got 0",
+    ),
+    "a key that holds no single value": (
+        '[[grid]]\ncross = { orbit.r_hill_m = [[1, 2, 3]], estimator = ["pcnav"] }',
+        "grid.1.cross.orbit.r_hill_m: expected a number or a word, got [1, 2, 3]",
     ),
     "no estimator": (
         "[[grid]]\ncross = { range_m = [20] }",
@@ -327,7 +388,7 @@ def test_the_grid_as_run_reads_back_wherever_it_lies(own_files: Path, tmp_path: 
     assert copy.runs == plan.runs
     assert copy.to_toml() == plan.to_toml()
     assert copy.basis.mesh_of(copy.cases[0]) == own_files.parent / "mine.obj"
-    assert case_pipeline(copy.basis, copy.cases[0]).camera.width_px == 80
+    assert copy.basis.pipeline_of(copy.cases[0]).camera.width_px == 80
 
 
 def test_the_grid_as_run_changes_with_what_it_stands_on(own_files: Path) -> None:
@@ -382,11 +443,10 @@ def test_the_shipped_grid_is_large_enough_and_has_every_estimator() -> None:
     plan = named_grid("accuracy")
     assert len(plan.cases) >= 48
     assert plan.file.batch.runs >= 5
-    assert {case.value("estimator") for case in plan.cases} == set(EstimatorName)
+    values = pd.DataFrame([dict(case.settings) for case in plan.cases])
+    assert set(values["estimator"]) == set(EstimatorName)
     assert set(ESTIMATORS) == set(EstimatorName)
-    satellites = {case.value("satellite") for case in plan.cases}
-    assert satellites == {"boxsat", "twinwing", "cubesat6u"}
-    varied = [axis for axis in AXES if len({case.value(axis) for case in plan.cases}) > 1]
-    assert varied == list(AXES)
+    assert set(values["satellite"]) == {"boxsat", "twinwing", "cubesat6u"}
+    assert list(values) == list(AXES) and (values.nunique() > 1).all()
     if importlib.util.find_spec("small_gicp") is not None:
         plan.check()

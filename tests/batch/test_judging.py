@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnav.batch.basis import GridBasis
-from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.axes import grid_case
 from pcnav.batch.following import Followed, follow, truth_of
+from pcnav.batch.grid import GridBasis
 from pcnav.batch.judging import Verdict, judge
 from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
+from pcnav.batch.monte_carlo import Run
 from pcnav.batch.scenario import run_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
@@ -26,7 +27,7 @@ FRAMES = 7
 def twinwing() -> tuple[Scene, Target]:
     basis = GridBasis("small.toml", Path(), FRAMES, None, None, None)
     axes = (("satellite", "twinwing"), ("range_m", 18.0), ("resolution_px", 96))
-    pipeline, target = run_pipeline(basis, BatchRun(Case(axes), 0, 3))
+    pipeline, target = run_pipeline(basis, Run(grid_case(axes), 0, 3))
     return Scene.of(pipeline, target.mesh), target
 
 

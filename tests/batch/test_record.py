@@ -11,11 +11,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pcnav.batch.case import BatchRun, Case
+from pcnav.batch.axes import grid_case
+from pcnav.batch.monte_carlo import Run
 from pcnav.batch.record import RunRecord, read_header, read_record, write_record
 from pcnav.core.errors import InputError
 
-RUN = BatchRun(Case((("satellite", "boxsat"), ("range_m", 10.0), ("resolution_px", 96))), 3, 2**63)
+RUN = Run(grid_case((("satellite", "boxsat"), ("range_m", 10.0), ("resolution_px", 96))), 3, 2**63)
 VALUES = {"time_to_lock_s": np.nan, "ate_rmse_m": 0.1 + 0.2, "worst": np.inf, "least": -np.inf}
 RECORD = RunRecord(
     RUN,
@@ -38,7 +39,7 @@ def test_all_of_a_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     found = read_record(path)
     assert found.run == RUN and found.run.key == RUN.key
     # Equal numbers of another kind would be another axis value to a table.
-    assert [type(value) for _, value in found.run.case.axes] == [str, float, int]
+    assert [type(value) for _, value in found.run.case.settings] == [str, float, int]
     assert list(found.columns) == list(RECORD.columns)
     for name in ("time_s", "position_error_m"):
         assert (

@@ -16,8 +16,9 @@ import pandas as pd
 import pytest
 
 from pcnav import cli
-from pcnav.batch.case import BatchRun, Case, batch_runs
+from pcnav.batch.axes import GridCase, GridRun, grid_case
 from pcnav.batch.figures import sweeps
+from pcnav.batch.grid import grid_runs
 from pcnav.batch.metrics import named_metrics
 from pcnav.batch.record import RunRecord, write_record
 from pcnav.batch.samples import SETTLED, EvaluationWindow
@@ -51,7 +52,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> RunStore:
     return stored(tmp_path_factory.mktemp("batch") / "made", RUNS, failures=MESSAGES)
 
 
-def stored(folder: Path, runs: list[BatchRun], **made) -> RunStore:
+def stored(folder: Path, runs: list[GridRun], **made) -> RunStore:
     found = new_store(folder, '[batch]\nname = "made up"\n', runs)
     for each in records(runs, **made):
         write_record(found.runs_folder, each)
@@ -83,7 +84,7 @@ def pcnav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     signal.signal(signal.SIGTERM, before)
 
 
-def read_made(run: BatchRun) -> RunRecord:
+def read_made(run: GridRun) -> RunRecord:
     return record(run)
 
 
@@ -95,7 +96,7 @@ def pivoted(
     rows: tuple[str, ...],
     columns: tuple[str, ...],
     metrics: list[str],
-    runs: list[BatchRun] | None = None,
+    runs: list[GridRun] | None = None,
     window: EvaluationWindow = SETTLED,
 ) -> tuple[TableLayout, pd.Series]:
     layout = TableLayout("t", "t", rows, columns, named_metrics(metrics))
@@ -108,9 +109,11 @@ def test_cells_pool_the_runs_of_the_cases_they_stand_for() -> None:
     )
     places = [(r, e) for r in (10.0, 20.0, 40.0) for e in ("pcnav", "open3d_icp")]
     assert list(cells.index) == places
-    for place, cell in cells.items():
+    for place, cell in zip(places, cells, strict=True):
         members = [
-            run for run in RUNS if (run.case.value("range_m"), run.case.value("estimator")) == place
+            run
+            for run in RUNS
+            if {("range_m", place[0]), ("estimator", place[1])} <= set(run.case.settings)
         ]
         assert cell.runs == len(members) == 6
         largest = max(np.max(record(run).numbers("position_error_m")) for run in members)
@@ -153,14 +156,14 @@ def test_units_go_to_the_header_and_small_errors_are_shown_in_thousandths() -> N
 
 
 def test_bounds_that_all_rows_share_stand_in_the_header() -> None:
-    runs = [run for run in RUNS if run.case.value("estimator") == "pcnav"]
+    runs = [run for run in RUNS if ("estimator", "pcnav") in run.case.settings]
     [table] = text_tables(*pivoted(("range_m",), (), ["nees_all", "nis"], runs), SETTLED)
     assert re.fullmatch(r"NEES of all states in 0\.\d+ to 1\.\d+", table.header[1])
     assert all(row[1].endswith("] pass") for row in table.rows)
 
 
 def test_columns_of_several_axes_are_in_order_and_holes_are_shown() -> None:
-    runs = [run for run in RUNS if run.case.value("range_m") != 20.0 or run.index]
+    runs = [run for run in RUNS if ("range_m", 20.0) not in run.case.settings or run.index]
     without = [run for run in runs if run.case.name != RUNS[0].case.name]
     layout, cells = pivoted(
         ("range_m",), ("estimator", "range_sigma_m"), ["add_rms_m"], list(reversed(without))
@@ -176,15 +179,15 @@ def test_columns_of_several_axes_are_in_order_and_holes_are_shown() -> None:
 
 
 def test_many_axes_are_told_by_what_is_not_as_usual() -> None:
-    def case(**changed: float | str) -> Case:
+    def case(**changed: float | str) -> GridCase:
         usual: dict[str, float | str]
         usual = {"satellite": "boxsat", "range_m": 20.0, "tumble_deg_s": 3.0}
         usual |= {"range_sigma_m": 0.02, "outlier_share": 0.0, "estimator": "pcnav"}
-        return Case(tuple((usual | changed).items()))
+        return grid_case(tuple((usual | changed).items()))
 
     plan = [case(range_m=40.0), case(), case(range_m=10.0, outlier_share=0.05), case(range_m=10.0)]
     axes = ("satellite", "range_m", "tumble_deg_s", "range_sigma_m", "outlier_share", "estimator")
-    layout, cells = pivoted(axes, (), ["add_rms_m"], batch_runs(plan, 2, 1))
+    layout, cells = pivoted(axes, (), ["add_rms_m"], grid_runs(plan, 2, 1))
     labels = row_labels(axes, cells.index)
     # Two of four cases are at 10 m: that is the usual distance here.
     assert labels.header == ("case", "estimator")
@@ -206,7 +209,7 @@ def test_a_summary_pools_what_its_estimators_have_in_common() -> None:
     plan = cases(satellites=("boxsat",), estimators=("pcnav", "open3d_icp"))
     plan += cases(estimators=("small_gicp",))[:2]
     without = plan[1]
-    kept = shared_runs(run_table(batch_runs([case for case in plan if case != without], 2, 1)))
+    kept = shared_runs(run_table(grid_runs([case for case in plan if case != without], 2, 1)))
     assert values_in(kept, "estimator") == {"pcnav", "open3d_icp"}
     scenarios = kept.groupby("estimator", observed=True)["scenario"].agg(set)
     assert scenarios["pcnav"] == scenarios["open3d_icp"]
@@ -219,7 +222,7 @@ def test_sweeps_vary_one_axis_and_nothing_else() -> None:
     # A case off the lines, and an estimator that is at one point alone.
     plan += cases(satellites=("boxsat",), ranges_m=(80.0,), sigmas_m=(0.5,))
     plan += cases(satellites=("boxsat",), ranges_m=(20.0,), sigmas_m=(0.07,), estimators=("x",))
-    found = {sweep.axis: sweep for sweep in sweeps(run_table(batch_runs(plan, 2, 1)))}
+    found = {sweep.axis: sweep for sweep in sweeps(run_table(grid_runs(plan, 2, 1)))}
     assert set(found) == {"range_m", "range_sigma_m"}
     expected = {"range_m": ({10.0, 20.0, 40.0}, "range_sigma_m", {0.02})}
     expected["range_sigma_m"] = ({0.01, 0.02, 0.05}, "range_m", {20.0})
@@ -233,7 +236,7 @@ def test_sweeps_vary_one_axis_and_nothing_else() -> None:
 
 def test_sweeps_pool_only_what_was_run_at_every_point() -> None:
     plan = cases(satellites=("boxsat",))
-    missing = Case(
+    missing = grid_case(
         (
             ("satellite", "boxsat"),
             ("range_m", 40.0),
@@ -241,7 +244,7 @@ def test_sweeps_pool_only_what_was_run_at_every_point() -> None:
             ("estimator", "open3d_icp"),
         )
     )
-    runs = batch_runs([case for case in plan if case != missing], 1, 1)
+    runs = grid_runs([case for case in plan if case != missing], 1, 1)
     [sweep] = [each for each in sweeps(run_table(runs)) if each.axis == "range_m"]
     # At 0.02 m only one of the estimators has all distances: what is pooled is the other noise.
     assert values_in(sweep.runs, "range_sigma_m") == {0.01}
