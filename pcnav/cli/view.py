@@ -69,9 +69,9 @@ def view(
     tell_address(server, host, port)
     try:
         from pcnav.viewer.app import show
-        from pcnav.viewer.loaded_run import FinishedRuns
+        from pcnav.viewer.loaded_run import finished
 
-        show(server, FinishedRuns(_loaded(runs)), frame)
+        show(server, finished(*_loaded(runs)), frame)
     except BaseException:
         server.stop()
         raise

@@ -16,7 +16,7 @@ def serve(
 
     A taken port moves up: read ``server.get_port()``. The caller keeps the process alive.
     """
-    server = LocalServer(host, port, label_of([loaded.name for loaded in source.snapshot.runs]))
+    server = LocalServer(host, port, label_of([loaded.name for loaded in source().runs]))
     show(server, source, first_frame)
     return server
 

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from html import escape
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import viser
 
@@ -12,6 +12,9 @@ from pcnav.viewer.export import Share
 from pcnav.viewer.frames import ColourBy
 from pcnav.viewer.loaded_run import Snapshot
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
+
+if TYPE_CHECKING:
+    from pcnav.viewer.session import Session
 
 _ANY_EVENT = "any event"
 _MAGNIFIED: dict[str, float | None] = {
@@ -32,26 +35,11 @@ class Camera(StrEnum):
     FOLLOW = "follow"
 
 
-class Shown(Protocol):
-    """What the controls act on."""
-
-    def go_to(self, frame: int) -> None: ...
-    def step(self, frames: int) -> None: ...
-    def jump(self, direction: int, kind: Kind | None) -> None: ...
-    def play(self, wanted: bool) -> None: ...
-    @property
-    def is_playing(self) -> bool: ...
-    def redraw(self) -> None: ...
-    def change_speed(self) -> None: ...
-    def look_from(self, camera: Camera) -> None: ...
-    def share(self, share: Share) -> None: ...
-
-
 class Controls:
     """The main panel of one browser."""
 
-    def __init__(self, gui: viser.GuiApi, snapshot: Snapshot, shown: Shown) -> None:
-        self._gui, self._shown = gui, shown
+    def __init__(self, gui: viser.GuiApi, snapshot: Snapshot, session: "Session") -> None:
+        self._gui, self._session = gui, session
         first = snapshot.runs[0]
         self._frames = len(first)
         self._notes = gui.add_html(_notes_html(snapshot))
@@ -133,24 +121,24 @@ class Controls:
         def _(event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
             if event.client is not None:
                 self.stop_following_newest()
-                self._shown.go_to(int(self._slider.value))
+                self._session.go_to(int(self._slider.value))
 
         @self._play.on_click
         def _(_: object) -> None:
-            self._shown.play(not self._shown.is_playing)
+            self._session.play(not self._session.is_playing)
 
         @steps.on_click
         def _(_: object) -> None:
             far = self._frames
-            self._shown.step({_FIRST: -far, _BACK: -1, _ON: 1, _LAST: far}[steps.value])
+            self._session.step({_FIRST: -far, _BACK: -1, _ON: 1, _LAST: far}[steps.value])
 
         @jumps.on_click
         def _(_: object) -> None:
             chosen = self._event_kind.value
             kind = None if chosen == _ANY_EVENT else Kind(chosen)
-            self._shown.jump(1 if jumps.value == "next" else -1, kind)
+            self._session.jump(1 if jumps.value == "next" else -1, kind)
 
-        self._speed.on_update(lambda _: self._shown.change_speed())
+        self._speed.on_update(lambda _: self._session.change_speed())
 
     def _add_colours(self, gui: viser.GuiApi, has_frames: bool) -> None:
         self._colour = gui.add_dropdown(
@@ -164,9 +152,9 @@ class Controls:
             "3σ drawn", tuple(_MAGNIFIED), initial_value="enlarged to be seen"
         )
         camera = gui.add_button_group("look from", tuple(str(each) for each in Camera))
-        self._colour.on_update(lambda _: self._shown.redraw())
-        self._magnified.on_update(lambda _: self._shown.redraw())
-        camera.on_click(lambda _: self._shown.look_from(Camera(camera.value)))
+        self._colour.on_update(lambda _: self._session.redraw())
+        self._magnified.on_update(lambda _: self._session.redraw())
+        camera.on_click(lambda _: self._session.look_from(Camera(camera.value)))
 
     def _add_layers(
         self, gui: viser.GuiApi, snapshot: Snapshot
@@ -175,7 +163,7 @@ class Controls:
         with gui.add_folder("Layers"):
             for layer in available_layers(snapshot):
                 boxes[layer] = gui.add_checkbox(str(layer), initial_value=layer in DEFAULT_LAYERS)
-                boxes[layer].on_update(lambda _: self._shown.redraw())
+                boxes[layer].on_update(lambda _: self._session.redraw())
         return boxes
 
     def _add_share(self, gui: viser.GuiApi) -> None:
@@ -184,7 +172,7 @@ class Controls:
                 self._add_share_button(gui, share)
 
     def _add_share_button(self, gui: viser.GuiApi, share: Share) -> None:
-        gui.add_button(str(share)).on_click(lambda _: self._shown.share(share))
+        gui.add_button(str(share)).on_click(lambda _: self._session.share(share))
 
 
 def available_layers(snapshot: Snapshot) -> tuple[Layer, ...]:

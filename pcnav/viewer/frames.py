@@ -1,15 +1,15 @@
 """Depth frames on demand: read, unprojected and compared with the model, a few of them kept."""
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from pcnav.config.depth import PerceptionTable
-from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
 from pcnav.recordings.sequence import Frame, Sequence
@@ -32,6 +32,10 @@ _MAX_POINTS = 60_000
 """A browser draws no more of a cloud in time; larger frames show every so many points."""
 
 
+Pixels = tuple[IntArray, IntArray]
+"""Rows and columns."""
+
+
 class ColourBy(StrEnum):
     """What the colour of a point tells."""
 
@@ -46,8 +50,8 @@ class Shot:
     """One depth frame, ready to be drawn."""
 
     frame: Frame
-    shown: tuple[IntArray, IntArray]
-    """Rows and columns of the pixels that are drawn as points."""
+    shown: Pixels
+    """Those that are drawn as points."""
     points: npt.NDArray[np.float32]
     """(n, 3) camera frame, m."""
     planes: IntArray
@@ -57,19 +61,25 @@ class Shot:
     residual_m: FloatArray | None
     """(height, width) range measured minus modelled; None without an estimate."""
 
-    def colours(self, by: ColourBy, scale_m: float) -> Colours:
-        """(n, 3) one per point, or (3,) for all; residuals up to a scale."""
+    def colours(
+        self, by: ColourBy, scale_m: float, at: Pixels | BoolArray | None = None
+    ) -> Colours:
+        """(n, 3) of pixels, by default of the points, residuals up to a scale; (3,) one for all."""
+        at = self.shown if at is None else at
         if by is ColourBy.PLAIN:
             return np.array(PLAIN, dtype=np.uint8)
-        if by is ColourBy.RESIDUAL and self.residual_m is not None:
-            return residual_colours(self.residual_m[self.shown], scale_m)
-        return label_colours(self.labels(by)[self.shown])
+        if self.shows_residuals(by):
+            assert self.residual_m is not None
+            return residual_colours(self.residual_m[at], scale_m)
+        # Of rectangles where those are asked for and known, else of planes.
+        of_rectangles = by is ColourBy.RECTANGLE and self.rectangles is not None
+        labels = self.rectangles if of_rectangles else self.planes
+        assert labels is not None
+        return label_colours(labels[at])
 
-    def labels(self, by: ColourBy) -> IntArray:
-        """(height, width) of rectangles where those are asked for and known, else of planes."""
-        if by is ColourBy.RECTANGLE and self.rectangles is not None:
-            return self.rectangles
-        return self.planes
+    def shows_residuals(self, by: ColourBy) -> bool:
+        """Whether its colours are those of residuals: without an estimate there are none."""
+        return by is ColourBy.RESIDUAL and self.residual_m is not None
 
     def thinned(self, most: int) -> "Shot":
         """The same frame with no more than so many points, evenly left out."""
@@ -94,23 +104,16 @@ class FrameStore:
         self.scale_m = residual_scale(self.sigma_m)
         self._names = face_names(target.mesh, target.rectangles)
         self._renderers: dict[PinholeCamera, DepthRenderer] = {}
-        self._kept: OrderedDict[tuple[int, bool], Shot | None] = OrderedDict()
+        # One thread at a time: the ray caster is shared, and two that ask for the same frame
+        # would read it twice.
         self._lock = threading.Lock()
+        self._kept = lru_cache(_KEPT)(self._read)
 
     def get(self, index: int, time_s: float, T_cam_model: FloatArray | None) -> Shot | None:
         """A frame compared with the model at a pose (4, 4); None where it is not on disk."""
-        key = (index, T_cam_model is not None)
-        # One thread at a time: the ray caster is shared, and two that ask for the same frame
-        # would read it twice.
+        pose = None if T_cam_model is None else tuple(T_cam_model.ravel().tolist())
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-            shot = self._read(index, time_s, T_cam_model)
-            self._kept[key] = shot
-            while len(self._kept) > _KEPT:
-                self._kept.popitem(last=False)
-            return shot
+            return self._kept(index, time_s, pose)
 
     def camera(self) -> PinholeCamera | None:
         """The camera of the first frame; None where that is not on disk."""
@@ -119,7 +122,7 @@ class FrameStore:
         except InputError:
             return None
 
-    def _read(self, index: int, time_s: float, T_cam_model: FloatArray | None) -> Shot | None:
+    def _read(self, index: int, time_s: float, pose: tuple[float, ...] | None) -> Shot | None:
         if index >= len(self._sequence):
             return None
         try:
@@ -133,13 +136,13 @@ class FrameStore:
         shown = (rows[::step], columns[::step])
         rays, depth_m = pixel_rays(frame.camera)[shown], frame.depth_m[shown]
         points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)
-        if T_cam_model is None:
+        if pose is None:
             # It brings Open3D, which most views never need and all would wait for.
             from pcnav.perception.perceive import perceive
 
             seen = perceive(frame, (), self._settings, self.sigma_m, self._seed)
             return Shot(frame, shown, points, seen.image_labels, None, None)
-        rendered = self._renderer(frame.camera).render(T_cam_model)
+        rendered = self._renderer(frame.camera).render(np.reshape(pose, (4, 4)))
         residual_m = range_residual(frame.depth_m, rendered)
         planes, rectangles = (
             labels_of(rendered, residual_m, of_face, self.sigma_m)

@@ -24,30 +24,25 @@ _INSET, _IN_FRONT = 0.95, 0.998
 _PIXELS_ACROSS = 1.4
 
 
-class SensorLayer:
-    """The chaser's camera."""
-
-    def __init__(self, scene: viser.SceneApi, camera: PinholeCamera, size_m: float) -> None:
-        self._frustum = scene.add_camera_frustum(
-            "/sensor",
-            fov=vertical_fov(camera),
-            aspect=camera.width / camera.height,
-            scale=0.15 * size_m,
-            thickness=1.5,
-            thickness_units="screen",
-            color=SENSOR,
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-
-    def show(self, options: RenderOptions) -> None:
-        """Draw or hide it."""
-        self._frustum.visible = Layer.SENSOR in options.layers
-
-
 def vertical_fov(camera: PinholeCamera) -> float:
     """Field of view, rad."""
     return float(2.0 * np.arctan(0.5 * camera.height / camera.fy))
+
+
+def _add_sensor(
+    scene: viser.SceneApi, camera: PinholeCamera, size_m: float
+) -> viser.CameraFrustumHandle:
+    return scene.add_camera_frustum(
+        "/sensor",
+        fov=vertical_fov(camera),
+        aspect=camera.width / camera.height,
+        scale=0.15 * size_m,
+        thickness=1.5,
+        thickness_units="screen",
+        color=SENSOR,
+        cast_shadow=False,
+        receive_shadow=False,
+    )
 
 
 class CloudLayer:
@@ -174,7 +169,7 @@ class RunLayers:
         first = runs[0]
         self._runs = runs
         camera = first.frames.camera() if first.frames is not None else None
-        self._sensor = None if camera is None else SensorLayer(scene, camera, first.size_m)
+        self._sensor = None if camera is None else _add_sensor(scene, camera, first.size_m)
         self._measured = scene.add_frame("/run_1/measured", show_axes=False)
         self._cloud = CloudLayer(scene, "/run_1/measured", _point_size_m(first, camera))
         self._rectangles = RectangleLayer(scene, "/run_1/measured")
@@ -188,7 +183,7 @@ class RunLayers:
         first = self._runs[0]
         time_s = float(first.run.time_s[frame])
         if self._sensor is not None:
-            self._sensor.show(options)
+            self._sensor.visible = Layer.SENSOR in options.layers
         pose = first.pose(frame)
         T = np.eye(4) if pose is None else pose
         place(self._measured, T)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -245,20 +244,11 @@ class Snapshot:
     """Whether more frames are to come."""
 
 
-class Source(Protocol):
-    """Gives the newest snapshot at any time, to any thread."""
-
-    @property
-    def snapshot(self) -> Snapshot: ...
+Source = Callable[[], Snapshot]
+"""Gives the newest snapshot at any time, to any thread."""
 
 
-class FinishedRuns:
+def finished(*runs: LoadedRun) -> Source:
     """Runs that do not change."""
-
-    def __init__(self, runs: tuple[LoadedRun, ...]) -> None:
-        self._snapshot = Snapshot(runs, 0, is_live=False)
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """Always the same."""
-        return self._snapshot
+    snapshot = Snapshot(runs, 0, is_live=False)
+    return lambda: snapshot

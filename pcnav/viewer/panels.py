@@ -11,7 +11,7 @@ from pcnav.core.camera import project
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.status import Status
-from pcnav.viewer.colouring import depth_shades, label_colours, residual_colours
+from pcnav.viewer.colouring import depth_shades
 from pcnav.viewer.frames import ColourBy, Shot
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import (
@@ -162,15 +162,9 @@ def frame_picture(
     """(height, width, 3) the depth image about the target, segments coloured, rectangles drawn."""
     depth_m, camera = shot.frame.depth_m, shot.frame.camera
     returned = depth_m > 0.0
-    colours = np.zeros((*depth_m.shape, 3), dtype=np.float64)
-    if by is ColourBy.RESIDUAL and shot.residual_m is not None:
-        colours[returned] = residual_colours(shot.residual_m[returned], scale_m)
-    elif by is ColourBy.PLAIN:
-        colours[returned] = np.array(PLAIN) * depth_shades(depth_m, camera)[returned][:, None]
-    else:
-        shades = depth_shades(depth_m, camera)[returned][:, None]
-        colours[returned] = label_colours(shot.labels(by)[returned]) * shades
-    colours[~returned] = (14.0, 16.0, 24.0)
+    colours = np.full((*depth_m.shape, 3), (14.0, 16.0, 24.0))
+    shades = 1.0 if shot.shows_residuals(by) else depth_shades(depth_m, camera)[returned][:, None]
+    colours[returned] = shot.colours(by, scale_m, returned) * shades
     top, left, side = _window(returned)
     part = colours[top : top + side, left : left + side].astype(np.uint8)
     factor = max(1, _PICTURE_PX // max(side, 1))

@@ -52,7 +52,7 @@ class Session:
 
     def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
         self._client, self._source = client, source
-        self._snapshot = source.snapshot
+        self._snapshot = source()
         self._wanted, self._drawn = 0, -1
         self._is_closed = False
         self._wake = threading.Condition()
@@ -138,10 +138,6 @@ class Session:
         with self._wake:
             if self._playback is not None:
                 self._playback = self._playing_from(self._wanted)
-
-    def look_from(self, camera: Camera) -> None:
-        """Move the browser's camera."""
-        self._look_from(camera)
 
     def share(self, share: Share) -> None:
         """Let the browser download what it shows."""
@@ -254,7 +250,7 @@ class Session:
 
     def _take_news(self) -> bool:
         """Look at the source's newest snapshot from now on; whether it is a new one."""
-        snapshot = self._source.snapshot
+        snapshot = self._source()
         if snapshot.number == self._snapshot.number:
             return False
         if self._snapshot.is_live and not snapshot.is_live:
@@ -322,7 +318,8 @@ class Session:
 
     # Cameras.
 
-    def _look_from(self, camera: Camera) -> None:
+    def look_from(self, camera: Camera) -> None:
+        """Move the browser's camera."""
         loaded, handle = self._first, self._client.camera
         position, centre = loaded.viewpoint(self._wanted)
         self._followed = None
@@ -343,7 +340,7 @@ class Session:
     def _look_at_first(self) -> None:
         """What a page opens with. A target without a model may go far: it is followed."""
         self._is_placed = bool(self._first.run.has_estimate.any())
-        self._look_from(Camera.ORBIT if self._first.target is not None else Camera.FOLLOW)
+        self.look_from(Camera.ORBIT if self._first.target is not None else Camera.FOLLOW)
 
     def _follow(self, frame: int) -> None:
         """Carry the camera along with the target, without touching what the user turned."""

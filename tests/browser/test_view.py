@@ -10,7 +10,7 @@ from PIL import Image
 from playwright.sync_api import Locator, Page
 
 from pcnav.viewer.app import show
-from pcnav.viewer.loaded_run import FinishedRuns
+from pcnav.viewer.loaded_run import finished
 from pcnav.viewer.loading import load_run
 from pcnav.viewer.palette import LABELS, RUNS
 from pcnav.viewer.server import LOOPBACK, LocalServer
@@ -205,7 +205,7 @@ def test_a_page_that_was_there_first_looks_at_the_target(
         page = opened(f"http://{LOOPBACK}:{server.get_port()}")
         # As long as it takes to read a run.
         wait_until(page, lambda: bool(server.get_clients()), "the page")
-        show(server, FinishedRuns((load_run(runs[0]),)))
+        show(server, finished(load_run(runs[0])))
         ready(page)
     finally:
         server.stop()

@@ -116,17 +116,17 @@ def _seen(kind: Kind, work: Work) -> Seen:
     view = LiveView(0, served.append)
 
     def advance(done: int, total: int, failed: int = 0, /) -> None:
-        snapshot = view.snapshot
+        snapshot = view.snapshot()
         assert snapshot.is_live and len(snapshot.runs[0]) == done
         counts.append(done)
 
     try:
         done = work(advance, view)
         assert counts == list(range(1, kind.frames + 1)) and len(served) == 1
-        last = view.snapshot.runs[0]
+        last = view.snapshot().runs[0]
         stored = load_run(done.folder)
         view.finish(stored)
-        assert view.snapshot.runs == (stored,) and not view.snapshot.is_live
+        assert view.snapshot().runs == (stored,) and not view.snapshot().is_live
     finally:
         view.stop()
     return Seen(last, stored, done.folder, kind)

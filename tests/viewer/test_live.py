@@ -21,8 +21,7 @@ from pcnav.pipeline import run
 from pcnav.recordings.opening import open_sequence
 from pcnav.runs.results import FrameEstimate
 from pcnav.target.satellite import load_target
-from pcnav.viewer.app import serve
-from pcnav.viewer.live import LiveRun, run_live
+from pcnav.viewer.live import LiveView, run_live
 from pcnav.viewer.live_rows import DEPTH, depth_estimate
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
@@ -66,27 +65,32 @@ def estimates(run_folder: Path) -> list[FrameEstimate]:
 
 
 @pytest.fixture
-def live(run_folder: Path) -> LiveRun:
-    return LiveRun("live", read_pipeline(run_folder / "pipeline.toml"), DEPTH)
+def live(run_folder: Path) -> Iterator[LiveView]:
+    view = LiveView(0, lambda _: None)
+    view.expect("live", read_pipeline(run_folder / "pipeline.toml"), DEPTH)
+    yield view
+    view.stop()
 
 
-def test_what_was_handed_out_does_not_change(live: LiveRun, estimates: list[FrameEstimate]) -> None:
+def test_what_was_handed_out_does_not_change(
+    live: LiveView, estimates: list[FrameEstimate]
+) -> None:
     for estimate in estimates[:3]:
         live.add(depth_estimate(estimate))
-    early = live.snapshot.runs[0]
+    early = live.snapshot().runs[0]
     before = early.T_cam_model.copy()
     for repeat in range(200):
         for estimate in estimates[3:6]:
             live.add(depth_estimate(estimate))
-        assert len(live.snapshot.runs[0]) == 3 + 3 * (repeat + 1)
+        assert len(live.snapshot().runs[0]) == 3 + 3 * (repeat + 1)
     assert np.array_equal(early.T_cam_model, before, equal_nan=True)
 
 
-def test_an_ended_run_is_shown_as_its_result(live: LiveRun, loaded: LoadedRun) -> None:
-    first = live.snapshot
+def test_an_ended_run_is_shown_as_its_result(live: LiveView, loaded: LoadedRun) -> None:
+    first = live.snapshot()
     live.finish(loaded)
-    assert live.snapshot.runs == (loaded,)
-    assert not live.snapshot.is_live and live.snapshot.number != first.number
+    assert live.snapshot().runs == (loaded,)
+    assert not live.snapshot().is_live and live.snapshot().number != first.number
 
 
 def test_results_are_the_same_bytes_with_and_without_the_view(
@@ -124,31 +128,28 @@ def test_a_run_that_fails_leaves_no_server(run_folder: Path, tmp_path: Path) -> 
 
 
 def test_a_stuck_page_does_not_hold_up_the_run(
-    live: LiveRun, estimates: list[FrameEstimate]
+    live: LiveView, estimates: list[FrameEstimate]
 ) -> None:
     """No call of the run waits for a page, and what is kept for the page stays bounded."""
-    server = serve(live, "127.0.0.1", 0)
-    try:
-        live.add(depth_estimate(estimates[0]))
-        with stuck_page(server.get_port()):
-            deadline = time.monotonic() + 20.0
-            while not server.get_clients() and time.monotonic() < deadline:
-                time.sleep(0.02)
-            (client,) = server.get_clients().values()
-            longest = 0.0
-            for _ in range(100):
-                for estimate in estimates[1:]:
-                    started = time.thread_time()
-                    live.add(depth_estimate(estimate))
-                    longest = max(longest, time.thread_time() - started)
-                time.sleep(0.005)
-            buffer = client._websock_connection.get_message_buffer()
-            assert len(buffer.message_from_id) < 500
-            # Processor time of the run's own thread, which other programs do not change.
-            assert longest < 0.01
-            assert len(live.snapshot.runs[0]) == 1 + 100 * (FRAMES - 1)
-    finally:
-        server.stop()
+    live.add(depth_estimate(estimates[0]))
+    assert live.server is not None
+    with stuck_page(live.server.get_port()):
+        deadline = time.monotonic() + 20.0
+        while not live.server.get_clients() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        (client,) = live.server.get_clients().values()
+        longest = 0.0
+        for _ in range(100):
+            for estimate in estimates[1:]:
+                started = time.thread_time()
+                live.add(depth_estimate(estimate))
+                longest = max(longest, time.thread_time() - started)
+            time.sleep(0.005)
+        buffer = client._websock_connection.get_message_buffer()
+        assert len(buffer.message_from_id) < 500
+        # Processor time of the run's own thread, which other programs do not change.
+        assert longest < 0.01
+        assert len(live.snapshot().runs[0]) == 1 + 100 * (FRAMES - 1)
 
 
 def test_a_killed_run_can_be_looked_at(run_folder: Path, tmp_path: Path) -> None:

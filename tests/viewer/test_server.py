@@ -14,7 +14,7 @@ from websockets.sync.connection import Connection
 from websockets.typing import Origin, Subprotocol
 
 from pcnav.viewer.app import serve
-from pcnav.viewer.loaded_run import FinishedRuns, LoadedRun
+from pcnav.viewer.loaded_run import LoadedRun, finished
 from pcnav.viewer.server import LocalServer, is_own_origin
 
 _PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
@@ -22,7 +22,7 @@ _PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 @pytest.fixture
 def server(loaded: LoadedRun) -> Iterator[LocalServer]:
-    served = serve(FinishedRuns((loaded,)), "127.0.0.1", 0)
+    served = serve(finished(loaded), "127.0.0.1", 0)
     yield served
     served.stop()
 
@@ -94,7 +94,7 @@ def test_a_name_that_was_made_to_point_here_is_foreign() -> None:
 
 
 def test_a_taken_port_moves_up(server: LocalServer, loaded: LoadedRun) -> None:
-    second = serve(FinishedRuns((loaded,)), "127.0.0.1", server.get_port())
+    second = serve(finished(loaded), "127.0.0.1", server.get_port())
     try:
         assert second.get_port() > server.get_port()
     finally:

@@ -15,7 +15,7 @@ from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.viewer import app
 from pcnav.viewer.controls import _notes_html
 from pcnav.viewer.layers import RunLayers
-from pcnav.viewer.loaded_run import FinishedRuns, LoadedRun, Snapshot
+from pcnav.viewer.loaded_run import LoadedRun, Snapshot, finished
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 from pcnav.viewer.server import LOOPBACK, LocalServer
@@ -86,7 +86,7 @@ def test_a_page_that_leaves_early_leaves_no_session(
         get_clients=lambda: clients,
     )
     monkeypatch.setattr(app, "Session", Slow)
-    app.show(server, FinishedRuns((loaded,)))
+    app.show(server, finished(loaded))
     client = clients[7]
     thread = threading.Thread(target=calls["connect"], args=(client,))
     thread.start()
