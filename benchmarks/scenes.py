@@ -9,7 +9,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.truth import read_truth
-from pcnav.simulation.recording import simulate
+from pcnav.simulation.depth import Scene as SimulatedScene
 from pcnav.target.satellite import Target, load_target
 
 
@@ -66,7 +66,7 @@ def noise_levels(name: str) -> tuple[float, float]:
 def record(name: str, pipeline: Pipeline, path: Path) -> Scene:
     """Simulate a pipeline that names its mesh by path into a folder."""
     target = load_target(Path(pipeline.target_mesh or name))
-    simulate(pipeline, target, path)
+    SimulatedScene.showing(target, pipeline).write(path)
     return Scene(name, path, pipeline, target)
 
 

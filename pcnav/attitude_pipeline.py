@@ -31,7 +31,7 @@ from pcnav.evaluation.observability.sources import observability_of_run, tables_
 from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.new_folder import new_folder
 from pcnav.recordings.attitudes import AttitudeRecording, read_attitudes
-from pcnav.recordings.monocular import write_monocular_files
+from pcnav.recordings.monocular_tracks import write_monocular_files
 from pcnav.recordings.truth import read_truth
 from pcnav.report.attitude_report import AttitudeReport, write_attitude_report
 from pcnav.runs.attitude_results import (

@@ -16,8 +16,8 @@ from pcnav.evaluation.metrics import Metrics
 from pcnav.evaluation.observability.sources import observability_of_run, tables_for_report
 from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.new_folder import new_folder
-from pcnav.recordings.track_files import read_tracks, read_truth_features, recording_folder
-from pcnav.recordings.tracks import Tracks
+from pcnav.recordings.stereo_tracks import read_stereo_tracks, read_truth_features
+from pcnav.recordings.tracks import StereoTracks
 from pcnav.recordings.truth import read_truth
 from pcnav.report.feature_report import FeatureReport, write_feature_report
 from pcnav.runs.feature_estimate import FeatureEstimate, FeatureEstimator
@@ -28,7 +28,7 @@ from pcnav.runs.results import METRICS_FILE, PIPELINE_FILE, REPORT_FILE, STATES_
 OnEstimate = Callable[[FeatureEstimate, int, int], None]
 """Told of every estimate, how many frames are done, and of how many."""
 
-EstimatorOf = Callable[[Tracks, Pipeline], FeatureEstimator]
+EstimatorOf = Callable[[StereoTracks, Pipeline], FeatureEstimator]
 """Makes an estimator for the rig and orbit of a recording, with the settings of a pipeline."""
 
 
@@ -62,10 +62,10 @@ def run_features(
     result stays as it was.
     """
     make_estimator = _estimator_of(pipeline, source)
-    folder = recording_folder(recording)
+    tracks = read_stereo_tracks(recording)
+    folder = tracks.path or recording
     if folder.resolve().is_relative_to(out.resolve()):
         raise InputError(out, "folder", f"expected a result folder that does not hold {folder}")
-    tracks = read_tracks(folder)
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
     truth, points = truth_of(read_truth(folder)), read_truth_features(folder)
     as_run = pipeline.model_copy(update={"sequence": str(folder.resolve())})
@@ -101,7 +101,7 @@ def run_features(
 
 
 def estimate_tracks(
-    tracks: Tracks, estimator: FeatureEstimator, on_estimate: OnEstimate | None = None
+    tracks: StereoTracks, estimator: FeatureEstimator, on_estimate: OnEstimate | None = None
 ) -> FeatureTrack:
     """Give an estimator every frame of a recording and collect what it says."""
     collector = FeatureCollector(tracks.orbit)
@@ -113,11 +113,11 @@ def estimate_tracks(
     return collector.track()
 
 
-def _principal_axes(tracks: Tracks, pipeline: Pipeline) -> FeatureEstimator:
+def _principal_axes(tracks: StereoTracks, pipeline: Pipeline) -> FeatureEstimator:
     return PrincipalAxesEstimator(tracks.rig, tracks.orbit, pipeline.principal_axes, pipeline.seed)
 
 
-def _inertia_bank(tracks: Tracks, pipeline: Pipeline) -> FeatureEstimator:
+def _inertia_bank(tracks: StereoTracks, pipeline: Pipeline) -> FeatureEstimator:
     return InertiaBankEstimator(tracks.rig, tracks.orbit, pipeline.inertia_bank, pipeline.seed)
 
 

@@ -18,7 +18,7 @@ from pcnav.evaluation.observability.sources import (
 )
 from pcnav.evaluation.track_errors import truth_of
 from pcnav.files.new_folder import new_folder
-from pcnav.recordings.monocular import write_monocular_files
+from pcnav.recordings.monocular_tracks import write_monocular_files
 from pcnav.recordings.truth import read_truth
 from pcnav.report.image_report import ImageReport, write_image_report
 from pcnav.runs.image_results import image_track, write_states

@@ -18,8 +18,8 @@ from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.results import FrameEstimate
 from pcnav.runs.status import Status
-from pcnav.simulation.scenario import TrueMotion
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
+from pcnav.simulation.motion import TrueMotion
 from pcnav.target.satellite import Target
 
 from .blocks import ShownBlock
@@ -165,7 +165,7 @@ def _judged(
 ) -> JudgedRun:
     n, size = len(estimates), STATE_SIZE
     run = JudgedRun(
-        time_s=motion.times_s[:n],
+        time_s=motion.truth.time_s[:n],
         status=tuple(str(estimate.status) for estimate in estimates),
         seconds=np.array(seconds),
         nis=np.array([estimate.nis for estimate in estimates]),
@@ -182,9 +182,9 @@ def _judged(
         state, P, T_cam_model = estimate.state, estimate.covariance, estimate.T_cam_model
         if state is None or P is None or T_cam_model is None:
             continue
-        truth, symmetries = motion.states[k], target.symmetry_transforms
+        truth, symmetries = motion.state(k), target.symmetry_transforms
         H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k])
-        run.pose_error[k] = errors_of_pose(T_cam_model, motion.T_cam_model(k), symmetries)
+        run.pose_error[k] = errors_of_pose(T_cam_model, motion.truth.poses[k], symmetries)
         run.pose_covariance[k] = H @ P @ H.T
         run.state_error[k] = state.ratio_error(truth)
         run.covariance[k] = P

@@ -16,9 +16,9 @@ from pcnav.core.errors import InputError
 from pcnav.evaluation.observability.sources import observability_of_pipeline, observability_of_run
 from pcnav.pipeline import run as run_depth
 from pcnav.recordings.attitudes import read_attitudes, write_attitudes
-from pcnav.simulation.attitude_recording import simulate_attitudes
-from pcnav.simulation.image_recording import simulate_images
-from pcnav.simulation.recording import simulate
+from pcnav.recordings.recording import RecordingKind
+from pcnav.simulation.depth import Scene
+from pcnav.simulation.simulate import simulate
 from pcnav.target.satellite import load_target
 
 
@@ -33,7 +33,7 @@ def _shipped(name: str, frames: int, **update: object) -> Pipeline:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("attitudes") / "recording"
-    simulate_attitudes(_shipped("deng2024", 161), out)
+    simulate(_shipped("deng2024", 161)).write(out)
     return out
 
 
@@ -83,7 +83,7 @@ def test_a_run_repeats_from_its_own_pipeline(result: Path, tmp_path: Path) -> No
 def test_states_of_a_depth_run_are_attitudes_too(tmp_path: Path) -> None:
     mesh = shipped_mesh("boxsat")
     assert mesh is not None
-    simulate(_shipped("demo", 40), load_target(mesh), tmp_path / "sequence")
+    Scene.showing(load_target(mesh), _shipped("demo", 40)).write(tmp_path / "sequence")
     run_depth(tmp_path / "sequence", tmp_path / "depth", _shipped("demo", 40))
     states = tmp_path / "depth" / "states.csv"
     known = [bool(row["q_w"]) for row in _rows(states)]
@@ -107,7 +107,7 @@ def test_images_of_one_camera_give_inertia(tmp_path: Path) -> None:
     pipeline = _shipped("applsci2022", 61, estimator=kind)
     # A frame every five seconds: five minutes.
     pipeline = pipeline.model_copy(update={"scenario": ScenarioTable(frames=61, frame_rate_hz=0.2)})
-    simulate_images(pipeline, tmp_path / "tracks")
+    simulate(pipeline, kind=RecordingKind.IMAGES).write(tmp_path / "tracks")
     run_attitudes(tmp_path / "tracks", tmp_path / "result", pipeline)
     metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())
     assert metrics["errors"]["inertia_ratios"]["last_third"]["rms"] < 0.05
@@ -131,8 +131,7 @@ def test_observability_of_the_pipeline_is_that_of_its_run(result: Path) -> None:
 
 def test_a_gap_is_coasted_through(recording: Path, tmp_path: Path) -> None:
     seen = read_attitudes(recording)
-    (tmp_path / "gap").mkdir()
-    write_attitudes(tmp_path / "gap", seen.times_s, seen.R_world_body)
+    write_attitudes(tmp_path / "gap", seen)
     lines = (tmp_path / "gap" / "attitudes.csv").read_text().splitlines()
     for k in range(121, 151):
         lines[k] = lines[k].split(",")[0] + ",,,,"

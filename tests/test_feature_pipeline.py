@@ -21,8 +21,8 @@ from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
 from pcnav.evaluation.feature_metrics import evaluate_features, principal_rotation
 from pcnav.feature_pipeline import estimate_tracks, run_features
 from pcnav.files.csv_table import read_csv
-from pcnav.recordings.track_files import read_tracks, read_truth_features
-from pcnav.recordings.tracks import TrackFrame, Tracks
+from pcnav.recordings.stereo_tracks import read_stereo_tracks, read_truth_features
+from pcnav.recordings.tracks import StereoTracks, TrackFrame
 from pcnav.recordings.truth import read_truth
 from pcnav.report.feature_report import FeatureReport
 from pcnav.runs.feature_estimate import (
@@ -32,7 +32,7 @@ from pcnav.runs.feature_estimate import (
     MotionEstimate,
 )
 from pcnav.runs.feature_results import ERROR_SIZE
-from pcnav.simulation.feature_recording import simulate_tracks
+from pcnav.simulation.simulate import simulate
 
 SIGMA = 0.01
 ACQUIRING = 3
@@ -97,7 +97,7 @@ class Oracle:
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    simulate_tracks(pipeline(), tmp_path / "tracks")
+    simulate(pipeline()).write(tmp_path / "tracks")
     return tmp_path / "tracks"
 
 
@@ -106,7 +106,7 @@ def with_oracle(recording: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[n
     """Puts the oracle in place of both estimators, seeing axes turned by the rotation given."""
 
     def put(R_body_own: np.ndarray) -> None:
-        def oracle(tracks: Tracks, as_run: Pipeline) -> FeatureEstimator:
+        def oracle(tracks: StereoTracks, as_run: Pipeline) -> FeatureEstimator:
             assert as_run.sequence == str(tracks_folder)
             return Oracle(recording, R_body_own)
 
@@ -201,7 +201,7 @@ def test_poses_are_those_of_the_body_in_the_rig(
     with_oracle(np.eye(3))
     run_features(recording, tmp_path / "run", pipeline())
     poses = np.loadtxt(tmp_path / "run" / "poses.tum")
-    tracks, points = read_tracks(recording), read_truth_features(recording)
+    tracks, points = read_stereo_tracks(recording), read_truth_features(recording)
     assert points is not None
     frames = {frame.time_s: frame for frame in tracks.frames}
     assert len(poses) == 57
@@ -288,9 +288,9 @@ def test_a_recording_without_truth_gets_no_metrics(
 ) -> None:
     bare = tmp_path / "bare"
     bare.mkdir()
-    for name in ("tracks.csv", "rig.toml", "attitude.csv"):
+    for name in ("tracks.csv", "rig.toml", "camera_attitude.csv"):
         (bare / name).write_bytes((recording / name).read_bytes())
-    track = estimate_tracks(read_tracks(bare), Oracle(recording, np.eye(3)))
+    track = estimate_tracks(read_stereo_tracks(bare), Oracle(recording, np.eye(3)))
     metrics, errors = evaluate_features(track, None, None, principal=True)
     assert errors is None
     assert metrics.quantities == ()
@@ -351,10 +351,11 @@ def test_a_result_does_not_replace_its_recording(recording: Path) -> None:
 
 
 def test_simulated_tracks_repeat_and_carry_the_orbit(tmp_path: Path, recording: Path) -> None:
-    simulate_tracks(pipeline(), tmp_path / "again")
-    for name in ("tracks.csv", "truth.csv", "truth_features.csv", "attitude.csv", "rig.toml"):
+    simulate(pipeline()).write(tmp_path / "again")
+    names = ("tracks.csv", "truth.csv", "truth_features.csv", "camera_attitude.csv", "rig.toml")
+    for name in names:
         assert (tmp_path / "again" / name).read_bytes() == (recording / name).read_bytes()
-    assert read_tracks(recording).orbit == KeplerOrbit(0.001)
+    assert read_stereo_tracks(recording).orbit == KeplerOrbit(0.001)
 
 
 def test_shipped_scenarios_are_those_of_the_papers(repository: Path) -> None:

@@ -20,15 +20,16 @@ from pcnav.dynamics.blocks import ATTITUDE
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.files.csv_table import read_csv
 from pcnav.image_pipeline import run_images
-from pcnav.recordings.monocular import (
+from pcnav.recordings.monocular_tracks import (
     CAMERA_FILE,
-    MONOCULAR_TRACKS_FILE,
-    read_monocular,
-    write_monocular,
+    read_monocular_tracks,
+    write_monocular_tracks,
 )
+from pcnav.recordings.tracks import TRACKS_FILE
 from pcnav.recordings.truth import read_truth
 from pcnav.runs.image_results import IMAGE_STATES_COLUMNS
-from pcnav.simulation.image_recording import box_of_inertia, simulate_images
+from pcnav.simulation.images import box_of_inertia
+from pcnav.simulation.simulate import simulate
 
 # The solver as printed needs no library; of exact tracks it is as good as any.
 EXACT = ImageMotionTable(
@@ -61,7 +62,7 @@ def pipeline(frames: int = 14, sigma_px: float = 0.0, images: bool = False) -> P
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("one_camera") / "recording"
-    simulate_images(pipeline(), folder)
+    simulate(pipeline()).write(folder)
     return folder
 
 
@@ -104,15 +105,15 @@ def test_exact_tracks_give_the_true_motion(recording: Path, tmp_path: Path) -> N
 
 
 def test_the_same_pipeline_writes_the_same_recording(recording: Path, tmp_path: Path) -> None:
-    simulate_images(pipeline(), tmp_path / "again")
-    for name in (MONOCULAR_TRACKS_FILE, CAMERA_FILE, "truth.csv", "attitude.csv"):
+    simulate(pipeline()).write(tmp_path / "again")
+    for name in (TRACKS_FILE, CAMERA_FILE, "truth.csv", "camera_attitude.csv"):
         assert (tmp_path / "again" / name).read_bytes() == (recording / name).read_bytes()
 
 
 def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
     recording: Path, tmp_path: Path
 ) -> None:
-    tracks = read_monocular(recording)
+    tracks = read_monocular_tracks(recording)
     frames = list(tracks.frames)
     for k in (5, 6):
         few = slice(0, 7)
@@ -121,7 +122,7 @@ def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
         )
     for k in range(9, 14):
         frames[k] = replace(frames[k], features=frames[k].features + 10**6)
-    write_monocular(tmp_path / "gaps", replace(tracks, frames=tuple(frames)))
+    write_monocular_tracks(tmp_path / "gaps", replace(tracks, frames=tuple(frames)))
     summary = run_images(tmp_path / "gaps", tmp_path / "run", pipeline())
     found = states(tmp_path / "run")
     assert found["status"][5:7] == ("coasting", "coasting")
@@ -141,7 +142,7 @@ def test_a_single_face_is_told_and_not_measured(tmp_path: Path) -> None:
     ahead = pipeline(frames=6)
     body = ahead.body.model_copy(update={"attitude_rotvec_deg": (0.0, 0.0, 0.0)})
     robust = ahead.model_copy(update={"body": body, "image_motion": ImageMotionTable()})
-    simulate_images(robust, tmp_path / "plane")
+    simulate(robust).write(tmp_path / "plane")
     run_images(tmp_path / "plane", tmp_path / "run", robust)
     found = states(tmp_path / "run")
     assert found["outcome"][1:] == ("points of one plane explain the matches",) * 5
@@ -149,12 +150,12 @@ def test_a_single_face_is_told_and_not_measured(tmp_path: Path) -> None:
 
 
 def test_a_truth_is_compared_segment_by_segment(recording: Path, tmp_path: Path) -> None:
-    tracks = read_monocular(recording)
+    tracks = read_monocular_tracks(recording)
     frames = [
         replace(frame, features=frame.features + (10**6 if k >= 7 else 0))
         for k, frame in enumerate(tracks.frames)
     ]
-    write_monocular(tmp_path / "two", replace(tracks, frames=tuple(frames)))
+    write_monocular_tracks(tmp_path / "two", replace(tracks, frames=tuple(frames)))
     (tmp_path / "two" / "truth.csv").write_bytes((recording / "truth.csv").read_bytes())
     summary = run_images(tmp_path / "two", tmp_path / "run", pipeline())
     assert summary.metrics.frames_compared == 12
@@ -164,9 +165,12 @@ def test_a_truth_is_compared_segment_by_segment(recording: Path, tmp_path: Path)
 def test_blackouts_and_noise_are_simulated(tmp_path: Path) -> None:
     noisy = pipeline(frames=12, sigma_px=0.5)
     table = noisy.features.model_copy(update={"blackouts_s": ((3.0, 5.0),)})
-    simulate_images(noisy.model_copy(update={"features": table}), tmp_path / "noisy")
-    simulate_images(pipeline(frames=12), tmp_path / "exact")
-    first, second = read_monocular(tmp_path / "noisy"), read_monocular(tmp_path / "exact")
+    simulate(noisy.model_copy(update={"features": table})).write(tmp_path / "noisy")
+    simulate(pipeline(frames=12)).write(tmp_path / "exact")
+    first, second = (
+        read_monocular_tracks(tmp_path / "noisy"),
+        read_monocular_tracks(tmp_path / "exact"),
+    )
     assert [len(frame.features) == 0 for frame in first.frames] == [k in (3, 4) for k in range(12)]
     assert first.pixel_sigma_px == 0.5
     np.testing.assert_array_equal(first.frames[0].features, second.frames[0].features)
@@ -195,7 +199,7 @@ def test_box_of_an_inertia() -> None:
 def test_bad_input_is_one_line_and_leaves_nothing(recording: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     bare.mkdir()
-    (bare / MONOCULAR_TRACKS_FILE).write_bytes((recording / MONOCULAR_TRACKS_FILE).read_bytes())
+    (bare / TRACKS_FILE).write_bytes((recording / TRACKS_FILE).read_bytes())
     with pytest.raises(InputError) as caught:
         run_images(bare, tmp_path / "run", pipeline())
     assert CAMERA_FILE in str(caught.value) and "\n" not in str(caught.value)
@@ -204,7 +208,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(recording: Path, tmp_path: Pat
     with pytest.raises(InputError, match="does not hold"):
         run_images(recording, recording, pipeline(), overwrite=True)
     late = tmp_path / "late"
-    simulate_images(pipeline(frames=3), late)
+    simulate(pipeline(frames=3)).write(late)
     rows = (late / "truth.csv").read_text(encoding="utf-8").splitlines()
     later = ",".join(["900.0", *rows[1].split(",")[1:]])
     (late / "truth.csv").write_text(f"{rows[0]}\n{later}\n", encoding="utf-8")
@@ -216,7 +220,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(recording: Path, tmp_path: Pat
 def test_images_need_a_mesh(tmp_path: Path) -> None:
     wanted = pipeline(images=True)
     with pytest.raises(InputError, match="mesh"):
-        simulate_images(wanted, tmp_path / "images")
+        simulate(wanted).write(tmp_path / "images")
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -233,7 +237,7 @@ def test_the_shipped_scenario_by_command(
     recorded, out = tmp_path / "recording", tmp_path / "run"
     assert command(monkeypatch, "simulate", "applsci2022", "-o", recorded) == 0
     assert "61 frames" in capsys.readouterr().out
-    camera = read_monocular(recorded).camera
+    camera = read_monocular_tracks(recorded).camera
     assert (camera.width, camera.fx, camera.cx) == (2048, 2909.0, 1024.0)
     truth = read_truth(recorded)
     assert truth is not None and ATTITUDE in truth
@@ -269,11 +273,11 @@ def test_images_are_followed_and_leave_their_tracks(tmp_path: Path) -> None:
             "shading": ShadingTable(supersampling=1),
         }
     )
-    summary = simulate_images(small, tmp_path / "images", target_mesh=mesh)
-    assert summary.text.endswith("(4 frames)")
+    summary = simulate(small, target_mesh=mesh).write(tmp_path / "images")
+    assert summary.endswith("(4 frames)")
     out = tmp_path / "run"
     run_images(tmp_path / "images", out, small)
-    tracks = read_monocular(out)
+    tracks = read_monocular_tracks(out)
     assert len(tracks.frames) == 4
     assert tracks.pixel_sigma_px == small.feature_tracker.pixel_sigma_px
     found = states(out)

@@ -25,7 +25,7 @@ from pcnav.recordings.truth import read_truth
 from pcnav.report import depth_report as report
 from pcnav.report import status
 from pcnav.runs.results import ACCEPTED, FrameEstimate, read_measurements, read_track
-from pcnav.simulation.recording import simulate
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
 
 FRAMES = 24
@@ -54,7 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         update={"scenario": ScenarioTable(frames=FRAMES, frame_rate_hz=rate)}
     )
     sequence, result = folder / "sequence", folder / "result"
-    simulate(short, load_target(mesh), sequence)
+    Scene.showing(load_target(mesh), short).write(sequence)
     told: list[tuple[FrameEstimate, int]] = []
     run(sequence, result, Pipeline(seed=5), on_estimate=lambda *news: told.append(news))
     return Made(sequence, result, mesh, told)

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from pcnav.batch.axes import ESTIMATOR_AXIS, GridRun
-from pcnav.batch.following import follow, truth_of
+from pcnav.batch.following import follow
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.judging import judge
 from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
@@ -17,8 +17,9 @@ from pcnav.estimators.peers.icp import disturbed
 from pcnav.estimators.peers.interface import FirstPose, Given
 from pcnav.estimators.registry import ESTIMATORS, Entry
 from pcnav.evaluation.bound import SceneBound
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.runs.provenance import library_versions_with_peers
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
 
 
@@ -44,7 +45,9 @@ class DepthRun:
         bound = SceneBound(scene, target) if bounded else None
         with _without_track_messages():
             followed = follow(scene, estimator, bound)
-        verdict = judge(followed, truth_of(scene.motion), target, remembers=entry.remembers)
+        truth = truth_of(scene.truth)
+        assert truth is not None
+        verdict = judge(followed, truth, target, remembers=entry.remembers)
         return RunRecord(
             run=run,
             columns=verdict.columns,
@@ -71,7 +74,7 @@ def given_to(entry: Entry, scene: Scene, target: Target) -> Given:
     """What an estimator is told of a scene: the truth only where it says that it needs it."""
     pipeline = scene.pipeline
     given = Given(target, scene.info, pipeline.perception, pipeline.filter, pipeline.seed)
-    true_pose = scene.motion.T_cam_model(0)
+    true_pose = scene.motion.truth.poses[0]
     match entry.first_pose:
         case FirstPose.NOTHING:
             return given

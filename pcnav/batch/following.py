@@ -1,7 +1,6 @@
 """One estimator over the frames of one scene; what it said, frame by frame, beside the bound."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,12 +9,9 @@ from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
 from pcnav.estimators.peers.interface import Answer, Estimator
 from pcnav.evaluation.bound import SceneBound, pose_jacobian
-from pcnav.evaluation.track_errors import Truth
-from pcnav.recordings.sequence import Frame
 from pcnav.runs.results import Track
-from pcnav.simulation.recording import as_recorded
-from pcnav.simulation.scenario import TrueMotion
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
+from pcnav.simulation.motion import TrueMotion
 
 BOUNDED = ("position", "attitude", "rate", "com", "inertia_ratios")
 """What the columns of `Followed.bound` are of."""
@@ -35,23 +31,16 @@ class Followed:
     inertia ratios. nan where it does not hold."""
 
 
-def recorded_frames(scene: Scene) -> Iterator[Frame]:
-    """The frames of a scene as `pcnav run` reads them after `pcnav simulate`. Raises `InputError`
-    for a depth that does not fit the file."""
-    for frame in scene.frames():
-        yield as_recorded(frame, scene.pipeline.noise)
-
-
 def follow(scene: Scene, estimator: Estimator, bound: SceneBound | None = None) -> Followed:
     """Put an estimator to all frames of a scene; one frame at a time is in memory.
 
     What is kept of a frame is some 4 kB, most of it the covariance. Time is spent on the bound and
     on the frames themselves, too, but none of it counts.
     """
-    n = len(scene.motion.times_s)
-    track, status = _empty_track(scene.motion.times_s), []
+    n = len(scene.motion.truth.time_s)
+    track, status = _empty_track(scene.motion.truth.time_s), []
     seconds, bounds = np.full(n, np.nan), np.full((n, len(BOUNDED)), np.nan)
-    for k, frame in enumerate(recorded_frames(scene)):
+    for k, frame in enumerate(scene):
         started = time.process_time()
         answer = estimator.step(frame)
         seconds[k] = time.process_time() - started
@@ -62,24 +51,9 @@ def follow(scene: Scene, estimator: Estimator, bound: SceneBound | None = None) 
     return Followed(replace(track, status=tuple(status)), seconds, bounds)
 
 
-def truth_of(motion: TrueMotion) -> Truth:
-    """A scene's motion as the evaluation takes it."""
-    states = motion.states
-    return Truth(
-        time_s=motion.times_s,
-        r_hill=np.array([state.r_hill for state in states]),
-        v_hill=np.array([state.v_hill for state in states]),
-        com_model=np.array([state.com_model for state in states]),
-        R_world_body=np.array([state.R_world_body for state in states]),
-        omega_body=np.array([state.omega_body for state in states]),
-        inertia_ratios=np.array([state.inertia_ratios for state in states]),
-        T_cam_model=np.array([motion.T_cam_model(k) for k in range(len(states))]),
-    )
-
-
 def _least_errors(P: FloatArray, motion: TrueMotion, k: int) -> FloatArray:
     """(5,) row of `Followed.bound` of a (20, 20) bound."""
-    H = pose_jacobian(motion.states[k], motion.T_cam_world[k], motion.R_hill_world[k])[:3]
+    H = pose_jacobian(motion.state(k), motion.T_cam_world[k], motion.R_hill_world[k])[:3]
     variance = np.diag(P)
     blocks = (THETA_BODY, OMEGA_BODY, COM_MODEL, INERTIA_RATIOS)
     traces = [np.trace(H @ P @ H.T), *(variance[block].sum() for block in blocks)]

@@ -65,8 +65,8 @@ def run_into(
     from pcnav.config.pipeline_file import EstimatorKind, Pipeline
     from pcnav.estimators.image_motion.source import is_seen_by_one_camera
     from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording
-    from pcnav.recordings.monocular import CAMERA_FILE
-    from pcnav.recordings.track_files import TRACKS_FILE, is_track_recording
+    from pcnav.recordings.monocular_tracks import CAMERA_FILE
+    from pcnav.recordings.tracks import TRACKS_FILE, tracks_folder
 
     path, content = Path("pipeline"), Pipeline()
     if pipeline is not None:
@@ -88,7 +88,7 @@ def run_into(
             raise InputError(sequence, "--target", "expected none: images of one camera need none")
         _carry_out(images_run(sequence, content, out, overwrite), view_port)
         return
-    if is_track_recording(sequence):
+    if tracks_folder(sequence) is not None:
         if pipeline is None:
             expected = "expected one with an estimator for stereo tracks, as hu2024 or segal2011"
             beside = f"; tracks of one camera have {CAMERA_FILE} beside them"

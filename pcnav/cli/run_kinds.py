@@ -74,10 +74,10 @@ def tracks_run(
 ) -> Work:
     """On stereo feature tracks."""
     from pcnav.feature_pipeline import run_features
-    from pcnav.recordings.track_files import read_tracks
+    from pcnav.recordings.stereo_tracks import read_stereo_tracks
 
     def work(advance: Advance, view: "LiveView | None") -> Done:
-        tracks = None if view is None else read_tracks(recording)
+        tracks = None if view is None else read_stereo_tracks(recording)
         if view is not None and tracks is not None:
             from pcnav.viewer.live_rows import FEATURES, of_recording
 

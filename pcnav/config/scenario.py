@@ -3,9 +3,35 @@
 from enum import StrEnum
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
 
 from pcnav.config.table import NonNegative, Positive, Table, Vector3, Vector5
+from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+
+
+def _of_a_body(ratios: Vector5) -> Vector5:
+    if not is_physical_inertia(inertia_from_ratios(np.array(ratios))):
+        raise ValueError(
+            "expected ratios of a physical inertia matrix: positive principal moments, none larger "
+            "than the other two together"
+        )
+    return ratios
+
+
+InertiaRatios = Annotated[Vector5, AfterValidator(_of_a_body)]
+"""Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
+
+
+class RecordingKind(StrEnum):
+    """What a recording is made of."""
+
+    DEPTH = "depth"
+    STEREO_TRACKS = "stereo_tracks"
+    IMAGES = "images"
+    """Images of one camera, or tracks of points in them."""
+    ATTITUDES = "attitudes"
 
 
 class OrbitModel(StrEnum):
@@ -23,6 +49,8 @@ class ScenarioTable(Table):
 
     frames: Annotated[int, Field(gt=0)] = 200
     frame_rate_hz: Positive = 2.0
+    recording: RecordingKind | None = None
+    """What is simulated; None takes what the estimator of the pipeline lives on."""
 
 
 class OrbitTable(Table):
@@ -36,6 +64,12 @@ class OrbitTable(Table):
     """Of the chaser at time 0."""
     r_hill_m: Vector3 = (25.0, 0.0, 0.0)
     v_hill_m_s: Vector3 = (0.0, 0.0, 0.0)
+
+    @property
+    def kepler(self) -> KeplerOrbit:
+        """The chaser's orbit."""
+        anomaly = float(np.deg2rad(self.true_anomaly_deg))
+        return KeplerOrbit(self.mean_motion_rad_s, self.eccentricity, anomaly)
 
     @model_validator(mode="after")
     def _ellipses_are_kepler(self) -> Self:
@@ -54,5 +88,4 @@ class BodyTable(Table):
     """Rotation vector of R_world_body at time 0."""
     omega_body_deg_s: Vector3 = (0.0, 0.0, 1.0)
     com_model_m: Vector3 = (0.0, 0.0, 0.0)
-    inertia_ratios: Vector5 = (1.0, 1.0, 0.0, 0.0, 0.0)
-    """Iyy, Izz, Ixy, Ixz, Iyz over Ixx."""
+    inertia_ratios: InertiaRatios = (1.0, 1.0, 0.0, 0.0, 0.0)

@@ -3,9 +3,13 @@
 from enum import StrEnum
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from pcnav.config.table import Fraction, NonNegative, Positive, Table, Vector3
+from pcnav.config.table import Direction, Fraction, NonNegative, Positive, Table, Vector3
+from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.camera import PinholeCamera, R_cam_hill
+from pcnav.core.stereo import StereoRig
 
 
 class CameraTable(Table):
@@ -14,8 +18,19 @@ class CameraTable(Table):
     width_px: Annotated[int, Field(gt=0)] = 256
     height_px: Annotated[int, Field(gt=0)] = 256
     horizontal_fov_deg: Annotated[float, Field(gt=0.0, lt=170.0)] = 25.0
-    boresight_hill: Vector3 = (1.0, 0.0, 0.0)
+    boresight_hill: Direction = (1.0, 0.0, 0.0)
     """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
+
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """Its intrinsics."""
+        fov_rad = float(np.deg2rad(self.horizontal_fov_deg))
+        return PinholeCamera.from_field_of_view(self.width_px, self.height_px, fov_rad)
+
+    @property
+    def R_cam_hill(self) -> FloatArray:
+        """(3, 3) attitude, OpenCV axes."""
+        return R_cam_hill(np.array(self.boresight_hill))
 
 
 class NoiseTable(Table):
@@ -52,12 +67,23 @@ class StereoTable(Table):
     pixel_sigma_px: Positive = 0.1
     """Standard deviation of each measured coordinate."""
     pointing: Boresight = Boresight.TARGET
-    boresight_hill: Vector3 = (1.0, 0.0, 0.0)
+    boresight_hill: Direction = (1.0, 0.0, 0.0)
     """Direction the rig looks along when it is fixed in the Hill frame; image down is nadir where
     that is possible."""
     pointing_error_deg: NonNegative = 0.3
     """Standard deviation of a constant offset about each axis of a rig that looks at the target:
     it holds the target in view, it does not know where the mass centre is."""
+
+    @property
+    def rig(self) -> StereoRig:
+        """Its geometry; the optical axis goes through the middle of the image."""
+        return StereoRig(
+            baseline_m=self.baseline_m,
+            focal_px=self.focal_px,
+            centre_px=(0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)),
+            size_px=(self.width_px, self.height_px),
+            pixel_sigma_px=self.pixel_sigma_px,
+        )
 
 
 class FeaturesTable(Table):
@@ -88,6 +114,13 @@ class FeaturesTable(Table):
     angular_acceleration_psd_rad2_s3: NonNegative = 0.0
     """Power spectral density of a white disturbance angular acceleration of the true target."""
 
+    def is_lit(self, times_s: FloatArray) -> BoolArray:
+        """(n,) whether times lie outside all blackouts."""
+        lit = np.ones(len(times_s), dtype=np.bool_)
+        for start, end in self.blackouts_s:
+            lit &= (times_s < start) | (times_s >= end)
+        return lit
+
     @model_validator(mode="after")
     def _spans_and_normals_fit(self) -> Self:
         if any(end <= start for start, end in self.blackouts_s):
@@ -117,11 +150,18 @@ class ImageCameraTable(Table):
     pixel_sigma_px: NonNegative = 0.1
     """Noise of each coordinate of simulated tracks."""
 
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """Its intrinsics."""
+        middle = (0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1))
+        focal, centre = self.focal_px, self.centre_px or middle
+        return PinholeCamera(self.width_px, self.height_px, focal, focal, *centre)
+
 
 class ShadingTable(Table):
     """[shading]: how simulated images look."""
 
-    sun_hill: Vector3 = (-0.8, 0.3, -0.5)
+    sun_hill: Direction = (-0.8, 0.3, -0.5)
     """Direction to the sun, Hill axes at time 0; it stays where it is among the stars."""
     ambient: Fraction = 0.15
     """Light from everywhere, as a share of the sun's."""

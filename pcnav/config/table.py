@@ -3,10 +3,21 @@
 import logging
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
-Vector3 = tuple[float, float, float]
-Vector5 = tuple[float, float, float, float, float]
+# TOML has lists, not tuples: also a strict table takes those.
+Vector2 = Annotated[tuple[float, float], Strict(False)]
+Vector3 = Annotated[tuple[float, float, float], Strict(False)]
+Vector5 = Annotated[tuple[float, float, float, float, float], Strict(False)]
+
+
+def _direction(values: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(values):
+        raise ValueError("expected a direction, got 0, 0, 0")
+    return values
+
+
+Direction = Annotated[Vector3, AfterValidator(_direction)]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -44,6 +55,12 @@ class Table(BaseModel):
             _LOG.warning("%s is called %s now; the old name is read for one release", key, name)
             taken[name] = value
         return taken
+
+
+class StrictTable(Table):
+    """A table of a file beside data, in which numbers are numbers, and texts are none."""
+
+    model_config = ConfigDict(strict=True)
 
 
 def _renamed(key: object) -> object:

@@ -6,6 +6,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, make_transform
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, VELOCITY
 from pcnav.dynamics.inertia_parameters import (
     inside,
     parameters_from_ratios,
@@ -13,6 +14,8 @@ from pcnav.dynamics.inertia_parameters import (
     ratios_jacobian,
     thinness,
 )
+from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.dynamics.trajectory import Trajectory
 
 STATE_SIZE = 20
 R_HILL = slice(0, 3)
@@ -45,6 +48,23 @@ class NavigationState:
     """(3,) inertial angular rate in body axes, rad/s."""
     inertia_ratios: FloatArray
     """(5,) Iyy, Izz, Ixy, Ixz, Iyz over Ixx, as entries of the inertia matrix (Yu 2019 (29))."""
+
+    @staticmethod
+    def of(motion: Trajectory, k: int) -> "NavigationState":
+        """The state in frame k of a motion that has all blocks."""
+        return NavigationState(
+            r_hill=motion[POSITION][k],
+            v_hill=motion[VELOCITY][k],
+            com_model=motion[CENTRE][k],
+            R_world_body=motion[ATTITUDE][k],
+            omega_body=motion[RATE][k],
+            inertia_ratios=motion[RATIOS][k],
+        )
+
+    @property
+    def inertia(self) -> FloatArray:
+        """(3, 3) inertia matrix over Ixx, body axes."""
+        return inertia_from_ratios(self.inertia_ratios)
 
     def retract(self, error: FloatArray) -> "NavigationState":
         """The state moved by a (20,) error: additive, the attitude by ``R exp(theta)``.

@@ -48,6 +48,13 @@ class Trajectory:
             return np.asarray(np.isfinite(self.T_cam_target[:, 0, 0]))
         return np.zeros(len(self), dtype=np.bool_)
 
+    @property
+    def poses(self) -> FloatArray:
+        """(n, 4, 4) `T_cam_target` of a motion that has poses. Raises ``ValueError``."""
+        if self.T_cam_target is None:
+            raise ValueError("expected a motion with the poses of the target in the camera")
+        return self.T_cam_target
+
     def sd_of(self, block: Block) -> FloatArray:
         """(n, k) deviations of a block; nan where none are known."""
         if self.sd is None or block not in self.layout:

@@ -28,8 +28,8 @@ from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.filtering.error_state import MotionModel
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.recordings.sequence import Frame
-from pcnav.simulation.scenario import TrueMotion, pinhole_camera
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
+from pcnav.simulation.motion import TrueMotion
 from pcnav.target.satellite import Target
 
 PoseInformation = Callable[[int, FloatArray], FloatArray]
@@ -87,11 +87,11 @@ class PosteriorBound:
         """
         k, motion = self._next, self._motion
         if k > 0:
-            before = float(motion.times_s[k - 1])
-            step_s = float(motion.times_s[k]) - before
-            _, transition, noise = self._model.propagate(motion.states[k - 1], before, step_s)
+            before = float(motion.truth.time_s[k - 1])
+            step_s = float(motion.truth.time_s[k]) - before
+            _, transition, noise = self._model.propagate(motion.state(k - 1), before, step_s)
             self._P = predicted(self._P, transition, noise)
-        H = pose_jacobian(motion.states[k], motion.T_cam_world[k], motion.R_hill_world[k])
+        H = pose_jacobian(motion.state(k), motion.T_cam_world[k], motion.R_hill_world[k])
         self._P = informed(self._P, H, information(H @ self._P @ H.T))
         self._next += 1
         return self._P
@@ -105,7 +105,7 @@ def posterior_bound(
 ) -> FloatArray:
     """(n, 20, 20) bound after each frame of a true motion; see `PosteriorBound`."""
     bound = PosteriorBound(model, motion, prior_covariance)
-    return np.stack([bound.step(partial(information, k)) for k in range(len(motion.states))])
+    return np.stack([bound.step(partial(information, k)) for k in range(len(motion))])
 
 
 class SceneBound:
@@ -114,24 +114,24 @@ class SceneBound:
     def __init__(self, scene: Scene, target: Target) -> None:
         """``target`` as pcnav knows it; its prior of the mass properties is the bound's."""
         pipeline, self._motion = scene.pipeline, scene.motion
-        camera = pinhole_camera(pipeline.camera)
+        camera = pipeline.camera.pinhole
         self._comparer = RenderComparer(target, camera, scene.info.range_sigma_m)
         model = MassCentreModel(
             pipeline.orbit.mean_motion_rad_s,
             pipeline.filter.acceleration_psd_m2_s3,
             pipeline.filter.angular_acceleration_psd_rad2_s3,
         )
-        prior = prior_covariance(target, self._motion.states[0].inertia_ratios)
+        prior = prior_covariance(target, self._motion.state(0).inertia_ratios)
         self._bound = PosteriorBound(model, self._motion, prior)
 
     def step(self, frame: Frame) -> FloatArray:
         """(20, 20) after the next frame, of the error that `NavigationState.ratio_error` gives."""
         P = self._bound.step(partial(self._information, frame))
-        return ratio_covariance(self._motion.states[frame.index], P)
+        return ratio_covariance(self._motion.state(frame.index), P)
 
     def _information(self, frame: Frame, pose_covariance: FloatArray) -> FloatArray:
         """(6, 6) that a frame carries about its pose, known to (6, 6) before."""
-        T_true = self._motion.T_cam_model(frame.index)
+        T_true = self._motion.truth.poses[frame.index]
         # A tracker looks again from the pose it found, so what it compares the frame with in the
         # end is within a pixel, however vague its prediction was.
         doubt_px = self._comparer.doubt_px(T_true, pose_covariance)

@@ -1,8 +1,8 @@
-"""Named columns of a CSV file, read in one pass without a Python object per number."""
+"""Named columns of a CSV file, read in one pass without a Python object per number; written too."""
 
 import csv
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,6 +76,14 @@ def read_csv(
         rows = csv.reader(whole if growing else lines, strict=True)
         _fill(table, next(rows, []), enumerate(rows, start=2))
     return table
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table; numbers in full, so that they are read back as they are."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
 
 
 def read_header(path: Path) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.patch_alignment import Patches, PatchGrid, SmoothImage, align, patches_of
 from pcnav.recordings.images import GreyImage
-from pcnav.recordings.monocular import MonocularFrame
+from pcnav.recordings.tracks import TrackFrame
 
 _EDGE_PX = 4.0
 """Corners closer to the edge of the image than this are let go: their patch is cut."""
@@ -233,7 +233,7 @@ def track_features(
     images: Iterable[tuple[float, FloatArray, GreyImage]],
     camera: PinholeCamera,
     settings: FeatureTrackerTable,
-) -> Iterator[MonocularFrame]:
+) -> Iterator[TrackFrame]:
     """Tracks of images given as time (s), R_cam_world (3, 3) and grey levels.
 
     Raises `InputError` without OpenCV.
@@ -241,4 +241,4 @@ def track_features(
     tracker = FeatureTracker(camera, settings)
     for time_s, R_cam_world, image in images:
         features, pixels = tracker.step(image)
-        yield MonocularFrame(time_s, R_cam_world, features, pixels)
+        yield TrackFrame(time_s, R_cam_world, features, pixels)

@@ -1,15 +1,16 @@
 """Images of one camera: a folder of numbered pictures, or a video, with the camera's intrinsics.
 
-FOLDER/camera.toml    [camera] as of `pcnav.recordings.monocular`; beside a video, NAME.toml or
-                      camera.toml
-FOLDER/*.png, *.jpg   in the order of their names; or FOLDER/images/
-FOLDER/times.csv      optional: time_s, one row per image; else frame_rate_hz of camera.toml, for a
-                      video its own rate
-FOLDER/attitude.csv   optional: R_world_cam, as of `pcnav.recordings.monocular`
+camera.toml          [camera], see `pcnav.recordings.monocular_tracks`; beside a video, NAME.toml
+                     or camera.toml
+*.png, *.jpg         in the order of their names; or images/
+times.csv            optional: time_s, one row per image; else frame_rate_hz of camera.toml, for a
+                     video its own rate
+camera_attitude.csv  optional, see `pcnav.recordings.attitudes`
+truth.csv            optional, see `pcnav.recordings.truth`
 """
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, NamedTuple, TypeAlias
@@ -22,15 +23,19 @@ from pcnav.core._extras import opencv
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
-from pcnav.files.csv_table import read_csv
-from pcnav.recordings.monocular import (
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.files.csv_table import read_csv, write_csv
+from pcnav.files.new_folder import new_folder
+from pcnav.recordings.attitudes import read_camera_attitudes, write_camera_attitudes
+from pcnav.recordings.monocular_tracks import (
     CAMERA_FILE,
-    MONOCULAR_TRACKS_FILE,
     CameraFacts,
-    read_camera_attitudes,
     read_camera_file,
+    write_camera_file,
 )
 from pcnav.recordings.recording import RecordingKind
+from pcnav.recordings.tracks import TRACKS_FILE
+from pcnav.recordings.truth import write_truth
 
 GreyImage: TypeAlias = npt.NDArray[np.uint8]
 """(height, width) grey levels."""
@@ -89,7 +94,7 @@ def is_image_sequence(path: Path) -> bool:
     """Whether a path is a video or a folder of images with camera.toml and without tracks."""
     if path.is_file():
         return path.suffix.lower() in _VIDEO_SUFFIXES
-    if (path / MONOCULAR_TRACKS_FILE).exists() or not (path / CAMERA_FILE).is_file():
+    if (path / TRACKS_FILE).exists() or not (path / CAMERA_FILE).is_file():
         return False
     return bool(_image_files(path))
 
@@ -101,6 +106,33 @@ def open_images(path: Path) -> ImageSequence:
     and a video that cannot be read or OpenCV missing for one.
     """
     return _open_video(path) if path.is_file() else _open_folder(path)
+
+
+def write_images(
+    out: Path,
+    facts: CameraFacts,
+    images: Iterable[ImageFrame],
+    truth: Trajectory | None = None,
+    overwrite: bool = False,
+) -> int:
+    """Write a folder of images; how many it holds.
+
+    The folder appears, whole, at the end. Raises `InputError` for one that must not be replaced.
+    """
+    with new_folder(out, overwrite, CAMERA_FILE) as folder:
+        (folder / IMAGE_FOLDER).mkdir()
+        times_s, attitudes = [], []
+        for k, frame in enumerate(images):
+            name = f"{k:06d}.png"
+            Image.fromarray(frame.grey).save(folder / IMAGE_FOLDER / name, compress_level=1)
+            times_s.append(frame.time_s)
+            attitudes.append(frame.R_cam_world)
+        write_camera_file(folder / CAMERA_FILE, facts)
+        write_csv(folder / TIMES_FILE, ("time_s",), [[time_s] for time_s in times_s])
+        R_cam_world = np.reshape(attitudes, (-1, 3, 3))
+        write_camera_attitudes(folder, np.array(times_s), R_cam_world)
+        write_truth(folder, truth)
+    return len(times_s)
 
 
 def _image_files(folder: Path) -> tuple[Path, ...]:

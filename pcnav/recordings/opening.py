@@ -9,11 +9,16 @@ from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording, re
 from pcnav.recordings.bop import BopSequence
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
 from pcnav.recordings.images import is_image_sequence, open_images
-from pcnav.recordings.monocular import CAMERA_FILE, is_monocular_recording, read_monocular
+from pcnav.recordings.monocular_tracks import (
+    CAMERA_FILE,
+    is_monocular_recording,
+    read_monocular_tracks,
+)
 from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.sequence_file import SEQUENCE_FILE
-from pcnav.recordings.track_files import TRACKS_FILE, is_track_recording, read_tracks
+from pcnav.recordings.stereo_tracks import read_stereo_tracks
+from pcnav.recordings.tracks import TRACKS_FILE, tracks_folder
 from pcnav.recordings.tsdf_fusion import INTRINSICS_FILE, TsdfFusionSequence
 
 Open = Callable[[Path, Path | None], Recording]
@@ -55,7 +60,7 @@ def _without_mesh(of: Callable[[Path], Recording]) -> Open:
 FORMATS = (
     RecordingFormat(
         *("tracks of one camera", RecordingKind.IMAGES, f"tracks.csv with {CAMERA_FILE}"),
-        *(is_monocular_recording, _without_mesh(read_monocular)),
+        *(is_monocular_recording, _without_mesh(read_monocular_tracks)),
     ),
     RecordingFormat(
         *("images of one camera", RecordingKind.IMAGES, f"images with {CAMERA_FILE}"),
@@ -63,7 +68,7 @@ FORMATS = (
     ),
     RecordingFormat(
         *("stereo tracks", RecordingKind.STEREO_TRACKS, TRACKS_FILE),
-        *(is_track_recording, _without_mesh(read_tracks)),
+        *(lambda path: tracks_folder(path) is not None, _without_mesh(read_stereo_tracks)),
     ),
     RecordingFormat(
         *("attitudes", RecordingKind.ATTITUDES, ATTITUDES_FILE),

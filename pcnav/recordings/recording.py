@@ -1,19 +1,10 @@
 """What every recording has in common, whatever it is made of and however it is stored."""
 
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
-
-class RecordingKind(StrEnum):
-    """What a recording is made of."""
-
-    DEPTH = "depth"
-    STEREO_TRACKS = "stereo_tracks"
-    IMAGES = "images"
-    """Images of one camera, or tracks of points in them."""
-    ATTITUDES = "attitudes"
+from pcnav.config.scenario import RecordingKind as RecordingKind
 
 
 class Recording(Protocol):

@@ -6,49 +6,47 @@ from typing import Annotated
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field, Strict
 
-from pcnav.core.arrays import FloatArray
+from pcnav.config.scenario import InertiaRatios
+from pcnav.config.table import Positive, StrictTable, Vector3
 from pcnav.core.errors import InputError
-from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.files.toml_file import read_toml_model
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
 
 SEQUENCE_FILE = "sequence.toml"
 
-_Positive = Annotated[float, Field(gt=0.0)]
-_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
-_ThreePositive = Annotated[list[_Positive], Field(min_length=3, max_length=3)]
-_Five = Annotated[list[float], Field(min_length=5, max_length=5)]
-_FivePositive = Annotated[list[_Positive], Field(min_length=5, max_length=5)]
+_ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
+_FivePositive = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(False)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
-
-
-class _SequenceTable(_Table):
+class _SequenceTable(StrictTable):
     name: str | None = None
     target_mesh: str | None = None
 
 
-class _OrbitTable(_Table):
+class _OrbitTable(StrictTable):
     mean_motion_rad_s: Annotated[float, Field(ge=0.0)] = 0.0
 
 
-class _SensorTable(_Table):
-    range_sigma_m: _Positive
+class _SensorTable(StrictTable):
+    range_sigma_m: Positive
     invalid_depth: Annotated[int, Field(ge=0, le=65535)] | None = None
 
 
-class _InitialTable(_Table):
-    com_model_m: _Three | None = None
+class _InitialTable(StrictTable):
+    com_model_m: Vector3 | None = None
     com_sd_m: _ThreePositive | None = None
-    inertia_ratios: _Five | None = None
+    inertia_ratios: InertiaRatios | None = None
     inertia_ratios_sd: _FivePositive | None = None
 
+    @property
+    def prior(self) -> InitialPrior:
+        """As arrays."""
+        return InitialPrior(**{k: None if v is None else np.array(v) for k, v in self})
 
-class SequenceFile(_Table):
+
+class SequenceFile(StrictTable):
     """The tables of sequence.toml; an unknown key is an error."""
 
     sequence: _SequenceTable = _SequenceTable()
@@ -77,7 +75,7 @@ def read_sequence_file(
         mean_motion_rad_s=content.orbit.mean_motion_rad_s,
         range_sigma_m=content.sensor.range_sigma_m,
         target_mesh=target_mesh,
-        initial=_prior(path, content.initial),
+        initial=None if content.initial is None else content.initial.prior,
     )
     return info, content.sensor.invalid_depth
 
@@ -93,13 +91,8 @@ def write_sequence_file(path: Path, info: SequenceInfo) -> None:
         "sensor": {"range_sigma_m": info.range_sigma_m},
     }
     if info.initial is not None:
-        known = {
-            "com_model_m": info.initial.com_model_m,
-            "com_sd_m": info.initial.com_sd_m,
-            "inertia_ratios": info.initial.inertia_ratios,
-            "inertia_ratios_sd": info.initial.inertia_ratios_sd,
-        }
-        tables["initial"] = {key: v.tolist() for key, v in known.items() if v is not None}
+        known = vars(info.initial).items()
+        tables["initial"] = {key: v.tolist() for key, v in known if v is not None}
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 
@@ -109,24 +102,3 @@ def _relative(target: Path, folder: Path) -> str:
     except ValueError:
         # Two drives of a Windows machine have no relative path between them.
         return target.resolve().as_posix()
-
-
-def _prior(path: Path, table: _InitialTable | None) -> InitialPrior | None:
-    if table is None:
-        return None
-    prior = InitialPrior(
-        com_model_m=_array(table.com_model_m),
-        com_sd_m=_array(table.com_sd_m),
-        inertia_ratios=_array(table.inertia_ratios),
-        inertia_ratios_sd=_array(table.inertia_ratios_sd),
-    )
-    ratios = prior.inertia_ratios
-    if ratios is not None and not is_physical_inertia(inertia_from_ratios(ratios)):
-        raise InputError(
-            path, "initial.inertia_ratios", "expected the ratios of a physical inertia matrix"
-        )
-    return prior
-
-
-def _array(values: list[float] | None) -> FloatArray | None:
-    return None if values is None else np.array(values, dtype=np.float64)

@@ -1,4 +1,9 @@
-"""The truth stored beside a sequence; nothing in perception or estimation reads it."""
+"""The truth stored beside a recording; nothing in perception or estimation reads it.
+
+truth.csv        time_s and the columns of all blocks: position, velocity, attitude, rate, mass
+                 centre, inertia ratios
+scene_gt.json    of a BOP scene: poses of the model in the camera
+"""
 
 from pathlib import Path
 
@@ -6,25 +11,27 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import rotation_from_xyzw
+from pcnav.core.spatial import rotation_from_xyzw, xyzw_from_rotation
 from pcnav.dynamics.blocks import ATTITUDE, FILE_ORDER, MASS_CENTRE_LAYOUT, POSE_LAYOUT
 from pcnav.dynamics.trajectory import Trajectory
+from pcnav.files.csv_table import read_csv, write_csv
 from pcnav.recordings.bop_scene import (
     SCENE_CAMERA_FILE,
     SCENE_GT_FILE,
     read_scene_camera,
     read_scene_poses,
 )
-from pcnav.recordings.state_table import STATE_COLUMNS
-from pcnav.recordings.writer import TRUTH_FILE
 
-_QUATERNION = slice(7, 11)
+TRUTH_FILE = "truth.csv"
+STATE_COLUMNS = ("time_s", *MASS_CENTRE_LAYOUT.columns)
+"""Names of the 22 columns in file order; q is R_world_body, scalar last."""
+
 _NORM_TOLERANCE = 1e-6
 _TIME_TOLERANCE_S = 1e-9
 
 
 def read_truth(path: Path) -> Trajectory | None:
-    """Truth of a sequence folder, or None when it has neither truth.csv nor scene_gt.json.
+    """Truth of a recording's folder, or None when it has neither truth.csv nor scene_gt.json.
 
     Raises `InputError` when a file is invalid or the two do not speak of the same times.
     """
@@ -50,41 +57,27 @@ def read_truth(path: Path) -> Trajectory | None:
     return truth
 
 
+def write_truth(folder: Path, truth: Trajectory | None) -> None:
+    """Write truth.csv of a motion that has all blocks; nothing where none is known."""
+    if truth is None:
+        return
+    values = {**truth.values, ATTITUDE.name: xyzw_from_rotation(truth[ATTITUDE])}
+    blocks = [values[block.name] for block in FILE_ORDER]
+    rows = np.column_stack([truth.time_s, *blocks])
+    write_csv(folder / TRUTH_FILE, STATE_COLUMNS, rows.tolist())
+
+
 def _states(path: Path, T_cam_model: FloatArray | None) -> Trajectory:
     """All blocks of truth.csv; the pose is of the model frame."""
-    rows, values = _rows(path), {}
-    for block in FILE_ORDER:
-        first = STATE_COLUMNS.index(block.columns[0])
-        values[block.name] = rows[:, first : first + len(block.columns)]
+    table = read_csv(path, STATE_COLUMNS)
+    table.require_any()
+    rows = table.numbers(STATE_COLUMNS)
+    table.require(np.asarray(np.isfinite(rows).all(axis=1)), "expected finite numbers")
+    norm = np.linalg.norm(table.numbers(ATTITUDE.columns), axis=1)
+    unit = np.abs(norm - 1.0) <= _NORM_TOLERANCE
+    table.require(unit, "expected a unit quaternion in q_x to q_w")
+    later = np.diff(rows[:, 0], prepend=-np.inf) > 0.0
+    table.require(later, "expected times that increase")
+    values = {block.name: table.numbers(block.columns) for block in FILE_ORDER}
     values[ATTITUDE.name] = rotation_from_xyzw(values[ATTITUDE.name])
     return Trajectory(rows[:, 0], MASS_CENTRE_LAYOUT, values, T_cam_target=T_cam_model)
-
-
-def _rows(path: Path) -> FloatArray:
-    """(n, 22) checked numbers of truth.csv."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, "file", f"expected a readable text file ({error})") from error
-    if not lines or tuple(lines[0].split(",")) != STATE_COLUMNS:
-        raise InputError(path, "header", f"expected the columns {','.join(STATE_COLUMNS)}")
-    rows = np.empty((len(lines) - 1, len(STATE_COLUMNS)))
-    for k, line in enumerate(lines[1:]):
-        try:
-            rows[k] = [float(word) for word in line.split(",")]
-        except ValueError as error:
-            expected = f"expected {len(STATE_COLUMNS)} numbers"
-            raise InputError(path, f"line {k + 2}", expected) from error
-    finite = np.isfinite(rows).all(axis=1)
-    unit = np.abs(np.linalg.norm(rows[:, _QUATERNION], axis=1) - 1.0) <= _NORM_TOLERANCE
-    later = np.diff(rows[:, 0], prepend=-np.inf) > 0.0
-    for good, expected in (
-        (finite, "expected finite numbers"),
-        (unit, "expected a unit quaternion in q_x to q_w"),
-        (later, "expected times that increase"),
-    ):
-        if not good.all():
-            raise InputError(path, f"line {int(np.argmin(good)) + 2}", expected)
-    if len(rows) == 0:
-        raise InputError(path, "rows", "expected at least one row")
-    return rows

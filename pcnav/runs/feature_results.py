@@ -16,8 +16,8 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import make_transform, xyzw_from_rotation
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.state import COM_MODEL, STATE_SIZE
-from pcnav.recordings.state_table import STATE_COLUMNS
 from pcnav.recordings.tracks import TrackFrame
+from pcnav.recordings.truth import STATE_COLUMNS
 from pcnav.runs.feature_estimate import FeatureEstimate, FeaturePoint, MotionEstimate
 from pcnav.runs.results import COVARIANCES_FILE, NIS_WINDOW_FRAMES, POSES_FILE, STATES_FILE, Track
 
@@ -130,7 +130,7 @@ def with_known_mass_centre(sd: FloatArray) -> FloatArray:
 def pose_in_rig(frame: TrackFrame, orbit: KeplerOrbit, motion: MotionEstimate) -> FloatArray:
     """(4, 4) T_rig_body of an estimate at the time of a frame."""
     p_world = orbit.R_hill_world(frame.time_s).T @ motion.r_hill
-    return make_transform(frame.R_rig_world @ motion.R_world_body, frame.R_rig_world @ p_world)
+    return make_transform(frame.R_cam_world @ motion.R_world_body, frame.R_cam_world @ p_world)
 
 
 class FeatureCollector:

@@ -19,9 +19,9 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import xyzw_from_rotation
-from pcnav.dynamics.state import STATE_SIZE
+from pcnav.dynamics.state import STATE_SIZE, NavigationState
 from pcnav.files.new_folder import new_folder
-from pcnav.recordings.state_table import STATE_COLUMNS, state_row
+from pcnav.recordings.truth import STATE_COLUMNS
 from pcnav.runs.results import (
     COVARIANCES_FILE,
     MEASUREMENT_COLUMNS,
@@ -153,7 +153,7 @@ def _state_row(estimate: FrameEstimate) -> list[float | int | str]:
     else:
         # Rounding may leave a variance that should be zero slightly below it.
         sd = np.sqrt(np.maximum(np.diagonal(estimate.covariance), 0.0))
-        row += state_row(estimate.time_s, estimate.state).tolist() + sd[SD_ORDER].tolist()
+        row += _motion(estimate.time_s, estimate.state) + sd[SD_ORDER].tolist()
     return [
         *row,
         estimate.status,
@@ -189,3 +189,10 @@ def _measurement_row(record: RectangleRecord) -> list[float | str]:
 def _pose_fields(T: FloatArray) -> list[float]:
     """Position and scalar-last quaternion of a (4, 4) pose."""
     return [float(value) for value in (*T[:3, 3], *xyzw_from_rotation(T[:3, :3]))]
+
+
+def _motion(time_s: float, state: NavigationState) -> list[float]:
+    """22 numbers, in the order of `STATE_COLUMNS`."""
+    parts = (state.r_hill, state.v_hill, xyzw_from_rotation(state.R_world_body), state.omega_body)
+    numbers = np.concatenate([[time_s], *parts, state.com_model, state.inertia_ratios])
+    return [float(number) for number in numbers]

@@ -28,7 +28,7 @@ from pcnav.dynamics.state import (
     NavigationState,
 )
 from pcnav.files.csv_table import read_csv
-from pcnav.recordings.state_table import STATE_COLUMNS
+from pcnav.recordings.truth import STATE_COLUMNS
 from pcnav.runs.result_files import COVARIANCES_FILE as COVARIANCES_FILE
 from pcnav.runs.result_files import KNOWLEDGE_FILE as KNOWLEDGE_FILE
 from pcnav.runs.result_files import MEASUREMENTS_FILE as MEASUREMENTS_FILE

@@ -1,167 +1,175 @@
-"""Shaded images of a satellite and monocular tracks of its points, with the truth behind them."""
+"""What one camera sees of a scenario: shaded images of a mesh, or tracks of points on its hull."""
 
-import csv
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import trimesh
-from PIL import Image
-from scipy.ndimage import map_coordinates
 
-from pcnav.config.sensors import ImageCameraTable, ShadingTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import ShadingTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.camera import PinholeCamera, pixel_rays
-from pcnav.core.spatial import invert_transform, transform_points
-from pcnav.dynamics.state import NavigationState
-from pcnav.files.new_folder import new_folder
-from pcnav.recordings.images import IMAGE_FOLDER, TIMES_FILE, GreyImage
-from pcnav.recordings.monocular import (
-    CAMERA_FILE,
-    CameraFacts,
-    MonocularFrame,
-    MonocularTracks,
-    write_camera_attitudes,
-    write_camera_file,
-)
-from pcnav.recordings.state_table import STATE_COLUMNS, state_row
-from pcnav.recordings.writer import TRUTH_FILE
-from pcnav.simulation.scenario import TrueMotion
-from pcnav.target.rendering import DepthRenderer
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
+from pcnav.core.spatial import transform_points
+from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.recordings.images import ImageFrame, write_images
+from pcnav.recordings.monocular_tracks import CameraFacts, write_monocular_tracks
+from pcnav.recordings.recording import RecordingKind
+from pcnav.recordings.tracks import MonocularTracks, TrackFrame
+from pcnav.simulation.depth import OnFrame
+from pcnav.simulation.motion import TrueMotion, true_motion
+from pcnav.simulation.shading import ImageRenderer
+from pcnav.target.mesh import read_mesh
 
-_LATTICE = 32
-"""Nodes per axis of the random lattice of the texture, which repeats."""
-_OCTAVES = ((1.0, 0.5), (0.5, 0.5))
-"""Size of the blobs over the cell, and weight."""
-_BRIGHTEST = 235.0
-"""Grey level of a white surface that faces the sun."""
+Hull = tuple[FloatArray, FloatArray]
+"""Places and outward normals (N, 3) of points, model axes, m."""
 
-
-def image_camera(table: ImageCameraTable) -> PinholeCamera:
-    """The camera of an [image_camera] table."""
-    middle = (0.5 * (table.width_px - 1), 0.5 * (table.height_px - 1))
-    cx, cy = table.centre_px or middle
-    return PinholeCamera(table.width_px, table.height_px, table.focal_px, table.focal_px, cx, cy)
-
-
-@dataclass(frozen=True)
-class Texture:
-    """Smooth random brightness in space, fixed to the target: value noise of two sizes.
-
-    It is defined in the volume, so it needs no texture coordinates and does not tear at edges.
-    """
-
-    lattice: FloatArray
-    """(m, m, m) in 0 to 1."""
-    cell_m: float
-
-    @staticmethod
-    def random(cell_m: float, seed: int) -> "Texture":
-        """One texture per seed."""
-        rng = np.random.default_rng(seed)
-        return Texture(rng.uniform(size=(_LATTICE,) * 3), cell_m)
-
-    def at(self, points: FloatArray) -> FloatArray:
-        """(n,) brightness, about 0 to 1, at points (n, 3) of the target, m."""
-        total = np.zeros(len(points))
-        for size, weight in _OCTAVES:
-            place = points.T / (size * self.cell_m)
-            total += weight * map_coordinates(self.lattice, place, order=1, mode="grid-wrap")
-        return total
-
-
-class ImageRenderer:
-    """Grey images of one mesh: Lambert's law, its texture, no cast shadows."""
-
-    def __init__(
-        self, mesh: trimesh.Trimesh, camera: PinholeCamera, shading: ShadingTable, seed: int = 0
-    ) -> None:
-        k = shading.supersampling
-        self._fine = PinholeCamera(
-            *(k * camera.width, k * camera.height, k * camera.fx, k * camera.fy),
-            # The centre of the first pixel is at 0 in both images.
-            *(k * camera.cx + 0.5 * (k - 1), k * camera.cy + 0.5 * (k - 1)),
-        )
-        self._shading, self._camera = shading, camera
-        self._renderer = DepthRenderer(mesh, self._fine)
-        self._normals = np.array(mesh.face_normals, dtype=np.float64)
-        self._texture = Texture.random(shading.texture_cell_m, seed)
-
-    def render(
-        self, T_cam_model: FloatArray, sun_cam: FloatArray, rng: np.random.Generator
-    ) -> GreyImage:
-        """The image at a pose (4, 4), m, with the direction to the sun (3,) in camera axes."""
-        rendered = self._renderer.render(T_cam_model)
-        rows, columns = rendered.window
-        face = rendered.triangle[rows, columns]
-        hit = face >= 0
-        rays = pixel_rays(self._fine)[rows, columns][hit]
-        depth = rendered.depth_m[rows, columns][hit].astype(np.float64)
-        points = transform_points(invert_transform(T_cam_model), rays * depth[:, None])
-        normals = self._normals[face[hit]] @ T_cam_model[:3, :3].T
-        # A sheet may be seen from its back: its normal is the one that faces the camera.
-        normals = np.where(np.sum(normals * rays, axis=1)[:, None] > 0.0, -normals, normals)
-        sun = sun_cam / np.linalg.norm(sun_cam)
-        table = self._shading
-        light = table.ambient + (1.0 - table.ambient) * np.maximum(normals @ sun, 0.0)
-        paint = 1.0 - table.texture_contrast * (1.0 - self._texture.at(points))
-        fine = np.zeros(face.shape, dtype=np.float64)
-        fine[hit] = _BRIGHTEST * light * paint
-        grey = np.zeros((self._camera.height, self._camera.width))
-        self._fold(fine, rows.start, columns.start, grey)
-        grey += table.noise_levels * rng.standard_normal(grey.shape)
-        return np.clip(np.rint(grey), 0.0, 255.0).astype(np.uint8)
-
-    def _fold(self, fine: FloatArray, top: int, left: int, grey: FloatArray) -> None:
-        """Mean of the rays of each pixel, added into the image."""
-        k = self._shading.supersampling
-        if not fine.size:
-            return
-        before = (top % k, left % k)
-        after = tuple(-(b + n) % k for b, n in zip(before, fine.shape, strict=True))
-        padded = np.pad(fine, ((before[0], after[0]), (before[1], after[1])))
-        height, width = padded.shape[0] // k, padded.shape[1] // k
-        folded = padded.reshape(height, k, width, k).mean(axis=(1, 3))
-        grey[top // k : top // k + height, left // k : left // k + width] += folded
+_LOG = logging.getLogger("pcnav")
 
 
 @dataclass(frozen=True)
 class ImageMotion:
-    """How camera and target move."""
+    """How the target moves before the camera, and where the light comes from."""
 
-    times_s: FloatArray
-    """(n,)"""
-    T_cam_model: FloatArray
-    """(n, 4, 4), m."""
+    truth: Trajectory
+    """With the poses of the target in the camera."""
     R_cam_world: FloatArray
     """(n, 3, 3)"""
     sun_world: FloatArray
     """(3,) direction to the sun."""
 
-
-def render_images(
-    renderer: ImageRenderer, motion: ImageMotion, seed: int
-) -> Iterator[tuple[float, FloatArray, GreyImage]]:
-    """Time (s), R_cam_world (3, 3) and image of every frame; each is the same drawn alone."""
-    for k, time_s in enumerate(motion.times_s.tolist()):
-        rng = np.random.default_rng([seed, k])
-        sun_cam = motion.R_cam_world[k] @ motion.sun_world
-        yield time_s, motion.R_cam_world[k], renderer.render(motion.T_cam_model[k], sun_cam, rng)
+    @staticmethod
+    def of(motion: TrueMotion, shading: ShadingTable) -> "ImageMotion":
+        """Of a scenario."""
+        # World equals Hill at time 0.
+        sun_world = motion.R_hill_world[0].T @ np.array(shading.sun_hill)
+        return ImageMotion(motion.truth, motion.T_cam_world[:, :3, :3], sun_world)
 
 
-def motion_of(truth: TrueMotion, shading: ShadingTable) -> ImageMotion:
-    """The motion of a simulated scenario."""
-    T_cam_model = np.stack([truth.T_cam_model(k) for k in range(len(truth.times_s))])
-    # World equals Hill at time 0.
-    sun_world = truth.R_hill_world[0].T @ np.array(shading.sun_hill)
-    return ImageMotion(truth.times_s, T_cam_model, truth.T_cam_world[:, :3, :3], sun_world)
+@dataclass(frozen=True)
+class RenderedImages:
+    """Images in memory, rendered when they are asked for; each is the same drawn alone."""
+
+    kind: ClassVar[RecordingKind] = RecordingKind.IMAGES
+    path: ClassVar[None] = None
+
+    name: str
+    renderer: ImageRenderer
+    motion: ImageMotion
+    seed: int
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """Intrinsics."""
+        return self.renderer.camera
+
+    def __len__(self) -> int:
+        return len(self.motion.truth)
+
+    def __iter__(self) -> Iterator[ImageFrame]:
+        motion, poses = self.motion, self.motion.truth.poses
+        for k, time_s in enumerate(motion.truth.time_s.tolist()):
+            rng = np.random.default_rng([self.seed, k])
+            sun_cam = motion.R_cam_world[k] @ motion.sun_world
+            grey = self.renderer.render(poses[k], sun_cam, rng)
+            yield ImageFrame(time_s, motion.R_cam_world[k], grey)
 
 
-def surface_points(
-    mesh: trimesh.Trimesh, count: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Places and normals (count, 3) of points drawn evenly over a mesh, for `monocular_tracks`."""
+class ImageSimulation(NamedTuple):
+    """Images in memory, and the truth behind them."""
+
+    recording: RenderedImages
+    truth: Trajectory
+    pixel_sigma_px: float
+    """Error of a coordinate tracked through them, as the recording on disk states it."""
+
+    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
+        """Write images, camera and truth; what it was, in a line.
+
+        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
+        """
+
+        def counted() -> Iterator[ImageFrame]:
+            for k, frame in enumerate(self.recording, start=1):
+                yield frame
+                if on_frame is not None:
+                    on_frame(k, len(self.recording))
+
+        facts = CameraFacts(self.recording.camera, self.pixel_sigma_px)
+        count = write_images(out, facts, counted(), self.truth, overwrite)
+        return f"images: {out} ({count} frames)"
+
+
+class MonocularSimulation(NamedTuple):
+    """Tracks in memory, and the truth behind them."""
+
+    recording: MonocularTracks
+    truth: Trajectory
+
+    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
+        """Write tracks, camera and truth; what it was, in a line.
+
+        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
+        """
+        write_monocular_tracks(out, self.recording, self.truth, overwrite)
+        seen = np.array([len(frame.features) for frame in self.recording])
+        if not seen.any():
+            _LOG.warning("%s: no feature is seen in any of the %d frames", out, len(seen))
+        median = float(np.median(seen))
+        return f"tracks: {out} ({len(seen)} frames, median of {median:g} features each)"
+
+
+def simulate_images(
+    pipeline: Pipeline, source: Path | str = "pipeline", target_mesh: Path | None = None
+) -> ImageSimulation | MonocularSimulation:
+    """What the camera of [image_camera] sees; the same pipeline, the same.
+
+    ``images`` of that table chooses between shaded images of the mesh and tracks of points: those
+    of [features], else points drawn over the mesh, without one over a box of the body's inertia.
+    ``source`` is the pipeline's file, which an `InputError` names.
+    """
+    motion, name = true_motion(pipeline, source), Path(source).stem
+    mesh = None if target_mesh is None else read_mesh(target_mesh)
+    if not pipeline.image_camera.images:
+        return MonocularSimulation(simulated_tracks(pipeline, motion, mesh, name), motion.truth)
+    if mesh is None:
+        expected = "expected the mesh of the satellite that the images show"
+        raise InputError(source, "target_mesh", expected)
+    camera = pipeline.image_camera.pinhole
+    renderer = ImageRenderer(mesh, camera, pipeline.shading, pipeline.seed)
+    seen = ImageMotion.of(motion, pipeline.shading)
+    recording = RenderedImages(name, renderer, seen, pipeline.seed)
+    return ImageSimulation(recording, motion.truth, pipeline.feature_tracker.pixel_sigma_px)
+
+
+def simulated_tracks(
+    pipeline: Pipeline, motion: TrueMotion, mesh: trimesh.Trimesh | None, name: str
+) -> MonocularTracks:
+    """Tracks of points of the target; points and tracking draw from streams of their own."""
+    drawing, observing = np.random.default_rng(pipeline.seed).spawn(2)
+    table, camera = pipeline.features, pipeline.image_camera.pinhole
+    faults = TrackFaults(
+        pixel_sigma_px=pipeline.image_camera.pixel_sigma_px,
+        wrong_match_fraction=table.wrong_match_fraction,
+        mean_tracked_s=table.mean_tracked_s,
+        max_view_angle_deg=table.max_view_angle_deg,
+    )
+    hull, seen = _hull(pipeline, mesh, drawing), ImageMotion.of(motion, pipeline.shading)
+    tracks = monocular_tracks(camera, seen, hull, faults, observing, name)
+    frames = tuple(
+        frame if lit else replace(frame, features=frame.features[:0], pixels=frame.pixels[:0])
+        for frame, lit in zip(tracks.frames, table.is_lit(motion.truth.time_s), strict=True)
+    )
+    return replace(tracks, frames=frames)
+
+
+def surface_points(mesh: trimesh.Trimesh, count: int, rng: np.random.Generator) -> Hull:
+    """Points drawn evenly over a mesh."""
     area = np.asarray(mesh.area_faces)
     faces = rng.choice(len(area), count, p=area / area.sum())
     # Two uniform numbers folded into the triangle.
@@ -170,44 +178,6 @@ def surface_points(
     u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
     a, b, c = np.moveaxis(np.asarray(mesh.triangles, dtype=np.float64)[faces], 1, 0)
     return a + u * (b - a) + v * (c - a), np.asarray(mesh.face_normals, dtype=np.float64)[faces]
-
-
-def write_images(
-    out: Path,
-    camera: PinholeCamera,
-    pixel_sigma_px: float,
-    images: Iterator[tuple[float, FloatArray, GreyImage]],
-    overwrite: bool = False,
-    states: Sequence[NavigationState] | None = None,
-) -> int:
-    """Write a folder that `pcnav.recordings.images` reads; how many images it holds.
-
-    ``states`` is the truth at every image, where known. The folder appears, whole, at the end.
-    Raises `InputError` for one that must not be replaced.
-    """
-    with new_folder(out, overwrite, CAMERA_FILE) as folder:
-        (folder / IMAGE_FOLDER).mkdir()
-        times_s, attitudes = [], []
-        for k, (time_s, R_cam_world, image) in enumerate(images):
-            Image.fromarray(image).save(folder / IMAGE_FOLDER / f"{k:06d}.png", compress_level=1)
-            times_s.append(time_s)
-            attitudes.append(R_cam_world)
-        write_camera_file(folder / CAMERA_FILE, CameraFacts(camera, pixel_sigma_px, None, None))
-        lines = "\n".join(["time_s", *(repr(time_s) for time_s in times_s)])
-        (folder / TIMES_FILE).write_text(f"{lines}\n", encoding="utf-8")
-        write_camera_attitudes(folder, np.array(times_s), np.array(attitudes).reshape(-1, 3, 3))
-        if states is not None:
-            write_true_states(folder, np.array(times_s), states)
-    return len(times_s)
-
-
-def write_true_states(folder: Path, times_s: FloatArray, states: Sequence[NavigationState]) -> None:
-    """Write truth.csv into a folder of images or of monocular tracks."""
-    with (folder / TRUTH_FILE).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(STATE_COLUMNS)
-        for time_s, state in zip(times_s.tolist(), states, strict=True):
-            writer.writerow(state_row(time_s, state).tolist())
 
 
 @dataclass(frozen=True)
@@ -226,27 +196,28 @@ class TrackFaults:
 def monocular_tracks(
     camera: PinholeCamera,
     motion: ImageMotion,
-    points: tuple[FloatArray, FloatArray],
+    points: Hull,
     faults: TrackFaults,
     rng: np.random.Generator,
     name: str = "simulated",
 ) -> MonocularTracks:
-    """Tracks of points on the target's hull: places and outward normals, both (N, 3), model axes.
+    """Tracks of points on the target's hull.
 
     A point is hidden by its own face alone. One that comes back into view has a new number.
     """
     noise, matching, lives = rng.spawn(3)
-    p_cam = transform_points(motion.T_cam_model, points[0])
-    normals = points[1] @ np.swapaxes(motion.T_cam_model[:, :3, :3], 1, 2)
+    T_cam_model, times_s = motion.truth.poses, motion.truth.time_s
+    p_cam = transform_points(T_cam_model, points[0])
+    normals = points[1] @ np.swapaxes(T_cam_model[:, :3, :3], 1, 2)
     facing = -np.sum(normals * p_cam, axis=-1) / np.linalg.norm(p_cam, axis=-1)
     seen = (facing > np.cos(np.deg2rad(faults.max_view_angle_deg))) & (p_cam[..., 2] > 0.0)
     depth = np.where(seen, p_cam[..., 2], 1.0)
     pixels = p_cam[..., :2] / depth[..., None] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     pixels += faults.pixel_sigma_px * noise.standard_normal(pixels.shape)
     seen &= np.all((pixels >= 0.0) & (pixels <= [camera.width - 1, camera.height - 1]), axis=-1)
-    numbers = _numbers(seen, motion.times_s, faults.mean_tracked_s, lives)
+    numbers = _numbers(seen, times_s, faults.mean_tracked_s, lives)
     frames = []
-    for k, time_s in enumerate(motion.times_s.tolist()):
+    for k, time_s in enumerate(times_s.tolist()):
         at = np.flatnonzero(seen[k])
         found = pixels[k, at]
         wrong = matching.uniform(size=len(at)) < faults.wrong_match_fraction
@@ -255,7 +226,7 @@ def monocular_tracks(
             elsewhere = found[matching.integers(len(at), size=len(at))]
             elsewhere = elsewhere + 0.3 * spread * matching.standard_normal(found.shape)
             found = np.where(wrong[:, None], elsewhere, found)
-        frames.append(MonocularFrame(time_s, motion.R_cam_world[k], numbers[k, at], found))
+        frames.append(TrackFrame(time_s, motion.R_cam_world[k], numbers[k, at], found))
     return MonocularTracks(name, camera, faults.pixel_sigma_px or 1e-3, tuple(frames))
 
 
@@ -273,3 +244,32 @@ def _numbers(
     again[0] = False
     life = np.cumsum(again, axis=0)
     return np.asarray(np.arange(seen.shape[1]) + life * seen.shape[1], dtype=np.intp)
+
+
+def box_of_inertia(inertia: FloatArray, half_side_m: float) -> tuple[FloatArray, FloatArray]:
+    """Half sides (3,), the largest as given, and R_body_box (3, 3) of a uniform box.
+
+    It has the principal axes and the ratios of the moments of an inertia (3, 3) of any scale.
+    """
+    moments, axes = np.linalg.eigh(inertia)
+    # I_x = m (b^2 + c^2) / 3 of half sides b, c, hence a^2 from the three.
+    squared = np.maximum(moments.sum() - 2.0 * moments, 0.0)
+    half = half_side_m * np.sqrt(squared / squared.max())
+    return half, axes * np.sign(np.linalg.det(axes))
+
+
+def _hull(pipeline: Pipeline, mesh: trimesh.Trimesh | None, rng: np.random.Generator) -> Hull:
+    table, com_model = pipeline.features, np.array(pipeline.body.com_model_m)
+    if table.points_m:
+        points = np.array(table.points_m)
+        normals = np.array(table.normals_body) if table.normals_body else points
+        # A point at the mass centre has no direction of its own, and is never seen.
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return points + com_model, normals / np.where(length > 0.0, length, 1.0)
+    if mesh is not None:
+        return surface_points(mesh, table.count, rng)
+    inertia = inertia_from_ratios(np.array(pipeline.body.inertia_ratios))
+    half, R_body_box = box_of_inertia(inertia, table.half_extent_m)
+    box = trimesh.creation.box(2.0 * half)
+    places, normals = surface_points(box, table.count, rng)
+    return places @ R_body_box.T + com_model, normals @ R_body_box.T

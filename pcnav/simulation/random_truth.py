@@ -13,7 +13,6 @@ from pcnav.config.table import Vector3, Vector5
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.simulation.scenario import camera_rotation
 from pcnav.target.satellite import Target, load_target
 
 _CENTRAL_SHARE = 0.1
@@ -76,7 +75,7 @@ def random_truth(
     com = of.target.com_model + of.target.com_sd_m * generator.standard_normal(3)
     rate = generator.uniform(*spread.rate_deg_s) * _direction(generator)
     middle_cam = _placed(of, generator.uniform(*spread.range_m), generator)
-    R_hill_cam = camera_rotation(of.pipeline.camera).T
+    R_hill_cam = of.pipeline.camera.R_cam_hill.T
     middle_model = np.asarray(of.target.mesh.bounds).mean(axis=0)
     # The world is the Hill frame at time 0.
     r_hill = R_hill_cam @ middle_cam + attitude.as_matrix() @ (com - middle_model)

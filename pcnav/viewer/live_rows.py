@@ -14,7 +14,7 @@ from pcnav.dynamics.blocks import (
     ROTATION_LAYOUT,
 )
 from pcnav.estimators.image_motion.chain import ChainFrame
-from pcnav.recordings.tracks import TrackFrame, Tracks
+from pcnav.recordings.tracks import StereoTracks, TrackFrame
 from pcnav.runs.attitude_results import AttitudeFrame
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.feature_estimate import FeatureEstimate
@@ -64,7 +64,9 @@ def depth_estimate(estimate: FrameEstimate) -> Estimate:
     )
 
 
-def feature_estimate(tracks: Tracks, frame: TrackFrame, estimate: FeatureEstimate) -> Estimate:
+def feature_estimate(
+    tracks: StereoTracks, frame: TrackFrame, estimate: FeatureEstimate
+) -> Estimate:
     """A frame of a run on stereo tracks."""
     motion = estimate.motion
     answer = Estimate(

@@ -15,10 +15,10 @@ from pcnav.estimators.interface import AxesPolicy
 from pcnav.evaluation.errors import Errors, errors
 from pcnav.evaluation.knowledge import FROM_DATA
 from pcnav.files.csv_table import read_csv
-from pcnav.recordings.attitude_file import ATTITUDE_FILE, read_attitude_file
+from pcnav.recordings.attitudes import has_camera_attitudes, read_camera_attitudes
 from pcnav.recordings.opening import format_of, open_sequence
 from pcnav.recordings.recording import RecordingKind, truth_folder
-from pcnav.recordings.track_files import read_tracks
+from pcnav.recordings.stereo_tracks import read_stereo_tracks
 from pcnav.recordings.truth import read_truth
 from pcnav.runs.reader import read_features, read_records, read_run
 from pcnav.runs.records import RectangleRecord
@@ -88,7 +88,7 @@ def opened(run: Run) -> LoadedRun:
             loaded = replace(loaded, camera=_camera_attitude(run))
         loaded = replace(loaded, notes=(f"{of_what} only: drawn {where}",))
     elif path is not None:
-        loaded = replace(loaded, orbit=read_tracks(path).orbit)
+        loaded = replace(loaded, orbit=read_stereo_tracks(path).orbit)
     if path is None:
         gone = f"the recording is not at {pipeline.sequence}: no truth"
         loaded = replace(loaded, notes=(*loaded.notes, gone))
@@ -128,8 +128,8 @@ def _camera_attitude(run: Run) -> CameraAttitude | None:
     recording = _recording(run)
     places = [] if recording is None else [truth_folder(recording)]
     for place in places if run.folder is None else [run.folder, *places]:
-        if (place / ATTITUDE_FILE).is_file():
-            return partial(read_attitude_file, place / ATTITUDE_FILE)
+        if has_camera_attitudes(place):
+            return partial(read_camera_attitudes, place)
     return None
 
 

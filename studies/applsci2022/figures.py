@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pcnav.core.arrays import FloatArray
-from pcnav.recordings.monocular import MonocularTracks
+from pcnav.recordings.tracks import MonocularTracks
 from pcnav.report.figures import LINE, new_figure, style_axes, svg_bytes
 
 from ..folder import StudyFigure

@@ -6,9 +6,11 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import make_transform
-from pcnav.recordings.monocular import MonocularTracks
+from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.recordings.tracks import MonocularTracks
 from pcnav.simulation.images import ImageMotion, TrackFaults, monocular_tracks
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 
 from . import paper
 
@@ -35,7 +37,8 @@ class Truth:
         """For a camera at rest that looks along z."""
         n = len(self.times_s)
         T = make_transform(self.R_world_body, np.tile(paper.PLACE_M, (n, 1)))
-        return ImageMotion(self.times_s, T, np.tile(np.eye(3), (n, 1, 1)), np.array(_SUN))
+        poses = Trajectory(self.times_s, POSE_LAYOUT, T_cam_target=T)
+        return ImageMotion(poses, np.tile(np.eye(3), (n, 1, 1)), np.array(_SUN))
 
 
 def nutation(duration_s: float, interval_s: float, seed: int, points: int = paper.POINTS) -> Truth:

@@ -7,7 +7,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, parameters_from_printed
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 
 Ratios = tuple[float, float, float, float, float]
 

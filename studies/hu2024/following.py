@@ -1,5 +1,6 @@
 """Runs of the estimator on the paper's scenario, judged against the truth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,8 @@ from pcnav.config.principal_axes import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.principal_inertia import middle_ratio, ratios_from_moments
+from pcnav.dynamics.state import NavigationState
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.estimators.principal_axes.feature_states import (
@@ -17,9 +20,8 @@ from pcnav.estimators.principal_axes.feature_states import (
     propagate_rotation,
 )
 from pcnav.estimators.principal_axes.principal_frame import principal_axes
-from pcnav.recordings.tracks import TrackFrame, Tracks
-from pcnav.simulation.feature_motion import FeatureTruth, relative_orbit
-from pcnav.simulation.features import FeatureScenario, draw_points, observe
+from pcnav.simulation.motion import disturbed_orbit, trajectory_of
+from pcnav.simulation.stereo import StereoScenario, StereoSimulation, draw_points, observe
 
 from . import paper
 
@@ -124,7 +126,7 @@ def run_case(run: Run[Following]) -> JudgedRun:
     return judge(run.case.settings, paper.scenario(), run.seed)
 
 
-def judge(case: Following, scenario: FeatureScenario, seed: int) -> JudgedRun:
+def judge(case: Following, scenario: StereoScenario, seed: int) -> JudgedRun:
     """Simulate, estimate and compare."""
     features = scenario.features.model_copy(
         update={"count": case.points, "wrong_match_fraction": case.wrong_matches}
@@ -132,16 +134,17 @@ def judge(case: Following, scenario: FeatureScenario, seed: int) -> JudgedRun:
     scenario = replace(scenario, features=features)
     on_points, on_motion, on_tracks = np.random.default_rng(seed).spawn(3)
     points = draw_points(features, on_points)
-    truth = disturbed_truth(scenario, points, case.table if case.disturbed else None, on_motion)
-    tracks = observe(scenario, truth, on_tracks)
+    truth = disturbed_truth(scenario, case.table if case.disturbed else None, on_motion)
+    tracks = observe(scenario, truth, points, on_tracks)
+    made = StereoSimulation(tracks, truth, points)
     estimator = PrincipalAxesEstimator(tracks.rig, tracks.orbit, case.table, seed)
     last = len(tracks.frames) - 1
     judged = sorted({*range(0, last, case.every), last})
-    run = JudgedRun.blank(truth.times_s[judged], len(points))
+    run = JudgedRun.blank(truth.time_s[judged], len(points))
     for k, frame in enumerate(tracks.frames):
         estimate = estimator.step(frame)
         if case.wrong_matches and (estimate.used or estimate.rejected):
-            bad = _wrong_matches(truth, k, frame, tracks)
+            bad = _wrong_matches(made, k)
             rejected_right, used_wrong = {*estimate.rejected} - bad, {*estimate.used} & bad
             right = len(frame.features) - len(bad)
             run.matches[:] += len(rejected_right), len(used_wrong), right, len(bad)
@@ -151,24 +154,23 @@ def judge(case: Following, scenario: FeatureScenario, seed: int) -> JudgedRun:
             state, P, triple = estimator.state, estimator.covariance, estimator.triple
             if state is not None and P is not None and triple is not None:
                 slots = list(estimator.features)
-                run.compare(n, true_state(truth, k, slots, triple), state, P, slots)
+                run.compare(n, true_state(made, k, slots, triple), state, P, slots)
     return run
 
 
-def _wrong_matches(truth: FeatureTruth, k: int, frame: TrackFrame, tracks: Tracks) -> set[int]:
+def _wrong_matches(made: StereoSimulation, k: int) -> set[int]:
     """Features of a frame whose pixels are not their own."""
-    r_world = tracks.orbit.R_hill_world(frame.time_s).T @ truth.r_hill[k]
-    p_world = r_world + truth.points[frame.features] @ truth.R_world_body[k].T
-    off = np.abs(tracks.rig.project(p_world @ frame.R_rig_world.T) - frame.pixels).max(axis=1)
+    tracks, true = made.recording, NavigationState.of(made.truth, k)
+    frame = tracks.frames[k]
+    r_world = tracks.orbit.R_hill_world(frame.time_s).T @ true.r_hill
+    p_world = r_world + made.points[frame.features] @ true.R_world_body.T
+    off = np.abs(tracks.rig.project(p_world @ frame.R_cam_world.T) - frame.pixels).max(axis=1)
     return set(frame.features[off > 6.0 * tracks.rig.pixel_sigma_px].tolist())
 
 
 def disturbed_truth(
-    scenario: FeatureScenario,
-    points: FloatArray,
-    table: PrincipalAxesTable | None,
-    rng: np.random.Generator,
-) -> FeatureTruth:
+    scenario: StereoScenario, table: PrincipalAxesTable | None, rng: np.random.Generator
+) -> Trajectory:
     """The true motion under white disturbances as (4) and (21) have them; None for none.
 
     The torque is the same about all axes, so its angular acceleration is not; the accelerations
@@ -177,8 +179,8 @@ def disturbed_truth(
     times, start = scenario.times_s, scenario.start
     linear = 0.0 if table is None else table.acceleration_psd_m2_s3
     angular = 0.0 if table is None else table.angular_acceleration_psd_rad2_s3
-    orbit = relative_orbit(scenario.orbit_model, scenario.orbit, start, times, linear, rng)
-    moments = np.diag(scenario.inertia)
+    orbit = disturbed_orbit(scenario.orbit_model, scenario.orbit, start, times, linear, rng)
+    moments = np.diag(start.inertia)
     scale = np.sqrt(angular) * moments[0] / moments
     R, omega = start.R_world_body, start.omega_body
     attitudes, rates = [R], [omega]
@@ -190,29 +192,22 @@ def disturbed_truth(
         R, omega = R @ done.turn @ exp_rotation(kick), done.omega_body + change
         attitudes.append(R)
         rates.append(omega)
-    return FeatureTruth(
-        times_s=times,
-        r_hill=orbit[:, :3],
-        v_hill=orbit[:, 3:],
-        R_world_body=np.stack(attitudes),
-        omega_body=np.stack(rates),
-        inertia=scenario.inertia,
-        points=points,
-    )
+    return trajectory_of(times, start, orbit, np.stack(attitudes), np.stack(rates))
 
 
 def true_state(
-    truth: FeatureTruth, k: int, features: list[int], triple: tuple[int, int, int]
+    made: StereoSimulation, k: int, features: Sequence[int], triple: tuple[int, int, int]
 ) -> PrincipalState:
     """The truth at a frame in its unique principal axes (17), signed by the same three points."""
-    R_body_g = photogrammetric_axes(truth.points[list(triple)])
-    moments, axes = principal_axes(R_body_g.T @ truth.inertia @ R_body_g)
+    true, points = NavigationState.of(made.truth, k), made.points
+    R_body_g = photogrammetric_axes(points[list(triple)])
+    moments, axes = principal_axes(R_body_g.T @ true.inertia @ R_body_g)
     S = R_body_g @ axes
     return PrincipalState(
-        R_world_body=truth.R_world_body[k] @ S,
-        omega_body=S.T @ truth.omega_body[k],
+        R_world_body=true.R_world_body @ S,
+        omega_body=S.T @ true.omega_body,
         ratios=ratios_from_moments(moments),
-        r_hill=truth.r_hill[k],
-        v_hill=truth.v_hill[k],
-        points=truth.points[list(features)] @ S,
+        r_hill=true.r_hill,
+        v_hill=true.v_hill,
+        points=points[list(features)] @ S,
     )

@@ -9,7 +9,10 @@ from pcnav.batch.monte_carlo import RunBatch
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.core.spatial import log_rotation
+from pcnav.dynamics.blocks import ATTITUDE, POSITION
 from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
+from pcnav.dynamics.state import NavigationState
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc, positive
 from pcnav.estimators.attitude_inertia.rotation_model import SIZE
 from pcnav.estimators.features.photogrammetric_frame import align, best_triple, photogrammetric_axes
@@ -19,8 +22,7 @@ from pcnav.estimators.principal_axes.inertia_identification import (
     solve_normal,
 )
 from pcnav.estimators.principal_axes.principal_frame import clearest_order, principal_axes
-from pcnav.simulation.feature_motion import FeatureTruth
-from pcnav.simulation.features import draw_points, simulate_motion, stereo_rig
+from pcnav.simulation.stereo import draw_points, simulate_motion
 
 from . import paper
 
@@ -61,16 +63,16 @@ def run_identification(batch: RunBatch[float]) -> Squared:
     }
 
 
-def _truth() -> FeatureTruth:
-    """The motion up to the last report; its points are not used."""
+def _truth() -> Trajectory:
+    """The motion up to the last report."""
     scenario = paper.scenario()
     times = scenario.times_s[scenario.times_s <= REPORT_S[-1] + 1e-9]
     arc = replace(scenario, times_s=times)
-    return simulate_motion(arc, np.zeros((0, 3)), np.random.default_rng(0))
+    return simulate_motion(arc, np.random.default_rng(0))
 
 
 def _observed(
-    truth: FeatureTruth, resolution_rad: float, seeds: tuple[int, ...]
+    truth: Trajectory, resolution_rad: float, seeds: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """True points (B, N, 3), triangulated ones (B, n, N, 3) in world axes and their covariances.
 
@@ -80,21 +82,21 @@ def _observed(
     stereo = scenario.stereo.model_copy(
         update={"pixel_sigma_px": resolution_rad * scenario.stereo.focal_px}
     )
-    rig = stereo_rig(stereo)
-    R_hill_world = np.stack([scenario.orbit.R_hill_world(t) for t in truth.times_s])
-    R_rig_world = R_cam_hill(truth.r_hill) @ R_hill_world
+    rig = stereo.rig
+    R_hill_world = np.stack([scenario.orbit.R_hill_world(t) for t in truth.time_s])
+    R_cam_world = R_cam_hill(truth[POSITION]) @ R_hill_world
     all_points, all_world, all_noise = [], [], []
     for seed in seeds:
         generator = np.random.default_rng(seed)
         points = draw_points(scenario.features, generator)
-        r_world = np.einsum("nji,nj->ni", R_hill_world, truth.r_hill)
-        p_world = r_world[:, None] + points @ np.swapaxes(truth.R_world_body, 1, 2)
-        pixels = rig.project(p_world @ np.swapaxes(R_rig_world, 1, 2))
+        r_world = np.einsum("nji,nj->ni", R_hill_world, truth[POSITION])
+        p_world = r_world[:, None] + points @ np.swapaxes(truth[ATTITUDE], 1, 2)
+        pixels = rig.project(p_world @ np.swapaxes(R_cam_world, 1, 2))
         pixels = pixels + rig.pixel_sigma_px * generator.standard_normal(pixels.shape)
         p_rig, noise = rig.triangulate(pixels)
-        R = R_rig_world[:, None]
+        R = R_cam_world[:, None]
         all_points.append(points)
-        all_world.append(p_rig @ R_rig_world)
+        all_world.append(p_rig @ R_cam_world)
         all_noise.append(np.swapaxes(R, -1, -2) @ noise @ R)
     return np.stack(all_points), np.stack(all_world), np.stack(all_noise)
 
@@ -132,11 +134,11 @@ def _triangle(points: FloatArray, corners: IntArray) -> FloatArray:
 
 
 def _printed(
-    truth: FeatureTruth, points: FloatArray, p_world: FloatArray, corners: IntArray
+    truth: Trajectory, points: FloatArray, p_world: FloatArray, corners: IntArray
 ) -> FloatArray:
     """(B, report times) squared errors of (6)-(17)."""
     R_world_g = photogrammetric_axes(_triangle(p_world, corners))
-    rates = angular_rate(R_world_g, truth.times_s)
+    rates = angular_rate(R_world_g, truth.time_s)
     rows = momentum_rows(R_world_g[:, 1:-1], rates)
     # Every epoch adds to the normal equations: the sums up to a time are the recursive solution.
     sums = np.cumsum(np.einsum("bnie,bnif->bnef", rows, rows, optimize=True), axis=1)
@@ -147,28 +149,26 @@ def _printed(
     return np.stack(squared, axis=1)
 
 
-def _arc_squared(
-    truth: FeatureTruth, points: FloatArray, arc: _Arc, corners: IntArray
-) -> FloatArray:
+def _arc_squared(truth: Trajectory, points: FloatArray, arc: _Arc, corners: IntArray) -> FloatArray:
     """(B,) squared errors of an arc's axes."""
     R_map_g = photogrammetric_axes(_triangle(arc.shape, corners))
     _, axes = principal_axes(np.swapaxes(R_map_g, -1, -2) @ arc.inertia @ R_map_g)
     return _squared(truth, points, corners, arc.R_world_map @ R_map_g @ axes, arc.frame)
 
 
-def _fitted(truth: FeatureTruth, p_world: FloatArray, noise: FloatArray) -> list[_Arc]:
+def _fitted(truth: Trajectory, p_world: FloatArray, noise: FloatArray) -> list[_Arc]:
     """All points aligned and the rotation fitted, for every arc; each starts from the last."""
     arcs: list[_Arc] = []
     for last in _last_frames(truth):
         every = max(1, -(-(last + 1) // _MAX_ATTITUDES))
         chosen = np.arange(last, -1, -every)[::-1]
         R, spread, shape = _attitudes(p_world[:, chosen], noise[:, chosen])
-        times = truth.times_s[chosen]
+        times = truth.time_s[chosen]
         rates = angular_rate(R, times)
         if arcs:
             # Each arc has a map of its own; the turn between them is that of their last frames.
             before = arcs[-1]
-            back = np.searchsorted(truth.times_s[chosen], truth.times_s[before.frame] - 1e-9)
+            back = np.searchsorted(truth.time_s[chosen], truth.time_s[before.frame] - 1e-9)
             turn = np.swapaxes(R[:, min(int(back), len(chosen) - 1)], -1, -2) @ before.R_world_map
             start = parameters_of(turn @ before.inertia @ np.swapaxes(turn, -1, -2))
         else:
@@ -220,12 +220,12 @@ def _attitudes(p_world: FloatArray, noise: FloatArray) -> tuple[FloatArray, Floa
     return R, np.swapaxes(R, -1, -2) @ fit.covariance[..., :3, :3] @ R, shape
 
 
-def _last_frames(truth: FeatureTruth) -> list[int]:
-    return [int(np.searchsorted(truth.times_s, t - 1e-9)) for t in REPORT_S]
+def _last_frames(truth: Trajectory) -> list[int]:
+    return [int(np.searchsorted(truth.time_s, t - 1e-9)) for t in REPORT_S]
 
 
 def _squared(
-    truth: FeatureTruth,
+    truth: Trajectory,
     points: FloatArray,
     corners: IntArray,
     R_world_t: FloatArray,
@@ -233,7 +233,8 @@ def _squared(
 ) -> FloatArray:
     """(B,) squared attitude errors against the true axes, made unique by the true points."""
     R_body_g = photogrammetric_axes(_triangle(points, corners))
-    _, axes = principal_axes(np.swapaxes(R_body_g, -1, -2) @ truth.inertia @ R_body_g)
-    true = truth.R_world_body[frame] @ R_body_g @ axes
+    inertia = NavigationState.of(truth, frame).inertia
+    _, axes = principal_axes(np.swapaxes(R_body_g, -1, -2) @ inertia @ R_body_g)
+    true = truth[ATTITUDE][frame] @ R_body_g @ axes
     error = log_rotation(np.swapaxes(R_world_t, -1, -2) @ true)
     return np.asarray(np.sum(error * error, axis=-1))

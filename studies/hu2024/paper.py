@@ -4,7 +4,7 @@ from functools import lru_cache
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.principal_axes import PrincipalAxesTable
-from pcnav.simulation.features import FeatureScenario, feature_scenario
+from pcnav.simulation.stereo import StereoScenario, stereo_scenario
 
 from ..pipelines import shipped
 
@@ -29,9 +29,9 @@ def pipeline() -> Pipeline:
     return shipped(NAME)
 
 
-def scenario() -> FeatureScenario:
+def scenario() -> StereoScenario:
     """The paper's scenario as the pipeline has it."""
-    return feature_scenario(pipeline(), NAME)
+    return stereo_scenario(pipeline(), NAME)
 
 
 def focal_px() -> float:

@@ -9,7 +9,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 
 R_HILL_PAPER = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 """The paper's axes are x radially outward, y along-track, z orbit normal."""

@@ -10,7 +10,7 @@ from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, mean_squared, percentile
 from pcnav.files.text_table import TextTable, number
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, ShownBlock
 from ..folder import Chapter, StudyFigure

@@ -11,7 +11,7 @@ from pcnav.core.statistics import MeanSquared, chi_square_bounds, mean_squared
 from pcnav.evaluation.bound import bound_of
 from pcnav.files.text_table import TextTable
 from pcnav.recordings.sequence import Frame
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
 from ..folder import Chapter, StudyFigure

@@ -13,8 +13,8 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.core.statistics import mean, percentile
 from pcnav.files.text_table import TextTable
+from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import satellite
-from pcnav.simulation.scene import Scene
 from pcnav.target.satellite import Rectangle, Target
 
 from ..folder import Chapter

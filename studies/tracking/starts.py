@@ -11,8 +11,8 @@ from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.statistics import mean, percentile, share
 from pcnav.files.text_table import TextTable
 from pcnav.runs.status import Status
+from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
-from pcnav.simulation.scene import Scene
 from pcnav.target.symmetry import group_name
 
 from ..folder import Chapter, StudyFigure

@@ -12,7 +12,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import transform_points
 from pcnav.perception.ambiguity import apply_case, resolve_case
 from pcnav.perception.rectangles import RectangleObservation, observe_cloud
-from pcnav.simulation.scenario import TrueMotion
+from pcnav.simulation.motion import TrueMotion
 from pcnav.target.catalogue import Rectangle
 
 from . import paper
@@ -114,7 +114,7 @@ class CloudSensor:
 
     def true_T_cam_rect(self, index: int) -> FloatArray:
         """(4, 4) where the rectangle is in a frame."""
-        return np.asarray(self._motion.T_cam_model(index) @ self.rectangle.T_model_rect)
+        return np.asarray(self._motion.truth.poses[index] @ self.rectangle.T_model_rect)
 
     def observe(self, index: int) -> RectangleObservation:
         """What the moments of the frame's cloud say; frames are drawn in the order asked for."""

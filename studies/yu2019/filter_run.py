@@ -1,12 +1,14 @@
 """The 20-state filter on idealised clouds, and its errors against the truth."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, VELOCITY
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
@@ -24,7 +26,7 @@ from pcnav.dynamics.state import (
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.perception.rectangles import RectangleObservation
-from pcnav.simulation.scenario import TrueMotion, true_motion
+from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..blocks import JUDGED
 from . import paper
@@ -74,14 +76,14 @@ def run_filter(
     """
     sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spread.EVEN, seed)
     kalman, first_guess = _started(motion, sensor, pipeline, seed)
-    n = len(motion.times_s)
+    n = len(motion.truth.time_s)
     stored = set(np.linspace(0, n - 1, min(_STORED, n)).astype(int).tolist())
     errors, sd, covariances = np.empty((n, STATE_SIZE)), np.empty((n, STATE_SIZE)), []
     flips = rejected = 0
     for k in range(n):
         if k > 0:
-            step_s = float(motion.times_s[k] - motion.times_s[k - 1])
-            kalman.predict(model, float(motion.times_s[k - 1]), step_s)
+            step_s = float(motion.truth.time_s[k] - motion.truth.time_s[k - 1])
+            kalman.predict(model, float(motion.truth.time_s[k - 1]), step_s)
             guess = _predicted(kalman.state, motion, sensor, k)
         else:
             guess = first_guess
@@ -91,7 +93,7 @@ def run_filter(
         flips += int(np.sum(true_R * measurement.T_cam_rect[:3, :3]) < 1.0)
         if k > 0:  # the first observation is the starting point: it must not count twice
             rejected += int(not all(kalman.update([measurement]).accepted))
-        errors[k] = kalman.state.ratio_error(motion.states[k])
+        errors[k] = kalman.state.ratio_error(motion.state(k))
         covariance = ratio_covariance(kalman.state, kalman.covariance)
         sd[k] = np.sqrt(np.diag(covariance))
         if k in stored:
@@ -99,7 +101,7 @@ def run_filter(
     at = np.array(sorted(stored))
     stacked = np.stack(covariances)
     nees = {name: block.squared(errors[at], stacked) / block.size for name, block in JUDGED.items()}
-    times = motion.times_s
+    times = motion.truth.time_s
     return FilterRun(times, errors, sd, sd[0].copy(), times[at], nees, flips, rejected)
 
 
@@ -120,18 +122,27 @@ def disturbed_motion(pipeline: Pipeline, model: MassCentreModel, seed: int) -> T
     generator = np.random.default_rng(seed)
     calm = true_motion(pipeline)
     draw = paper.PRIOR_SD * generator.standard_normal(STATE_SIZE)
-    state = replace(calm.states[0], com_model=draw[COM_MODEL])
+    state = replace(calm.state(0), com_model=draw[COM_MODEL])
     states = [state]
     moving = np.r_[R_HILL, V_HILL, THETA_BODY, OMEGA_BODY]
     root = np.zeros((STATE_SIZE, STATE_SIZE))
-    for before, after in zip(calm.times_s, calm.times_s[1:], strict=False):
+    for before, after in pairwise(calm.truth.time_s):
         step_s = float(after - before)
         state, _, noise = model.propagate(state, float(before), step_s)
         if not root.any():
             root[np.ix_(moving, moving)] = np.linalg.cholesky(noise[np.ix_(moving, moving)])
         state = state.retract(root @ generator.standard_normal(STATE_SIZE))
         states.append(state)
-    return replace(calm, states=tuple(states))
+    values = {
+        POSITION.name: np.stack([each.r_hill for each in states]),
+        VELOCITY.name: np.stack([each.v_hill for each in states]),
+        CENTRE.name: np.stack([each.com_model for each in states]),
+        ATTITUDE.name: np.stack([each.R_world_body for each in states]),
+        RATE.name: np.stack([each.omega_body for each in states]),
+        RATIOS.name: np.stack([each.inertia_ratios for each in states]),
+    }
+    disturbed = replace(calm.truth, values=values)
+    return TrueMotion.of(disturbed, calm.T_cam_world, calm.R_hill_world)
 
 
 def _started(
@@ -143,7 +154,7 @@ def _started(
     T_world_cam = invert_transform(motion.T_cam_world[0])
     T_cam_model = T_cam_rect @ invert_transform(sensor.rectangle.T_model_rect)
     T_world_model = T_world_cam @ T_cam_model
-    truth = motion.states[0]
+    truth = motion.state(0)
     draw = paper.PRIOR_SD * generator.standard_normal(STATE_SIZE)
     state = NavigationState(
         r_hill=motion.R_hill_world[0] @ T_world_model[:3, 3],
@@ -193,7 +204,7 @@ def _measurement(
     pipeline: Pipeline,
 ) -> RectangleMeasurement:
     T_cam_rect = resolved(observation, guess, sensor.rectangle)
-    R = R_hill_world(float(motion.times_s[k]), pipeline.orbit.mean_motion_rad_s)
+    R = R_hill_world(float(motion.truth.time_s[k]), pipeline.orbit.mean_motion_rad_s)
     return RectangleMeasurement(
         rectangle=sensor.rectangle.name,
         T_model_rect=sensor.rectangle.T_model_rect,

@@ -10,7 +10,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.statistics import mean, mean_squared
 from pcnav.dynamics.blocks import RATIOS
 from pcnav.files.text_table import TextTable
-from pcnav.simulation.scenario import true_motion
+from pcnav.simulation.motion import true_motion
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
 from ..folder import Chapter, StudyFigure

@@ -20,10 +20,9 @@ from pcnav.perception.association import as_rectangle
 from pcnav.perception.perceive import perceive
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
+from pcnav.simulation.depth import Scene
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.random_truth import satellite
-from pcnav.simulation.scenario import pinhole_camera
-from pcnav.simulation.scene import Scene
 from pcnav.target.catalogue import Rectangle
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
@@ -189,7 +188,7 @@ def _pose_errors(
     setting: Setting, mesh: trimesh.Trimesh, poses: Sequence[FloatArray], measure: Measure
 ) -> PoseErrors:
     pipeline = setting.pipeline
-    camera = pinhole_camera(pipeline.camera)
+    camera = pipeline.camera.pinhole
     renderer = DepthRenderer(mesh, camera)
     noise = NoiseTable(range_sigma_m=setting.noise_m, quantisation_m=pipeline.noise.quantisation_m)
     position, attitude, support = [], [], []

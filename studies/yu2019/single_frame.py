@@ -10,7 +10,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.files.text_table import TextTable
-from pcnav.simulation.scenario import TrueMotion, true_motion
+from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..folder import Chapter, StudyFigure
 from ..panels import Curve, Panel, Scale, error_panel, panels_figure
@@ -135,7 +135,7 @@ def one_turn(pipeline: Pipeline) -> TrueMotion:
 
 def frame_errors(motion: TrueMotion, sensor: CloudSensor) -> FrameErrors:
     """Measure every frame; the attitude of the frame before predicts the case."""
-    count = len(motion.times_s)
+    count = len(motion.truth.time_s)
     position, attitude, raw = (np.empty((count, 3)) for _ in range(3))
     guess = sensor.true_T_cam_rect(0)[:3, :3] @ exp_rotation(np.array(paper.FIRST_GUESS_RAD))
     for k in range(count):
@@ -159,7 +159,7 @@ def chapter(
     return text.chapter(
         "Figs. 8-10: pose from single frames of an idealised cloud",
         [_error_table(found), _flip_table(even), _bound_table()],
-        _figures(one_turn(pipeline).times_s, even[0]),
+        _figures(one_turn(pipeline).truth.time_s, even[0]),
     )
 
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from pcnav.batch.axes import GridRun, grid_case
 from pcnav.batch.depth_run import DepthRun, given_to
-from pcnav.batch.following import recorded_frames
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.monte_carlo import Run
 from pcnav.batch.record import Column, RunRecord
@@ -32,8 +31,7 @@ from pcnav.pipeline import run as run_sequence
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.truth import read_truth
 from pcnav.runs.results import read_track
-from pcnav.simulation.recording import simulate
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
 
 FRAMES = 7
@@ -87,7 +85,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pipeline,
     """The sequence that `pcnav simulate` writes of the run."""
     pipeline, target = run_pipeline(BASIS, a_run(outlier_share=0.02))
     folder = tmp_path_factory.mktemp("run") / "sequence"
-    simulate(pipeline, target, folder)
+    Scene.showing(target, pipeline).write(folder)
     return folder, pipeline, target
 
 
@@ -99,7 +97,7 @@ def test_frames_are_those_of_a_simulated_sequence(
     stored = open_sequence(folder)
     assert stored.info.range_sigma_m == scene.info.range_sigma_m == 0.01
     assert stored.info.mean_motion_rad_s == scene.info.mean_motion_rad_s
-    frames = list(recorded_frames(scene))
+    frames = list(scene)
     assert len(frames) == len(stored) == FRAMES
     for ours, theirs in zip(frames, stored, strict=True):
         assert ours.depth_m.dtype == theirs.depth_m.dtype
@@ -271,7 +269,7 @@ def test_peers_follow_a_motion_without_noise(name: EstimatorName) -> None:
 def test_the_start_that_peers_are_given_is_as_far_off_as_said() -> None:
     pipeline, target = run_pipeline(BASIS, a_run())
     scene = Scene.of(pipeline, target.mesh)
-    true = scene.motion.T_cam_model(0)
+    true = scene.motion.truth.poses[0]
     given = {name: given_to(ESTIMATORS[name], scene, target) for name in EstimatorName}
     for name, each in given.items():
         start = each.T_cam_model_first
@@ -294,17 +292,17 @@ def test_peers_bridge_a_frame_without_returns(name: EstimatorName) -> None:
     needs_extra(name)
     pipeline, target = run_pipeline(BASIS, a_run(range_sigma_m=0.0))
     scene = Scene.of(pipeline, target.mesh)
-    true = scene.motion.T_cam_model
-    given = Given(target, scene.info, pipeline.perception, pipeline.filter, 0, true(0))
+    true = scene.truth.poses
+    given = Given(target, scene.info, pipeline.perception, pipeline.filter, 0, true[0])
     estimator = ESTIMATORS[name].make(given)
-    for frame in recorded_frames(scene):
+    for frame in scene:
         seen = frame.index != 4
         shown = frame if seen else replace(frame, depth_m=np.zeros_like(frame.depth_m))
         answer = estimator.step(shown)
         assert answer.status == ("locked" if seen else "lost")
         assert (answer.T_cam_model is not None) == seen
         if answer.T_cam_model is not None and frame.index > 4:
-            assert np.linalg.norm(answer.T_cam_model[:3, 3] - true(frame.index)[:3, 3]) < 0.1
+            assert np.linalg.norm(answer.T_cam_model[:3, 3] - true[frame.index][:3, 3]) < 0.1
 
 
 @pytest.mark.parametrize("name", [EstimatorName.PCNAV, EstimatorName.OPEN3D_ICP, *PEERS[2:]])

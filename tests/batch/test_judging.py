@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pcnav.batch.axes import grid_case
-from pcnav.batch.following import Followed, follow, truth_of
+from pcnav.batch.following import Followed, follow
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.judging import Verdict, judge
 from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
@@ -16,8 +16,9 @@ from pcnav.batch.scenario import run_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.peers.interface import Answer, Estimator
+from pcnav.evaluation.track_errors import truth_of
 from pcnav.recordings.sequence import Frame
-from pcnav.simulation.scene import Scene
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
 
 FRAMES = 7
@@ -54,7 +55,8 @@ def number(verdict: Verdict, column: str) -> FloatArray:
 
 def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Target]) -> None:
     scene, target = twinwing
-    truth = truth_of(scene.motion)
+    truth = truth_of(scene.truth)
+    assert truth is not None
     assert truth.T_cam_model is not None
     half_turn = target.symmetry_transforms[1]
     status = ["locked"] * FRAMES
@@ -76,7 +78,8 @@ def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Ta
 def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -> None:
     """acquiring, right, lost, ambiguous and right, locked 11 deg off, a metre off, coasting."""
     scene, target = twinwing
-    truth = truth_of(scene.motion)
+    truth = truth_of(scene.truth)
+    assert truth is not None
     assert truth.T_cam_model is not None
     T = truth.T_cam_model.copy()
     T[0] = T[2] = np.nan

@@ -18,7 +18,7 @@ from benchmarks.scaling_runs import real_runs
 from benchmarks.scenes import Case, load, record, shortened
 from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
 from benchmarks.stopwatch import Stopwatch
-from pcnav.simulation.scenario import true_motion
+from pcnav.simulation.motion import true_motion
 
 _FRAMES = 8
 
@@ -106,8 +106,8 @@ def test_stopwatch_restores_what_it_watches() -> None:
 def test_long_sequence_stays_in_view() -> None:
     """Hill's equations hold a target at rest on the along-track axis where it is."""
     motion = true_motion(long_pipeline(1000))
-    start = motion.states[0].r_hill
-    assert np.linalg.norm(motion.states[-1].r_hill - start) < 1e-9
+    start = motion.state(0).r_hill
+    assert np.linalg.norm(motion.state(-1).r_hill - start) < 1e-9
 
 
 def test_memory_table_shows_growth() -> None:

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
-from pcnav.simulation.recording import simulate
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
 from pcnav.viewer.browser import find_browser
 
@@ -49,7 +49,7 @@ def sequence(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path
             },
         }
     )
-    simulate(pipeline, load_target(repository / "meshes" / "boxsat.obj"), folder)
+    Scene.showing(load_target(repository / "meshes" / "boxsat.obj"), pipeline).write(folder)
     return folder
 
 

@@ -17,7 +17,7 @@ from pcnav.evaluation.observability.sources import (
 )
 from pcnav.feature_pipeline import run_features
 from pcnav.runs.results import PIPELINE_FILE
-from pcnav.simulation.feature_recording import simulate_tracks
+from pcnav.simulation.simulate import simulate
 
 
 def _short(name: str, frames: int) -> tuple[Path, Pipeline]:
@@ -65,7 +65,7 @@ def test_attitudes_of_a_pipeline_with_a_wanted_value():
 def bank_run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("observability")
     _, pipeline = _short("segal2011", 40)
-    simulate_tracks(pipeline, folder / "recording")
+    simulate(pipeline).write(folder / "recording")
     run_features(folder / "recording", folder / "run", pipeline)
     return folder / "run"
 

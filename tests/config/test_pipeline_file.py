@@ -68,6 +68,10 @@ def test_what_a_file_says_replaces_the_default_and_nothing_else(tmp_path: Path) 
         ("[perception]\nminimum_plane_points = 9\n", "perception.minimum_plane_points", "10"),
         ('[perception]\nmeasurements = "planes"\n', "perception.measurements", "refined"),
         ("scenario = 3\n", "scenario", "3"),
+        ("[body]\ninertia_ratios = [1.0, 2.5, 0, 0, 0]\n", "body.inertia_ratios", "physical"),
+        ("[body]\ninertia_ratios = [1.0, 1.0, 1.2, 0, 0]\n", "body.inertia_ratios", "physical"),
+        ("[camera]\nboresight_hill = [0, 0, 0]\n", "camera.boresight_hill", "a direction"),
+        ("[stereo]\nboresight_hill = [0, 0, 0]\n", "stereo.boresight_hill", "a direction"),
         ("seed = \n", "file", "valid TOML"),
     ],
 )

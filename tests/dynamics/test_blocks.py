@@ -18,7 +18,7 @@ from pcnav.dynamics.blocks import (
     Layout,
 )
 from pcnav.dynamics.trajectory import Trajectory, empty_values
-from pcnav.recordings.state_table import STATE_COLUMNS
+from pcnav.recordings.truth import STATE_COLUMNS
 
 
 def test_the_layout_of_the_depth_filter_is_that_of_its_state() -> None:

@@ -13,11 +13,15 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
+from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.image_motion.chain import chain_frames
 from pcnav.perception import feature_tracking
 from pcnav.perception.feature_tracking import FeatureTracker, track_features
-from pcnav.recordings.images import GreyImage, open_images
-from pcnav.simulation.images import ImageMotion, ImageRenderer, render_images, write_images
+from pcnav.recordings.images import GreyImage, open_images, write_images
+from pcnav.recordings.monocular_tracks import CameraFacts
+from pcnav.simulation.images import ImageMotion, RenderedImages
+from pcnav.simulation.shading import ImageRenderer
 from pcnav.target.rendering import DepthRenderer
 
 pytest.importorskip("cv2", reason="the extra `images` is not installed")
@@ -90,11 +94,12 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ImageMotion
     R = exp_rotation(np.deg2rad(times_s[:, None] * [0.9, 1.2, 0.5])) @ start
     place = np.broadcast_to([0.0, 0.0, 8.0], (8, 3))
     at_rest = np.broadcast_to(np.eye(3), (8, 3, 3))
-    motion = ImageMotion(times_s, make_transform(R, place), at_rest, np.array([0.3, -0.4, -1.0]))
+    truth = Trajectory(times_s, POSE_LAYOUT, T_cam_target=make_transform(R, place))
+    motion = ImageMotion(truth, at_rest, np.array([0.3, -0.4, -1.0]))
     camera = PinholeCamera(480, 480, 1100.0, 1100.0, 239.5, 239.5)
     renderer = ImageRenderer(mesh, camera, ShadingTable(texture_cell_m=0.1, ambient=0.4), seed=3)
     out = tmp_path_factory.mktemp("images") / "box"
-    write_images(out, camera, 0.3, render_images(renderer, motion, 0))
+    write_images(out, CameraFacts(camera, 0.3), RenderedImages("box", renderer, motion, 0))
     return out, motion, mesh
 
 
@@ -105,8 +110,8 @@ def test_tracks_of_rendered_images_stay_on_the_target(
     images = open_images(folder)
     camera = images.camera
     start, *later = track_features(images, camera, FeatureTrackerTable(spacing_px=6.0))
-    first = DepthRenderer(mesh, camera).render(motion.T_cam_model[0])
-    for frame, T in zip(later, motion.T_cam_model[1:], strict=True):
+    first = DepthRenderer(mesh, camera).render(motion.truth.poses[0])
+    for frame, T in zip(later, motion.truth.poses[1:], strict=True):
         common, i, j = np.intersect1d(start.features, frame.features, return_indices=True)
         assert len(common) >= 20
         rays = (start.pixels[i] - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
@@ -114,7 +119,7 @@ def test_tracks_of_rendered_images_stay_on_the_target(
         u, v = np.rint(start.pixels[i]).astype(int).T
         planes = first.inverse_depth_planes[first.triangle[v, u]]
         p_first = rays / np.sum(planes * rays, axis=1)[:, None]
-        move = T @ np.linalg.inv(motion.T_cam_model[0])
+        move = T @ np.linalg.inv(motion.truth.poses[0])
         p = p_first @ move[:3, :3].T + move[:3, 3]
         expected = p[:, :2] / p[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
         off = np.linalg.norm(expected - frame.pixels[j], axis=1)
@@ -132,7 +137,7 @@ def test_attitude_from_rendered_images(
     frames = track_features(images, images.camera, table)
     last = chain_frames(images.camera, table.pixel_sigma_px, frames, ImageMotionTable())[-1]
     assert last.R_world_body is not None and last.covariance is not None
-    R = motion.T_cam_model[:, :3, :3]
+    R = motion.truth.poses[:, :3, :3]
     off = log_rotation(last.R_world_body.T @ (R[-1] @ R[0].T))
     # Eleven degrees turned.
     assert np.rad2deg(np.linalg.norm(off)) < 0.3

@@ -10,17 +10,16 @@ from PIL import Image
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation
+from pcnav.recordings.attitudes import write_camera_attitudes
 from pcnav.recordings.images import is_image_sequence, open_images
-from pcnav.recordings.monocular import (
+from pcnav.recordings.monocular_tracks import (
     CameraFacts,
-    MonocularFrame,
-    MonocularTracks,
     is_monocular_recording,
-    read_monocular,
-    write_camera_attitudes,
+    read_monocular_tracks,
     write_camera_file,
-    write_monocular,
+    write_monocular_tracks,
 )
+from pcnav.recordings.tracks import MonocularTracks, TrackFrame
 
 CAMERA = PinholeCamera(64, 48, 100.0, 101.0, 31.0, 24.0)
 
@@ -142,7 +141,7 @@ def recording() -> MonocularTracks:
         CAMERA,
         0.15,
         tuple(
-            MonocularFrame(
+            TrackFrame(
                 0.5 * k,
                 exp_rotation(np.array([0.0, 0.1 * k, 0.0])),
                 rng.permutation(40)[:n],
@@ -155,11 +154,11 @@ def recording() -> MonocularTracks:
 
 def test_a_recording_comes_back_as_it_was(tmp_path: Path) -> None:
     tracks = recording()
-    write_monocular(tmp_path / "rec", tracks)
+    write_monocular_tracks(tmp_path / "rec", tracks)
     assert is_monocular_recording(tmp_path / "rec")
     assert not is_image_sequence(tmp_path / "rec")
     for path in (tmp_path / "rec", tmp_path / "rec" / "tracks.csv"):
-        again = read_monocular(path)
+        again = read_monocular_tracks(path)
         assert (again.name, again.camera, again.pixel_sigma_px) == ("rec", CAMERA, 0.15)
         for frame, other in zip(tracks.frames, again.frames, strict=True):
             assert other.time_s == frame.time_s
@@ -167,7 +166,7 @@ def test_a_recording_comes_back_as_it_was(tmp_path: Path) -> None:
             assert np.array_equal(other.pixels, frame.pixels)
             assert other.R_cam_world == pytest.approx(frame.R_cam_world, abs=1e-14)
     with pytest.raises(InputError, match="overwrite"):
-        write_monocular(tmp_path / "rec", tracks)
+        write_monocular_tracks(tmp_path / "rec", tracks)
 
 
 @pytest.mark.parametrize(
@@ -181,10 +180,10 @@ def test_a_recording_comes_back_as_it_was(tmp_path: Path) -> None:
     ],
 )
 def test_bad_rows_are_refused_with_their_line(tmp_path: Path, row: str, message: str) -> None:
-    write_monocular(tmp_path / "rec", recording())
+    write_monocular_tracks(tmp_path / "rec", recording())
     with (tmp_path / "rec" / "tracks.csv").open("a") as file:
         # The last time of the recording is 1.0 s.
         file.write(row.replace("1.0,", "1.5,", 2 if "\n" in row else 1) + "\n")
     with pytest.raises(InputError, match=message) as caught:
-        read_monocular(tmp_path / "rec")
+        read_monocular_tracks(tmp_path / "rec")
     assert "line" in str(caught.value)

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,20 @@ from scipy.spatial.transform import Rotation
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform
-from pcnav.dynamics.blocks import ATTITUDE, POSITION
-from pcnav.dynamics.state import NavigationState
+from pcnav.dynamics.blocks import (
+    ATTITUDE,
+    CENTRE,
+    MASS_CENTRE_LAYOUT,
+    POSITION,
+    RATE,
+    RATIOS,
+    VELOCITY,
+)
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.bop import BopSequence
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
 from pcnav.recordings.truth import read_truth
-from pcnav.recordings.writer import SequenceWriter
+from pcnav.recordings.writer import write_sequence
 
 CAMERA = PinholeCamera.from_field_of_view(12, 9, 0.4)
 STEP_M = 0.001
@@ -34,27 +43,31 @@ def example_frame(k: int) -> Frame:
     return Frame(k, k / 3.0, depth_m, CAMERA, T_cam_world)
 
 
-def example_state(k: int) -> NavigationState:
-    rng = np.random.default_rng(100 + k)
-    r, v, com, omega = rng.standard_normal((4, 3))
-    return NavigationState(r, v, com, rotation(50 + k), omega, rng.standard_normal(5))
-
-
-def example_pose(k: int) -> np.ndarray:
-    return make_transform(rotation(200 + k), np.array([0.1 * k, -0.2, 20.0]))
+def example_truth(frames: int = 4) -> Trajectory:
+    rng = np.random.default_rng(100)
+    r, v, com, omega = rng.standard_normal((4, frames, 3))
+    values = {
+        POSITION.name: r,
+        VELOCITY.name: v,
+        CENTRE.name: com,
+        ATTITUDE.name: np.stack([rotation(50 + k) for k in range(frames)]),
+        RATE.name: omega,
+        RATIOS.name: rng.standard_normal((frames, 5)),
+    }
+    poses = [
+        make_transform(rotation(200 + k), np.array([0.1 * k, -0.2, 20.0])) for k in range(frames)
+    ]
+    times_s = np.arange(frames) / 3.0
+    return Trajectory(times_s, MASS_CENTRE_LAYOUT, values, T_cam_target=np.stack(poses))
 
 
 def info() -> SequenceInfo:
     return SequenceInfo('näme "quoted"', 0.0011, 0.02, None)
 
 
-def write(path: Path, frames: int = 4, overwrite: bool = False, truth: bool = True) -> None:
-    with SequenceWriter(path, info(), STEP_M, overwrite) as writer:
-        for k in range(frames):
-            if truth:
-                writer.write(example_frame(k), example_state(k), example_pose(k))
-            else:
-                writer.write(example_frame(k))
+def write(path: Path, frames: int = 4, overwrite: bool = False) -> None:
+    made = (example_frame(k) for k in range(frames))
+    write_sequence(path, info(), STEP_M, made, example_truth(frames), overwrite)
 
 
 def test_round_trip(tmp_path: Path) -> None:
@@ -64,10 +77,13 @@ def test_round_trip(tmp_path: Path) -> None:
     prior = InitialPrior(com_model_m=np.array([0.1, 0.2, -0.3]), com_sd_m=np.full(3, 0.05))
     stated = SequenceInfo('näme "quoted" \\', 0.0011, 0.02, mesh, prior)
     path = tmp_path / "out" / "deep" / "seq"
-    with SequenceWriter(path, stated, STEP_M) as writer:
-        assert not path.exists()
+
+    def frames() -> Iterator[Frame]:
         for k in range(4):
-            writer.write(example_frame(k))
+            assert not path.exists()
+            yield example_frame(k)
+
+    write_sequence(path, stated, STEP_M, frames())
     sequence = BopSequence(path)
     assert sequence.info.name == stated.name
     assert sequence.info.target_mesh == sequence.path / mesh.name
@@ -111,18 +127,13 @@ def test_truth_round_trip(tmp_path: Path) -> None:
     write(tmp_path / "seq")
     truth = read_truth(tmp_path / "seq")
     assert truth is not None
-    states = [example_state(k) for k in range(4)]
-    assert ATTITUDE in truth
     assert truth.T_cam_target is not None
-    np.testing.assert_array_equal(truth.time_s, np.arange(4) / 3.0)
-    for name in ("r_hill", "v_hill", "com_model", "omega_body", "inertia_ratios"):
-        np.testing.assert_array_equal(truth.values[name], [getattr(s, name) for s in states])
-    np.testing.assert_allclose(
-        truth[ATTITUDE], np.stack([s.R_world_body for s in states]), atol=1e-14
-    )
-    np.testing.assert_allclose(
-        truth.T_cam_target, np.stack([example_pose(k) for k in range(4)]), atol=1e-13
-    )
+    expected = example_truth()
+    np.testing.assert_array_equal(truth.time_s, expected.time_s)
+    for block in (POSITION, VELOCITY, CENTRE, RATE, RATIOS):
+        np.testing.assert_array_equal(truth[block], expected[block])
+    np.testing.assert_allclose(truth[ATTITUDE], expected[ATTITUDE], atol=1e-14)
+    np.testing.assert_allclose(truth.T_cam_target, expected.poses, atol=1e-13)
 
 
 def test_partial_truth(tmp_path: Path) -> None:
@@ -159,11 +170,11 @@ def test_partial_truth(tmp_path: Path) -> None:
     ("line", "column", "value", "words"),
     [
         (2, 3, "nan", "finite"),
-        (3, 5, "fast", "22 numbers"),
+        (3, 5, "fast", "a number, got 'fast'"),
         (1, 7, "3.0", "unit quaternion"),
         (2, 0, "0.0", "times that increase"),
         (4, 0, "9.0", "times of the frames"),
-        (0, 1, "r_m", "columns"),
+        (0, 1, "r_m", "a column r_x_m"),
     ],
 )
 def test_truth_faults(tmp_path: Path, line: int, column: int, value: str, words: str) -> None:
@@ -211,39 +222,31 @@ def test_only_sequences_are_ever_replaced(tmp_path: Path) -> None:
 def test_nothing_is_left_after_an_exception(tmp_path: Path) -> None:
     path = tmp_path / "new" / "seq"
     for error in (RuntimeError, KeyboardInterrupt):
-        with pytest.raises(error), SequenceWriter(path, info(), STEP_M) as writer:
-            writer.write(example_frame(0))
-            raise error
+        with pytest.raises(error):
+            write_sequence(path, info(), STEP_M, interrupted(error))
         assert list(tmp_path.iterdir()) == []
     with pytest.raises(ValueError, match="no frame"):
-        write(path, frames=0)
+        write_sequence(path, info(), STEP_M, [])
     assert list(tmp_path.iterdir()) == []
     # A failed replacement leaves the old sequence whole.
     write(path, frames=3)
-    with pytest.raises(RuntimeError), SequenceWriter(path, info(), STEP_M, True) as writer:
-        raise RuntimeError
+    with pytest.raises(RuntimeError):
+        write_sequence(path, info(), STEP_M, interrupted(RuntimeError), overwrite=True)
     assert len(BopSequence(path)) == 3
     assert [p.name for p in path.parent.iterdir()] == ["seq"]
+
+
+def interrupted(error: type[BaseException]) -> Iterator[Frame]:
+    yield example_frame(0)
+    raise error
 
 
 def test_misuse_and_depth_out_of_range(tmp_path: Path) -> None:
     far = example_frame(0)
     far.depth_m[4, 4] = 66.0
-    with (
-        pytest.raises(InputError, match=r"between 0 and 65\.535 m .* got 66 m in frame 0"),
-        SequenceWriter(tmp_path / "a", info(), STEP_M) as writer,
-    ):
-        writer.write(far)
-    with (
-        pytest.raises(ValueError, match="frame 0 after frame 1"),
-        SequenceWriter(tmp_path / "a", info(), STEP_M) as writer,
-    ):
-        writer.write(example_frame(1))
-        writer.write(example_frame(0))
-    with (
-        pytest.raises(ValueError, match="for all frames or for none"),
-        SequenceWriter(tmp_path / "a", info(), STEP_M) as writer,
-    ):
-        writer.write(example_frame(0))
-        writer.write(example_frame(1), example_state(1))
-    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match=r"between 0 and 65\.535 m .* got 66 m in frame 0"):
+        write_sequence(tmp_path / "a", info(), STEP_M, [far])
+    with pytest.raises(ValueError, match="frame 0 after frame 1"):
+        write_sequence(tmp_path / "a", info(), STEP_M, [example_frame(1), example_frame(0)])
+    with pytest.raises(ValueError, match="zip"):
+        write_sequence(tmp_path / "a", info(), STEP_M, [example_frame(0)], example_truth(2))

@@ -11,20 +11,19 @@ from pcnav.config.sensors import ImageCameraTable, ShadingTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.camera import PinholeCamera, project
 from pcnav.core.spatial import exp_rotation, make_transform, transform_points
-from pcnav.recordings.images import open_images
+from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.recordings.images import open_images, write_images
+from pcnav.recordings.monocular_tracks import CameraFacts
 from pcnav.simulation.images import (
     ImageMotion,
-    ImageRenderer,
-    Texture,
+    RenderedImages,
     TrackFaults,
-    image_camera,
     monocular_tracks,
-    motion_of,
-    render_images,
     surface_points,
-    write_images,
 )
-from pcnav.simulation.scenario import true_motion
+from pcnav.simulation.motion import true_motion
+from pcnav.simulation.shading import ImageRenderer, Texture
 from pcnav.target.mesh import read_mesh
 
 CAMERA = PinholeCamera(80, 60, 100.0, 100.0, 39.5, 29.5)
@@ -87,20 +86,20 @@ def test_a_scenario_is_written_and_read_back(tmp_path: Path) -> None:
     scenario = pipeline.scenario.model_copy(update={"frames": 2})
     truth = true_motion(pipeline.model_copy(update={"scenario": scenario}))
     shading = ShadingTable(supersampling=1)
-    moves = motion_of(truth, shading)
-    assert moves.T_cam_model[1] == pytest.approx(truth.T_cam_model(1))
+    moves = ImageMotion.of(truth, shading)
     mesh_path = shipped_mesh("boxsat")
     assert mesh_path is not None
     camera = PinholeCamera(200, 200, 600.0, 600.0, 99.5, 99.5)
     renderer = ImageRenderer(read_mesh(mesh_path), camera, shading)
     out = tmp_path / "images"
-    count = write_images(out, camera, 0.3, render_images(renderer, moves, 0), states=truth.states)
+    rendered = RenderedImages("demo", renderer, moves, 0)
+    count = write_images(out, CameraFacts(camera, 0.3), rendered, truth.truth)
     assert count == 2 and (out / "truth.csv").read_text().count("\n") == 3
     images = open_images(out)
     assert images.R_cam_world == pytest.approx(moves.R_cam_world, abs=1e-12)
     # The same picture comes back, and it shows the target.
     shown = [image for _, _, image in images]
-    again = [image for _, _, image in render_images(renderer, moves, 0)]
+    again = [image for _, _, image in rendered]
     assert all(np.array_equal(a, b) for a, b in zip(shown, again, strict=True))
     assert (shown[0] > 40).sum() > 500
 
@@ -120,7 +119,8 @@ def motion(frames: int = 20) -> ImageMotion:
     R = exp_rotation(times_s[:, None] * [0.0, 0.1, 0.0])
     T = make_transform(R, np.broadcast_to([0.0, 0.0, 20.0], (frames, 3)))
     at_rest = np.broadcast_to(np.eye(3), (frames, 3, 3))
-    return ImageMotion(times_s, T, at_rest, np.array([0.0, 0.0, -1.0]))
+    truth = Trajectory(times_s, POSE_LAYOUT, T_cam_target=T)
+    return ImageMotion(truth, at_rest, np.array([0.0, 0.0, -1.0]))
 
 
 def sphere(count: int = 50) -> tuple[np.ndarray, np.ndarray]:
@@ -130,13 +130,13 @@ def sphere(count: int = 50) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_tracks_are_projections_of_the_points_that_face_the_camera() -> None:
-    camera = image_camera(ImageCameraTable())
+    camera = ImageCameraTable().pinhole
     assert (camera.fx, camera.width) == (2909.0, 2048)
     points, normals = sphere()
     moves = motion()
     rng = np.random.default_rng(4)
     tracks = monocular_tracks(camera, moves, (points, normals), TrackFaults(), rng)
-    for frame, T in zip(tracks.frames, moves.T_cam_model, strict=True):
+    for frame, T in zip(tracks.frames, moves.truth.poses, strict=True):
         p = transform_points(T, points)[frame.features % 50]
         assert frame.pixels == pytest.approx(project(camera, p))
         assert np.all(np.sum(normals[frame.features % 50] @ T[:3, :3].T * p, axis=1) < 0.0)
@@ -154,7 +154,7 @@ def motion_frames(camera: PinholeCamera) -> tuple:
 
 
 def test_noise_ends_and_wrong_matches_are_as_asked_for() -> None:
-    camera = image_camera(ImageCameraTable())
+    camera = ImageCameraTable().pinhole
     clean = monocular_tracks(camera, motion(), sphere(400), TrackFaults(), np.random.default_rng(5))
     noisy = TrackFaults(0.4)
     rng = np.random.default_rng(5)

@@ -14,7 +14,7 @@ from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.recordings.bop import BopSequence
 from pcnav.recordings.truth import read_truth
-from pcnav.simulation.recording import simulate
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
 
 N = 0.001
@@ -58,11 +58,10 @@ def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target
     told: list[tuple[int, int]] = []
     pipeline = Pipeline.model_validate(TABLES)
     out = tmp_path / "seq"
-    summary = simulate(
-        pipeline, target, out, on_frame=lambda done, total: told.append((done, total))
-    )
+    scene = Scene.showing(target, pipeline)
+    summary = scene.write(out, on_frame=lambda done, total: told.append((done, total)))
     assert told == [(k + 1, 6) for k in range(6)]
-    assert (summary.frames, summary.empty_frames) == (6, 0)
+    assert summary.startswith(f"sequence: {out} (6 frames, ")
     sequence, truth = BopSequence(out), read_truth(out)
     assert truth is not None
     assert truth.T_cam_target is not None
@@ -79,7 +78,7 @@ def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target
 
 
 def test_states_poses_and_camera_agree(tmp_path: Path, target: Target) -> None:
-    simulate(Pipeline.model_validate(TABLES), target, tmp_path / "seq")
+    Scene.showing(target, Pipeline.model_validate(TABLES)).write(tmp_path / "seq")
     sequence, truth = BopSequence(tmp_path / "seq"), read_truth(tmp_path / "seq")
     assert truth is not None
     assert POSITION in truth
@@ -99,8 +98,8 @@ def test_states_poses_and_camera_agree(tmp_path: Path, target: Target) -> None:
 def test_same_pipeline_same_bytes(tmp_path: Path, target: Target) -> None:
     pipeline = Pipeline.model_validate(TABLES)
     for name in ("a", "b"):
-        simulate(pipeline, target, tmp_path / name / "seq")
-    simulate(pipeline.model_copy(update={"seed": 4}), target, tmp_path / "c" / "seq")
+        Scene.showing(target, pipeline).write(tmp_path / name / "seq")
+    Scene.showing(target, pipeline.model_copy(update={"seed": 4})).write(tmp_path / "c" / "seq")
     files = [p.relative_to(tmp_path / "a") for p in sorted((tmp_path / "a").rglob("*.*"))]
     assert len(files) == 11
     for file in files:
@@ -115,19 +114,18 @@ def test_faults_leave_nothing_behind(
     before = sorted(tmp_path.iterdir())
     fine = Pipeline.model_validate({**TABLES, "noise": {"quantisation_m": 1e-4}})
     with pytest.raises(InputError, match="16 bits"):
-        simulate(fine, target, tmp_path / "seq")
-    heavy = Pipeline.model_validate({**TABLES, "body": {"inertia_ratios": [3.0, 1.0, 0, 0, 0]}})
-    with pytest.raises(InputError, match=r"my\.toml: body\.inertia_ratios"):
-        simulate(heavy, target, tmp_path / "seq", source="my.toml")
+        Scene.showing(target, fine).write(tmp_path / "seq")
     assert sorted(tmp_path.iterdir()) == before
     away = Pipeline.model_validate({**TABLES, "camera": {"boresight_hill": [-1, 0, 0]}})
-    assert simulate(away, target, tmp_path / "seq").empty_frames == 6
+    told = Scene.showing(target, away).write(tmp_path / "seq")
+    assert told.endswith("(6 frames, 0 returns each)")
     assert "outside the image in 6 of 6 frames" in caplog.text
     assert not BopSequence(tmp_path / "seq").frame(0).depth_m.any()
 
 
 def test_noiseless_sensor_states_its_rounding(tmp_path: Path, target: Target) -> None:
     exact = {"range_sigma_m": 0.0, "quantisation_m": 0.002}
-    simulate(Pipeline.model_validate({**TABLES, "noise": exact}), target, tmp_path / "seq")
+    pipeline = Pipeline.model_validate({**TABLES, "noise": exact})
+    Scene.showing(target, pipeline).write(tmp_path / "seq")
     stated = BopSequence(tmp_path / "seq").info.range_sigma_m
     assert stated == pytest.approx(0.002 / np.sqrt(12.0))

@@ -7,7 +7,8 @@ import pytest
 
 from pcnav.config.pipeline_file import read_pipeline
 from pcnav.config.shipped import shipped_mesh
-from pcnav.simulation.scenario import pinhole_camera, true_motion
+from pcnav.dynamics.blocks import RATE
+from pcnav.simulation.motion import true_motion
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import load_target
 
@@ -30,11 +31,12 @@ def test_shipped_scenario(name: str) -> None:
     assert np.abs(pipeline.body.inertia_ratios[2:]).min() > 0.01
 
     motion = true_motion(pipeline, name)
-    turned = np.trapezoid([np.linalg.norm(s.omega_body) for s in motion.states], motion.times_s)
+    speed = np.linalg.norm(motion.truth[RATE], axis=1)
+    turned = np.trapezoid(speed, motion.truth.time_s)
     assert turned > np.deg2rad(180.0)
-    renderer = DepthRenderer(target.mesh, pinhole_camera(pipeline.camera))
-    for k in np.linspace(0, len(motion.states) - 1, RENDERED).astype(int).tolist():
-        seen = renderer.render(motion.T_cam_model(k)).triangle >= 0
+    renderer = DepthRenderer(target.mesh, pipeline.camera.pinhole)
+    for k in np.linspace(0, len(motion) - 1, RENDERED).astype(int).tolist():
+        seen = renderer.render(motion.truth.poses[k]).triangle >= 0
         assert seen.sum() > 1500
         rim = [seen[0], seen[-1], seen[:, 0], seen[:, -1]]
         assert not np.concatenate(rim).any()

@@ -13,7 +13,7 @@ from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
 from pcnav.dynamics.rigid_body import is_physical_inertia
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 from studies import run_study
 from studies.segal2011 import paper
 from studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share

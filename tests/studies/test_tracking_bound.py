@@ -22,8 +22,8 @@ from pcnav.evaluation.bound import (
     predicted,
     prior_covariance,
 )
+from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.random_truth import satellite
-from pcnav.simulation.scenario import TrueMotion, true_motion
 from studies.following import errors_of_pose
 
 MEAN_MOTION = 0.0011
@@ -51,7 +51,7 @@ def positive(size: int, generator: np.random.Generator, rank: int | None = None)
 
 
 def test_pose_jacobian_is_the_derivative_of_the_pose_error(motion: TrueMotion) -> None:
-    state, k = motion.states[5], 5
+    state, k = motion.state(5), 5
     H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k])
 
     def pose(of: NavigationState) -> FloatArray:
@@ -95,16 +95,17 @@ def test_recursion_is_the_last_block_of_the_whole_information_matrix() -> None:
 def test_bound_of_a_motion_is_the_information_gathered_along_it(motion: TrueMotion) -> None:
     """Without process noise all information can be carried back to the first frame and summed."""
     generator = np.random.default_rng(5)
-    given = [1e4 * positive(6, generator, 5) for _ in motion.states]
-    prior = prior_covariance(satellite("boxsat").target, motion.states[0].inertia_ratios)
+    given = [1e4 * positive(6, generator, 5) for _ in range(len(motion))]
+    prior = prior_covariance(satellite("boxsat").target, motion.state(0).inertia_ratios)
     model = MassCentreModel(MEAN_MOTION, 0.0, 0.0)
     found = posterior_bound(model, motion, lambda k, covariance: given[k], prior)
     gathered, carried = np.linalg.inv(prior), np.eye(STATE_SIZE)
-    for k, state in enumerate(motion.states):
+    for k in range(len(motion)):
+        state = motion.state(k)
         if k > 0:
-            before = float(motion.times_s[k - 1])
-            step = float(motion.times_s[k]) - before
-            _, transition, _ = model.propagate(motion.states[k - 1], before, step)
+            before = float(motion.truth.time_s[k - 1])
+            step = float(motion.truth.time_s[k]) - before
+            _, transition, _ = model.propagate(motion.state(k - 1), before, step)
             carried = transition @ carried
         H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k]) @ carried
         gathered = gathered + H.T @ given[k] @ H
@@ -115,7 +116,7 @@ def test_bound_of_a_motion_is_the_information_gathered_along_it(motion: TrueMoti
 
 
 def test_frames_are_asked_with_what_the_prediction_leaves_open(motion: TrueMotion) -> None:
-    prior = prior_covariance(satellite("boxsat").target, motion.states[0].inertia_ratios)
+    prior = prior_covariance(satellite("boxsat").target, motion.state(0).inertia_ratios)
     model = MassCentreModel(MEAN_MOTION, 1e-6, 1e-6)
     asked: list[FloatArray] = []
 
@@ -124,14 +125,14 @@ def test_frames_are_asked_with_what_the_prediction_leaves_open(motion: TrueMotio
         return np.zeros((6, 6)) if k % 2 else 1e6 * np.eye(6)
 
     bounds = posterior_bound(model, motion, information, prior)
-    assert len(asked) == len(motion.states)
+    assert len(asked) == len(motion)
     sd = [np.sqrt(np.diag(covariance)) for covariance in asked]
     assert sd[0][:3] == pytest.approx(10.0, rel=0.02) and sd[0][3:] == pytest.approx(2.0)
     seen, unseen = (np.trace(bounds[k]) for k in (6, 7))
     assert unseen > seen
     # A frame of 1 mm and 1 mrad leaves no pose less certain than that.
     assert np.all(sd[-1] < 0.1)
-    H = pose_jacobian(motion.states[6], motion.T_cam_world[6], motion.R_hill_world[6])
+    H = pose_jacobian(motion.state(6), motion.T_cam_world[6], motion.R_hill_world[6])
     assert np.all(np.diag(H @ bounds[6] @ H.T) < 1.0001e-6)
 
 
@@ -152,7 +153,7 @@ def test_a_turn_that_is_known_leaves_no_doubt_of_the_lever() -> None:
 
 
 def test_prior_in_the_filter_s_parameters_is_the_target_s_in_ratios(motion: TrueMotion) -> None:
-    target, state = satellite("boxsat").target, motion.states[0]
+    target, state = satellite("boxsat").target, motion.state(0)
     prior = ratio_covariance(state, prior_covariance(target, state.inertia_ratios))
     ratios = prior[INERTIA_RATIOS, INERTIA_RATIOS]
     np.testing.assert_allclose(ratios, target.inertia_ratio_sd**2 * np.eye(5), atol=1e-12)

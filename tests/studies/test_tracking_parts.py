@@ -13,10 +13,9 @@ from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle, tra
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.dynamics.state import STATE_SIZE
 from pcnav.recordings.opening import open_sequence
+from pcnav.simulation.depth import Scene
+from pcnav.simulation.motion import true_motion
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
-from pcnav.simulation.recording import simulate
-from pcnav.simulation.scenario import pinhole_camera, true_motion
-from pcnav.simulation.scene import Scene
 from pcnav.target.mesh import mesh_diameter
 from studies.blocks import BLOCKS
 from studies.following import JudgedRun, errors_of_pose, status_sequence, status_shares
@@ -95,11 +94,11 @@ def test_attitudes_are_uniform_on_the_rotations() -> None:
 def test_targets_are_in_view(name: str) -> None:
     of = satellite(name)
     factor = of.target.diameter_m / satellite("boxsat").target.diameter_m
-    camera = pinhole_camera(of.pipeline.camera)
+    camera = of.pipeline.camera.pinhole
     size = np.array([camera.width, camera.height])
     for seed in range(40):
         truth = random_truth(of, SPREAD.scaled(factor), seed, frames=1, frame_rate_hz=5.0)
-        T_cam_model = true_motion(truth).T_cam_model(0)
+        T_cam_model = true_motion(truth).truth.poses[0]
         middle = transform_points(T_cam_model, of.target.mesh.bounds.mean(axis=0)[None])
         assert 10.0 * factor <= middle[0, 2] <= 30.0 * factor
         assert np.all(np.abs(project(camera, middle)[0] - 0.5 * size) < 0.5 * size)
@@ -118,7 +117,7 @@ def test_an_unknown_satellite_is_refused() -> None:
 def test_frames_in_memory_are_those_of_a_recording(tmp_path: Path) -> None:
     of = satellite("boxsat")
     truth = random_truth(of, SPREAD, 11, frames=3, frame_rate_hz=5.0)
-    simulate(truth, of.target, tmp_path / "sequence")
+    Scene.showing(of.target, truth).write(tmp_path / "sequence")
     recorded = open_sequence(tmp_path / "sequence")
     scene = Scene.of(truth, of.target.mesh)
     assert scene.info.range_sigma_m == recorded.info.range_sigma_m

@@ -9,7 +9,7 @@ from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.perception.rectangles import distribution, observe_cloud
-from pcnav.simulation.scenario import true_motion
+from pcnav.simulation.motion import true_motion
 from studies.yu2019 import extraction, paper
 from studies.yu2019.clouds import (
     CloudSensor,
@@ -155,10 +155,11 @@ def test_disturbances_have_the_strength_the_filter_assumes() -> None:
     steps = []
     for seed in range(3):
         motion = disturbed_motion(pipeline, model_of(pipeline), seed)
-        momentum = [s.R_world_body @ inertia @ s.omega_body for s in motion.states]
+        states = [motion.state(k) for k in range(len(motion))]
+        momentum = [s.R_world_body @ inertia @ s.omega_body for s in states]
         body = [
             np.linalg.solve(inertia, s.R_world_body.T @ (after - before))
-            for s, before, after in zip(motion.states[1:], momentum, momentum[1:], strict=False)
+            for s, before, after in zip(states[1:], momentum, momentum[1:], strict=False)
         ]
         steps += body
     assert np.std(steps, axis=0) == pytest.approx(np.sqrt(density), rel=0.2)

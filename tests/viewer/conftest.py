@@ -6,7 +6,7 @@ import pytest
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.pipeline import run
-from pcnav.simulation.recording import simulate
+from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
@@ -34,7 +34,8 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Pa
     """A result folder, beside the sequence that it was made from."""
     base = tmp_path_factory.mktemp("viewer")
     pipeline = small_pipeline()
-    simulate(pipeline, load_target(repository / "meshes" / "boxsat.obj"), base / "sequence")
+    target = load_target(repository / "meshes" / "boxsat.obj")
+    Scene.showing(target, pipeline).write(base / "sequence")
     run(base / "sequence", base / "result", pipeline)
     return base / "result"
 

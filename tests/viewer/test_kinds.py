@@ -14,9 +14,7 @@ from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core import chi_square
 from pcnav.dynamics.blocks import RATE
-from pcnav.simulation.attitude_recording import simulate_attitudes
-from pcnav.simulation.feature_recording import simulate_tracks
-from pcnav.simulation.image_recording import simulate_images
+from pcnav.simulation.simulate import simulate
 from pcnav.viewer.controls import available_layers
 from pcnav.viewer.curves import Chart, groups_of
 from pcnav.viewer.live import LiveView
@@ -62,7 +60,7 @@ def _pipeline(name: str, frames: int) -> tuple[Path, Pipeline]:
 def _stereo(name: str) -> Callable[[Path, int], Work]:
     def work(folder: Path, frames: int) -> Work:
         path, pipeline = _pipeline(name, frames)
-        simulate_tracks(pipeline, folder / "recording", False, path)
+        simulate(pipeline, path).write(folder / "recording")
         return tracks_run(folder / "recording", path, pipeline, folder / "result", False)
 
     return work
@@ -70,13 +68,13 @@ def _stereo(name: str) -> Callable[[Path, int], Work]:
 
 def _images(folder: Path, frames: int) -> Work:
     path, pipeline = _pipeline("applsci2022", frames)
-    simulate_images(pipeline, folder / "recording", False, path)
+    simulate(pipeline, path).write(folder / "recording")
     return images_run(folder / "recording", pipeline, folder / "result", False)
 
 
 def _attitudes(folder: Path, frames: int) -> Work:
     _, pipeline = _pipeline("deng2024", frames)
-    simulate_attitudes(pipeline, folder / "recording")
+    simulate(pipeline).write(folder / "recording")
     return attitudes_run(folder / "recording", pipeline, folder / "result", False)
 
 

@@ -68,7 +68,7 @@ def triangulated(frame: TrackFrame, rig: StereoRig) -> TriangulatedFrame:
     """Triangulate a frame; features whose disparity is not positive are left out."""
     kept = rig.disparity(frame.pixels) > 0.0
     p_rig, noise = rig.triangulate(frame.pixels[kept])
-    R = frame.R_rig_world
+    R = frame.R_cam_world
     return TriangulatedFrame(frame.time_s, frame.features[kept], p_rig @ R, R.T @ noise @ R)
 
 

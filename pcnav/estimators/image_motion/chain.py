@@ -26,7 +26,7 @@ from pcnav.estimators.image_motion.relative import (
     matched,
     measure,
 )
-from pcnav.recordings.monocular import MonocularFrame, MonocularTracks
+from pcnav.recordings.tracks import MonocularTracks, TrackFrame
 
 _UNEXPECTED_SD = 5.0
 """A rotation this far from what the rate promises is not believed."""
@@ -138,7 +138,7 @@ class ImageMotionChain:
         self._last: _Placed | None = None
         self._omega_body: FloatArray | None = None
 
-    def step(self, frame: MonocularFrame) -> ChainFrame:
+    def step(self, frame: TrackFrame) -> ChainFrame:
         """Attitude at a frame. Raises `InputError` for the robust solver without its library."""
         self._number += 1
         points = normalised(self._camera, frame.pixels)
@@ -157,7 +157,7 @@ class ImageMotionChain:
             return max((each[0] for each in found), key=lambda each: each.matches)
         return _empty(frame, max(self._segment, 0))
 
-    def _seen_anew(self, frame: MonocularFrame, shared: int) -> bool:
+    def _seen_anew(self, frame: TrackFrame, shared: int) -> bool:
         """Whether the chain waits for a side of the target that has turned away.
 
         The few features left of it, often of one face, are matched in vain for as long as that
@@ -166,7 +166,7 @@ class ImageMotionChain:
         new = len(frame.features) - shared
         return self._unmeasured > _PATIENCE and new > max(shared, self._settings.min_matches)
 
-    def _references(self, frame: MonocularFrame) -> list[_Placed]:
+    def _references(self, frame: TrackFrame) -> list[_Placed]:
         """What a frame is compared with, the best first."""
         if self._last is None:
             return []
@@ -179,7 +179,7 @@ class ImageMotionChain:
             self._keys = [*self._keys, self._last][-_KEYS_TRIED:]
         return self._keys[::-1]
 
-    def _begin(self, frame: MonocularFrame, points: FloatArray) -> ChainFrame:
+    def _begin(self, frame: TrackFrame, points: FloatArray) -> ChainFrame:
         """A new segment, whose body axes are the camera's."""
         self._segment += 1
         self._unmeasured = 0
@@ -202,7 +202,7 @@ class ImageMotionChain:
             self._omega_body = turn / (placed.time_s - last.time_s)
         self._last = placed
 
-    def _expected(self, frame: MonocularFrame, reference: _Placed) -> Expected | None:
+    def _expected(self, frame: TrackFrame, reference: _Placed) -> Expected | None:
         """What the rate up to now promises of the rotation from the reference."""
         if self._omega_body is None or self._last is None:
             return None
@@ -214,7 +214,7 @@ class ImageMotionChain:
         return Expected(R_cam_body @ reference.R_cam_body.T, max(sd, self._sigma))
 
     def _compared(
-        self, frame: MonocularFrame, points: FloatArray, reference: _Placed
+        self, frame: TrackFrame, points: FloatArray, reference: _Placed
     ) -> tuple[ChainFrame, _Placed]:
         """A frame against a reference; the second is of use where there is an attitude."""
         features, at_first, at_second = matched(reference.features, frame.features)
@@ -272,7 +272,7 @@ def run_chain(tracks: MonocularTracks, settings: ImageMotionTable) -> tuple[Chai
 def chain_frames(
     camera: PinholeCamera,
     pixel_sigma_px: float,
-    frames: Iterable[MonocularFrame],
+    frames: Iterable[TrackFrame],
     settings: ImageMotionTable,
 ) -> tuple[ChainFrame, ...]:
     """Attitudes of frames in order of time."""
@@ -291,7 +291,7 @@ def _believed(relative: RelativeMotion, expected: Expected | None) -> RelativeMo
     return replace(relative, outcome=Outcome.UNEXPECTED, motion=None, gain=None)
 
 
-def _empty(frame: MonocularFrame, segment: int) -> ChainFrame:
+def _empty(frame: TrackFrame, segment: int) -> ChainFrame:
     return ChainFrame(frame.time_s, Outcome.FEW_MATCHES, segment, None, 0, 0, frame.R_cam_world)
 
 

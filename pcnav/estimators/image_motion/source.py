@@ -10,14 +10,12 @@ from pcnav.core.errors import InputError
 from pcnav.estimators.image_motion.chain import ChainFrame, ImageMotionChain
 from pcnav.perception.feature_tracking import track_features
 from pcnav.recordings.images import is_image_sequence, open_images
-from pcnav.recordings.monocular import (
+from pcnav.recordings.monocular_tracks import (
     CAMERA_FILE,
-    MONOCULAR_TRACKS_FILE,
-    MonocularFrame,
-    MonocularTracks,
     is_monocular_recording,
-    read_monocular,
+    read_monocular_tracks,
 )
+from pcnav.recordings.tracks import TRACKS_FILE, MonocularTracks, TrackFrame
 
 OnFrame = Callable[[ChainFrame, int, int], None]
 """Told what became of every frame, how many frames are done, and of how many."""
@@ -34,7 +32,7 @@ class ImageSource:
     """Where its truth would be."""
     camera: PinholeCamera
     pixel_sigma_px: float
-    frames: Iterator[MonocularFrame]
+    frames: Iterator[TrackFrame]
     count: int
     is_images: bool
 
@@ -61,10 +59,10 @@ def open_source(recording: Path, pipeline: Pipeline) -> ImageSource:
         )
     if recording.is_dir() and not (recording / CAMERA_FILE).is_file():
         raise InputError(recording / CAMERA_FILE, "file", "expected the camera of the recording")
-    if not is_monocular_recording(recording) and recording.name != MONOCULAR_TRACKS_FILE:
-        expected = f"expected {MONOCULAR_TRACKS_FILE}, images or a video, with {CAMERA_FILE}"
+    if not is_monocular_recording(recording) and recording.name != TRACKS_FILE:
+        expected = f"expected {TRACKS_FILE}, images or a video, with {CAMERA_FILE}"
         raise InputError(recording, "recording", expected)
-    tracks = read_monocular(recording)
+    tracks = read_monocular_tracks(recording)
     folder = recording.parent if recording.is_file() else recording
     frames, count = iter(tracks.frames), len(tracks.frames)
     sigma_px = tracks.pixel_sigma_px
@@ -76,7 +74,7 @@ def chain_of(
 ) -> tuple[MonocularTracks, list[ChainFrame]]:
     """All frames, and what became of each."""
     chain = ImageMotionChain(source.camera, source.pixel_sigma_px, pipeline.image_motion)
-    frames: list[MonocularFrame] = []
+    frames: list[TrackFrame] = []
     chained: list[ChainFrame] = []
     for frame in source.frames:
         frames.append(frame)

@@ -65,7 +65,7 @@ class InertiaBankEstimator:
         """See `FeatureEstimator`."""
         self._check(frame)
         self._time_s = frame.time_s
-        R_rig_hill = frame.R_rig_world @ self._orbit.R_hill_world(frame.time_s).T
+        R_rig_hill = frame.R_cam_world @ self._orbit.R_hill_world(frame.time_s).T
         if self._bank is None:
             return self._acquire(frame, R_rig_hill)
         result, seen = self._update(self._bank, frame, R_rig_hill)

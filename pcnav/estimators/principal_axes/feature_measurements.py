@@ -33,7 +33,7 @@ class FeatureView:
     ) -> None:
         """``slots`` (n,) are the places in the state of the features of the frame."""
         self._frame, self._rig, self._slots = frame, rig, slots
-        self._R_rig_hill = frame.R_rig_world @ R_hill_world.T
+        self._R_rig_hill = frame.R_cam_world @ R_hill_world.T
         self.R_hill_world = R_hill_world
         self.covariance = rig.pixel_sigma_px**2 * np.eye(4)
         self._state: PrincipalState | None = None
@@ -53,7 +53,7 @@ class FeatureView:
 
     def _evaluated(self, state: PrincipalState) -> tuple[FloatArray, FloatArray]:
         n = len(self._slots)
-        R_rig_body = self._frame.R_rig_world @ state.R_world_body
+        R_rig_body = self._frame.R_cam_world @ state.R_world_body
         points = state.points[self._slots]
         p_rig = points @ R_rig_body.T + self._R_rig_hill @ state.r_hill
         p_rig[:, 2] = np.maximum(p_rig[:, 2], _NEAREST_M)

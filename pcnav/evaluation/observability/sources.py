@@ -14,6 +14,7 @@ from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
 from pcnav.dynamics.inertia_parameters import parameters_of
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, TorqueFreeModel
 from pcnav.estimators.depth.mass import prior_belief
@@ -33,16 +34,16 @@ from pcnav.files.csv_table import read_csv
 from pcnav.files.text_table import TextTable
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Sequence
-from pcnav.recordings.track_files import read_tracks
-from pcnav.recordings.tracks import Tracks
+from pcnav.recordings.stereo_tracks import read_stereo_tracks
+from pcnav.recordings.tracks import StereoTracks
 from pcnav.runs.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS
 from pcnav.runs.image_results import SD_COLUMNS as IMAGE_SD_COLUMNS
 from pcnav.runs.image_results import ImageTrack
 from pcnav.runs.results import PIPELINE_FILE, STATES_FILE, Track, read_track
-from pcnav.simulation.features import feature_scenario, simulate_features
-from pcnav.simulation.image_recording import simulated_tracks
-from pcnav.simulation.recording import stated_range_sigma
-from pcnav.simulation.scenario import camera_rotation, pinhole_camera, true_motion
+from pcnav.simulation.depth import stated_range_sigma
+from pcnav.simulation.images import simulated_tracks
+from pcnav.simulation.motion import true_motion
+from pcnav.simulation.stereo import simulate_stereo
 from pcnav.target.mesh import read_mesh
 from pcnav.target.satellite import Target, load_target
 
@@ -76,7 +77,7 @@ def observability_of_run(
         return judge(_attitude_run(title, folder, pipeline), wanted)
     if pipeline.estimator.kind is EstimatorKind.IMAGE_MOTION:
         return judge(_image_run(title, folder, pipeline), wanted)
-    tracks = read_tracks(Path(pipeline.sequence))
+    tracks = read_stereo_tracks(Path(pipeline.sequence))
     return _of_features(title, pipeline, tracks, _last_motion(folder), wanted)
 
 
@@ -103,16 +104,16 @@ def observability_of_pipeline(
         if mesh is None:
             raise InputError(source, "target_mesh", "expected the mesh that depth frames show")
         return _of_depth_pipeline(title, pipeline, source, mesh, wanted)
-    scenario = feature_scenario(pipeline, source)
-    tracks, truth = simulate_features(scenario, np.random.default_rng(pipeline.seed))
+    tracks, truth, points = simulate_stereo(pipeline, source)
+    start = NavigationState.of(truth, 0)
     motion = FeatureMotion(
-        time_s=float(truth.times_s[0]),
-        r_hill=truth.r_hill[0],
-        v_hill=truth.v_hill[0],
-        R_world_body=truth.R_world_body[0],
-        omega_body=truth.omega_body[0],
-        inertia=truth.inertia,
-        points=dict(enumerate(truth.points)),
+        time_s=float(truth.time_s[0]),
+        r_hill=start.r_hill,
+        v_hill=start.v_hill,
+        R_world_body=start.R_world_body,
+        omega_body=start.omega_body,
+        inertia=start.inertia,
+        points=dict(enumerate(points)),
     )
     return _of_features(title, pipeline, tracks, motion, wanted)
 
@@ -171,14 +172,14 @@ def _of_image_pipeline(
             "look at a run on images instead"
         )
         raise InputError(source, "image_motion", expected)
-    state = truth.states[0]
+    state = truth.state(0)
     start = RotationState(
         state.R_world_body,
         state.omega_body,
         parameters_of(inertia_from_ratios(state.inertia_ratios)),
     )
     subject = measured_attitudes_subject(
-        title, pipeline.attitude_inertia, start, truth.times_s, np.stack(noise), True
+        title, pipeline.attitude_inertia, start, truth.truth.time_s, np.stack(noise), True
     )
     return judge(subject, wanted)
 
@@ -238,11 +239,11 @@ def _of_depth_pipeline(
         title,
         pipeline.filter,
         prior_belief(target, None, pipeline.filter),
-        Views(target, pinhole_camera(pipeline.camera), sigma_m),
+        Views(target, pipeline.camera.pinhole, sigma_m),
         pipeline.orbit.mean_motion_rad_s,
-        (float(motion.times_s[0]), motion.states[0]),
-        motion.times_s,
-        camera_rotation(pipeline.camera, source),
+        (float(motion.truth.time_s[0]), motion.state(0)),
+        motion.truth.time_s,
+        pipeline.camera.R_cam_hill,
     )
     return judge(subject, wanted)
 
@@ -299,7 +300,7 @@ def observability_of_depth(
 
 
 def _of_features(
-    title: str, pipeline: Pipeline, tracks: Tracks, motion: FeatureMotion, wanted: Wanted
+    title: str, pipeline: Pipeline, tracks: StereoTracks, motion: FeatureMotion, wanted: Wanted
 ) -> ObservabilityReport:
     if pipeline.estimator.kind is EstimatorKind.PRINCIPAL_AXES:
         return judge(principal_subject(title, pipeline.principal_axes, tracks, motion), wanted)

@@ -44,7 +44,7 @@ from pcnav.evaluation.observability.report import Subject
 from pcnav.evaluation.observability.single import OneMotion, OneSight, OneState
 from pcnav.evaluation.observability.told import BANK_GROUPS, PRINCIPAL, ROTATION, Told
 from pcnav.filtering.error_state import ManifoldState, Measurement, MotionModel
-from pcnav.recordings.tracks import TrackFrame, Tracks
+from pcnav.recordings.tracks import StereoTracks, TrackFrame
 
 S = TypeVar("S", bound=ManifoldState)
 
@@ -192,7 +192,7 @@ class FeatureMotion:
 class _Sightings:
     """Which points the frames of a recording saw, and whence; it is repeated beyond its end."""
 
-    def __init__(self, tracks: Tracks, timing: Timing, features: tuple[int, ...]) -> None:
+    def __init__(self, tracks: StereoTracks, timing: Timing, features: tuple[int, ...]) -> None:
         self.tracks, self._timing = tracks, timing
         self._slot = {feature: k for k, feature in enumerate(features)}
 
@@ -208,7 +208,7 @@ class _Sightings:
             return R_cam_hill(r_hill)
         frame = self.tracks.frames[self._timing.index(k)]
         hill = self.tracks.orbit.R_hill_world(frame.time_s)
-        return np.asarray(frame.R_rig_world @ hill.T)
+        return np.asarray(frame.R_cam_world @ hill.T)
 
     @property
     def note(self) -> str:
@@ -221,7 +221,7 @@ class _Sightings:
 
 
 def principal_subject(
-    title: str, table: PrincipalAxesTable, tracks: Tracks, at: FeatureMotion
+    title: str, table: PrincipalAxesTable, tracks: StereoTracks, at: FeatureMotion
 ) -> Subject[PrincipalState]:
     """Of the principal-axes filter, along the motion through a state at the first frame or later.
 
@@ -248,10 +248,10 @@ def principal_subject(
     def sensor(seen: PrincipalState, k: int) -> list[Measurement[PrincipalState]]:
         slots, rig = sights.slots(k), tracks.rig
         hill = tracks.orbit.R_hill_world(float(timing.times_s[k]))
-        R_rig_world = sights.R_rig_hill(k, seen.r_hill) @ hill
+        R_cam_world = sights.R_rig_hill(k, seen.r_hill) @ hill
         p_world = seen.points[slots] @ seen.R_world_body.T + hill.T @ seen.r_hill
-        pixels = rig.project(p_world @ R_rig_world.T)
-        frame = TrackFrame(float(timing.times_s[k]), R_rig_world, slots, pixels)
+        pixels = rig.project(p_world @ R_cam_world.T)
+        frame = TrackFrame(float(timing.times_s[k]), R_cam_world, slots, pixels)
         return list(FeatureView(frame, rig, hill, slots).measurements())
 
     start = carried(model, state, at.time_s, float(timing.times_s[0]))
@@ -274,7 +274,7 @@ def principal_subject(
 
 
 def bank_subject(
-    title: str, table: InertiaBankTable, tracks: Tracks, at: FeatureMotion
+    title: str, table: InertiaBankTable, tracks: StereoTracks, at: FeatureMotion
 ) -> Subject[OneState]:
     """Of one filter of the bank: the one that believes in the inertia given."""
     orbit: KeplerOrbit = tracks.orbit

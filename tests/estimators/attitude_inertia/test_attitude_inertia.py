@@ -26,7 +26,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
 )
 from pcnav.filtering.batched_filter import BatchedFilter
 from pcnav.filtering.error_state import ErrorStateFilter
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 
 PRINTED = np.array([0.85, 1.37, 0.13, 0.17, -0.11])
 J = np.array([[0.85, 0.13, 0.17], [0.13, 1.37, -0.11], [0.17, -0.11, 1.0]])

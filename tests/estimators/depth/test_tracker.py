@@ -21,8 +21,8 @@ from pcnav.estimators.depth.tracker import Tracker
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
 from pcnav.runs.results import ACCEPTED, NIS_WINDOW_FRAMES, FrameEstimate
 from pcnav.runs.status import Status
+from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.simulation.scenario import TrueMotion, pinhole_camera, true_motion
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target, load_target
 
@@ -64,13 +64,15 @@ class Recording:
 def recorded(target: Target, pipeline: Pipeline, first: int = 0) -> Recording:
     """The frames of a pipeline from the first one asked for, in memory."""
     motion = true_motion(pipeline)
-    camera = pinhole_camera(pipeline.camera)
+    camera = pipeline.camera.pinhole
     renderer = DepthRenderer(target.mesh, camera)
     frames = []
-    for k in range(first, len(motion.times_s)):
-        clean = renderer.render(motion.T_cam_model(k))
+    for k in range(first, len(motion.truth.time_s)):
+        clean = renderer.render(motion.truth.poses[k])
         depth_m = add_sensor_faults(clean, pipeline.noise, pipeline.seed, k)
-        frames.append(Frame(k, float(motion.times_s[k]), depth_m, camera, motion.T_cam_world[k]))
+        frames.append(
+            Frame(k, float(motion.truth.time_s[k]), depth_m, camera, motion.T_cam_world[k])
+        )
     return Recording(target, frames, motion)
 
 
@@ -117,7 +119,7 @@ def pose_errors(recording: Recording, estimates: list[FrameEstimate]) -> FloatAr
     rows = []
     for estimate in estimates:
         if estimate.T_cam_model is not None:
-            truth = recording.motion.T_cam_model(estimate.index)
+            truth = recording.motion.truth.poses[estimate.index]
             shift = np.linalg.norm(truth[:3, 3] - estimate.T_cam_model[:3, 3])
             turn = rotation_angle(truth[:3, :3].T @ estimate.T_cam_model[:3, :3])
             rows.append([shift, turn])
@@ -179,7 +181,7 @@ def test_pose_is_better_than_a_millimetre_and_hundredths_of_a_degree(
 def test_motion_and_mass_centre_come_out(
     recording: Recording, estimates: list[FrameEstimate]
 ) -> None:
-    state, truth = estimates[-1].state, recording.motion.states[-1]
+    state, truth = estimates[-1].state, recording.motion.state(-1)
     assert state is not None
     assert np.linalg.norm(state.omega_body - truth.omega_body) < np.deg2rad(0.05)
     assert np.linalg.norm(state.v_hill - truth.v_hill) < 5e-3
@@ -195,7 +197,7 @@ def test_covariance_covers_the_error(recording: Recording, estimates: list[Frame
         P = estimate.covariance
         assert np.array_equal(P, P.T)
         assert np.linalg.eigvalsh(P)[0] > 0.0
-        error = estimate.state.ratio_error(recording.motion.states[estimate.index])
+        error = estimate.state.ratio_error(recording.motion.state(estimate.index))
         nees.append(error @ np.linalg.solve(P, error))
     # One run: successive errors are far from independent, so only gross overconfidence shows.
     assert np.median(nees) < 3.0 * STATE_SIZE
@@ -351,7 +353,7 @@ def jumped(recording: Recording) -> list[tuple[FrameEstimate, float]]:
     for estimate, k in zip(track(recording, frames), shown, strict=True):
         error = np.nan
         if estimate.T_cam_model is not None:
-            truth = recording.motion.T_cam_model(k)
+            truth = recording.motion.truth.poses[k]
             error = float(rotation_angle(truth[:3, :3].T @ estimate.T_cam_model[:3, :3]))
         rows.append((estimate, error))
     return rows
@@ -410,7 +412,7 @@ def switched(
         estimate, _ = tracker.step(frame)
         error = np.nan
         if estimate.T_cam_model is not None:
-            truth = source.motion.T_cam_model(frame.index)
+            truth = source.motion.truth.poses[frame.index]
             error = float(rotation_angle(truth[:3, :3].T @ estimate.T_cam_model[:3, :3]))
         rows.append((estimate, error))
     return rows
@@ -512,9 +514,9 @@ def test_a_mesh_in_millimetres_is_told(recording: Recording) -> None:
 
 def test_prior_is_that_of_the_file_then_the_sequence_then_the_target(recording: Recording) -> None:
     prior = InitialPrior(
-        com_model_m=recording.motion.states[0].com_model,
+        com_model_m=recording.motion.state(0).com_model,
         com_sd_m=np.full(3, 1e-3),
-        inertia_ratios=recording.motion.states[0].inertia_ratios,
+        inertia_ratios=recording.motion.state(0).inertia_ratios,
         inertia_ratios_sd=np.full(5, 1e-3),
     )
     stated = replace(INFO, initial=prior)

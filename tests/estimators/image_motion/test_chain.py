@@ -11,6 +11,8 @@ from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference, 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
+from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.image_motion.chain import ChainFrame, run_chain
 from pcnav.estimators.image_motion.rates import (
     continuous_xyzw,
@@ -25,9 +27,9 @@ from pcnav.estimators.image_motion.translation import (
     Verdict,
     translation,
 )
-from pcnav.recordings.monocular import MonocularFrame, MonocularTracks
+from pcnav.recordings.tracks import MonocularTracks, TrackFrame
 from pcnav.simulation.images import ImageMotion, TrackFaults, monocular_tracks
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 
 CAMERA = PinholeCamera(2048, 2048, 2909.0, 2909.0, 1024.0, 1024.0)
 ADJACENT = ImageMotionTable(reference=Reference.ADJACENT)
@@ -54,7 +56,9 @@ def scene(
     at_rest = np.broadcast_to(np.eye(3), (frames, 3, 3))
     attitude = at_rest if R_cam_world is None else R_cam_world
     places = np.broadcast_to([0.0, 0.0, 30.0], (frames, 3)) if places_m is None else places_m
-    motion = ImageMotion(times_s, make_transform(attitude @ R, places), attitude, np.ones(3))
+    poses = make_transform(attitude @ R, places)
+    truth = Trajectory(times_s, POSE_LAYOUT, T_cam_target=poses)
+    motion = ImageMotion(truth, attitude, np.ones(3))
     tracks = monocular_tracks(CAMERA, motion, (points, normals), faults, rng)
     return tracks, motion, R, rates
 
@@ -132,9 +136,7 @@ def test_key_frames_reduce_the_drift() -> None:
 def test_frames_without_an_attitude_say_why() -> None:
     tracks, _, R, _ = scene(3, TrackFaults(0.1))
     frames = list(tracks.frames)
-    nothing = MonocularFrame(
-        frames[4].time_s, np.eye(3), np.zeros(0, dtype=np.intp), np.zeros((0, 2))
-    )
+    nothing = TrackFrame(frames[4].time_s, np.eye(3), np.zeros(0, dtype=np.intp), np.zeros((0, 2)))
     # A picture sent twice: the same pixels at a later time.
     frames[4] = nothing
     frames[7] = replace(frames[6], time_s=frames[7].time_s)

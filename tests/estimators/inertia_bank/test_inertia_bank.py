@@ -30,14 +30,14 @@ def frames(rng, points, count=80):
         t = float(MOTION.times_s[k])
         p_rig = (MOTION.r_hill[k] + points @ MOTION.R_hill_body[k].T) @ paper.R_RIG_HILL.T
         pixels = RIG.project(p_rig) + RIG.pixel_sigma_px * rng.normal(size=(len(points), 4))
-        R_rig_world = paper.R_RIG_HILL @ paper.ORBIT.R_hill_world(t)
-        made.append(TrackFrame(t, R_rig_world, np.arange(len(points)), pixels))
+        R_cam_world = paper.R_RIG_HILL @ paper.ORBIT.R_hill_world(t)
+        made.append(TrackFrame(t, R_cam_world, np.arange(len(points)), pixels))
     return made
 
 
 def some(frame, kept):
     return TrackFrame(
-        frame.time_s, frame.R_rig_world, frame.features[kept], frame.pixels[kept].copy()
+        frame.time_s, frame.R_cam_world, frame.features[kept], frame.pixels[kept].copy()
     )
 
 

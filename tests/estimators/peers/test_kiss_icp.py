@@ -12,8 +12,8 @@ from pcnav.core.spatial import invert_transform, rotation_angle
 from pcnav.estimators.peers.kiss_icp import Odometry, OdometryStep, follow
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Frame
+from pcnav.simulation.motion import true_motion
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.simulation.scenario import pinhole_camera, true_motion
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import load_target
 
@@ -28,13 +28,13 @@ def tumble() -> tuple[list[Frame], np.ndarray]:
     assert mesh_path is not None
     assert pipeline_path is not None
     pipeline = read_pipeline(pipeline_path)
-    motion, camera = true_motion(pipeline), pinhole_camera(pipeline.camera)
+    motion, camera = true_motion(pipeline), pipeline.camera.pinhole
     renderer = DepthRenderer(load_target(mesh_path).mesh, camera)
-    poses = np.stack([motion.T_cam_model(k) for k in range(_FRAMES)])
+    poses = np.stack([motion.truth.poses[k] for k in range(_FRAMES)])
     frames = [
         Frame(
             index=k,
-            time_s=float(motion.times_s[k]),
+            time_s=float(motion.truth.time_s[k]),
             depth_m=add_sensor_faults(renderer.render(pose), pipeline.noise, pipeline.seed, k),
             camera=camera,
             T_cam_world=motion.T_cam_world[k],

@@ -189,7 +189,7 @@ def test_pixels_and_their_jacobian():
     view = view_of(state, rng)
     # The prediction by way of the named transforms.
     p_hill = state.r_hill + view.R_hill_world @ state.R_world_body @ state.points[2]
-    p_rig = view._frame.R_rig_world @ view.R_hill_world.T @ p_hill
+    p_rig = view._frame.R_cam_world @ view.R_hill_world.T @ p_hill
     first, second = view.measurements()
     np.testing.assert_allclose(first.residual(state), 500.0 - RIG.project(p_rig), atol=1e-9)
     for measurement in (first, second):

@@ -30,7 +30,7 @@ from pcnav.estimators.principal_axes.principal_frame import (
     free_axes,
     principal_axes,
 )
-from pcnav.simulation.scenario import rotate_torque_free
+from pcnav.simulation.motion import rotate_torque_free
 
 R_PRINCIPAL_G = exp_rotation(np.array([0.3, -0.5, 0.8]))
 INERTIA_G = R_PRINCIPAL_G.T @ np.diag([8.0, 5.0, 4.0]) @ R_PRINCIPAL_G

@@ -32,7 +32,7 @@ from pcnav.evaluation.observability.subjects import (
 )
 from pcnav.evaluation.observability.told import ROTATION
 from pcnav.filtering.error_state import Measurement, MotionModel
-from pcnav.recordings.tracks import TrackFrame, Tracks
+from pcnav.recordings.tracks import StereoTracks, TrackFrame
 
 
 @dataclass(frozen=True)
@@ -215,14 +215,14 @@ def test_expected_sd_of_attitudes_is_that_of_the_fit():
     )
 
 
-def _tracks(frames: int = 40) -> tuple[Tracks, FeatureMotion]:
+def _tracks(frames: int = 40) -> tuple[StereoTracks, FeatureMotion]:
     rng = np.random.default_rng(2)
     rig = StereoRig(1.0, 1000.0, (511.5, 511.5), (1024, 1024), 0.1)
     orbit = KeplerOrbit(1e-3, 0.0, 0.0)
     seen = np.arange(6, dtype=np.intp)
     looking = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     blank = np.zeros((6, 4))
-    tracks = Tracks(
+    tracks = StereoTracks(
         "test", rig, orbit, tuple(TrackFrame(float(t), looking, seen, blank) for t in range(frames))
     )
     motion = FeatureMotion(

@@ -1,30 +1,42 @@
 """Feature points of a tumbling target as a stereo rig sees them, with the faults of real tracks."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from pcnav.config.pipeline_file import Pipeline
-from pcnav.config.scenario import OrbitModel, OrbitTable
+from pcnav.config.scenario import OrbitModel
 from pcnav.config.sensors import Boresight, FeaturesTable, StereoTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation
 from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.blocks import ATTITUDE, POSITION
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.recordings.tracks import TrackFrame, Tracks
-from pcnav.simulation.feature_motion import FeatureTruth as FeatureTruth
-from pcnav.simulation.feature_motion import InitialMotion, relative_orbit, rotation
+from pcnav.dynamics.state import NavigationState
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.recordings.stereo_tracks import write_stereo_tracks
+from pcnav.recordings.tracks import StereoTracks, TrackFrame
+from pcnav.simulation.depth import OnFrame
+from pcnav.simulation.motion import (
+    disturbed_orbit,
+    disturbed_rotation,
+    frame_times,
+    start_of,
+    trajectory_of,
+)
 
 _NEAREST_M = 0.1
 """Nothing closer to the plane of the two cameras than this is seen."""
+_LOG = logging.getLogger("pcnav")
 
 
 @dataclass(frozen=True)
-class FeatureScenario:
+class StereoScenario:
     """What is simulated; `dataclasses.replace` and `model_copy` make variants of it."""
 
     name: str
@@ -32,75 +44,71 @@ class FeatureScenario:
     """(n,) increasing; world equals Hill at time 0."""
     orbit: KeplerOrbit
     orbit_model: OrbitModel
-    start: InitialMotion
+    start: NavigationState
     """At the first time."""
-    inertia: FloatArray
-    """(3, 3) of any scale, body axes."""
     stereo: StereoTable
     features: FeaturesTable
 
 
-def feature_scenario(pipeline: Pipeline, source: Path | str = "pipeline") -> FeatureScenario:
-    """The scenario of a pipeline file. ``source`` is what an `InputError` names.
+class StereoSimulation(NamedTuple):
+    """Tracks in memory, and the truth behind them."""
 
-    Raised when no body has the inertia ratios or a rig fixed in the Hill frame has no direction.
+    recording: StereoTracks
+    truth: Trajectory
+    points: FloatArray
+    """(N, 3) true features from the mass centre, body axes, m."""
+
+    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
+        """Write tracks, rig, attitude and truth; what it was, in a line.
+
+        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
+        """
+        write_stereo_tracks(out, self.recording, self.truth, self.points, overwrite)
+        seen = np.array([len(frame.features) for frame in self.recording])
+        if not seen.any():
+            _LOG.warning("%s: no feature is seen in any of the %d frames", out, len(seen))
+        return (
+            f"tracks: {out} ({len(seen)} frames, {int((seen == 0).sum())} of them empty; "
+            f"median of {float(np.median(seen)):g} of {len(self.points)} features each)"
+        )
+
+
+def simulate_stereo(
+    pipeline: Pipeline, source: Path | str = "pipeline", target_mesh: Path | None = None
+) -> StereoSimulation:
+    """Tracks of a pipeline's scenario; the same pipeline, the same numbers. A mesh is not needed.
+
+    ``source`` is the pipeline's file, which an `InputError` names.
     """
-    body, table = pipeline.body, pipeline.orbit
-    inertia = inertia_from_ratios(np.array(body.inertia_ratios))
-    if not is_physical_inertia(inertia):
-        expected = "expected ratios of a physical inertia matrix: positive principal moments"
-        expected += ", none larger than the other two together"
-        raise InputError(source, "body.inertia_ratios", expected)
-    if not any(pipeline.stereo.boresight_hill):
-        raise InputError(source, "stereo.boresight_hill", "expected a direction, got 0, 0, 0")
-    if any(body.com_model_m):
+    return simulate_tracks(stereo_scenario(pipeline, source), np.random.default_rng(pipeline.seed))
+
+
+def stereo_scenario(pipeline: Pipeline, source: Path | str = "pipeline") -> StereoScenario:
+    """The scenario of a pipeline file. ``source`` is what an `InputError` names."""
+    if any(pipeline.body.com_model_m):
         expected = "expected 0, 0, 0: feature points are given from the mass centre"
         raise InputError(source, "body.com_model_m", expected)
-    return FeatureScenario(
+    return StereoScenario(
         name=Path(source).stem,
-        times_s=np.arange(pipeline.scenario.frames) / pipeline.scenario.frame_rate_hz,
-        orbit=kepler_orbit(table),
-        orbit_model=table.model,
-        start=InitialMotion(
-            r_hill=np.array(table.r_hill_m),
-            v_hill=np.array(table.v_hill_m_s),
-            R_world_body=exp_rotation(np.deg2rad(np.array(body.attitude_rotvec_deg))),
-            omega_body=np.deg2rad(np.array(body.omega_body_deg_s)),
-        ),
-        inertia=inertia,
+        times_s=frame_times(pipeline),
+        orbit=pipeline.orbit.kepler,
+        orbit_model=pipeline.orbit.model,
+        start=start_of(pipeline),
         stereo=pipeline.stereo,
         features=pipeline.features,
     )
 
 
-def kepler_orbit(table: OrbitTable) -> KeplerOrbit:
-    """The chaser's orbit of an [orbit] table."""
-    anomaly = float(np.deg2rad(table.true_anomaly_deg))
-    return KeplerOrbit(table.mean_motion_rad_s, table.eccentricity, anomaly)
-
-
-def stereo_rig(table: StereoTable) -> StereoRig:
-    """The rig of a [stereo] table; its optical axis goes through the middle of the image."""
-    return StereoRig(
-        baseline_m=table.baseline_m,
-        focal_px=table.focal_px,
-        centre_px=(0.5 * (table.width_px - 1), 0.5 * (table.height_px - 1)),
-        size_px=(table.width_px, table.height_px),
-        pixel_sigma_px=table.pixel_sigma_px,
-    )
-
-
-def simulate_features(
-    scenario: FeatureScenario, rng: np.random.Generator
-) -> tuple[Tracks, FeatureTruth]:
+def simulate_tracks(scenario: StereoScenario, rng: np.random.Generator) -> StereoSimulation:
     """Tracks of a scenario and the truth behind them.
 
     Points, motion, pointing, tracking and noise draw from streams of their own: two scenarios that
     differ in one of them share the draws of the others.
     """
-    points, motion, observation = rng.spawn(3)
-    truth = simulate_motion(scenario, draw_points(scenario.features, points), motion)
-    return observe(scenario, truth, observation), truth
+    on_points, on_motion, on_tracks = rng.spawn(3)
+    points = draw_points(scenario.features, on_points)
+    truth = simulate_motion(scenario, on_motion)
+    return StereoSimulation(observe(scenario, truth, points, on_tracks), truth, points)
 
 
 def draw_points(table: FeaturesTable, rng: np.random.Generator) -> FloatArray:
@@ -110,60 +118,48 @@ def draw_points(table: FeaturesTable, rng: np.random.Generator) -> FloatArray:
     return rng.uniform(-table.half_extent_m, table.half_extent_m, (table.count, 3))
 
 
-def simulate_motion(
-    scenario: FeatureScenario, points: FloatArray, rng: np.random.Generator
-) -> FeatureTruth:
-    """The true motion of a scenario with points (N, 3) in body axes."""
+def simulate_motion(scenario: StereoScenario, rng: np.random.Generator) -> Trajectory:
+    """The true motion of a scenario."""
     table, times_s, start = scenario.features, scenario.times_s, scenario.start
     on_orbit, on_body = rng.spawn(2)
-    orbit = relative_orbit(
+    orbit = disturbed_orbit(
         *(scenario.orbit_model, scenario.orbit, start, times_s),
         *(table.acceleration_psd_m2_s3, on_orbit),
     )
-    R_world_body, omega_body = rotation(
-        start, scenario.inertia, times_s, table.angular_acceleration_psd_rad2_s3, on_body
-    )
-    return FeatureTruth(
-        times_s=times_s,
-        r_hill=orbit[:, :3],
-        v_hill=orbit[:, 3:],
-        R_world_body=R_world_body,
-        omega_body=omega_body,
-        inertia=scenario.inertia,
-        points=points,
-    )
+    R, omega = disturbed_rotation(start, times_s, table.angular_acceleration_psd_rad2_s3, on_body)
+    return trajectory_of(times_s, start, orbit, R, omega)
 
 
-def observe(scenario: FeatureScenario, truth: FeatureTruth, rng: np.random.Generator) -> Tracks:
-    """What the rig of a scenario sees of a true motion."""
+def observe(
+    scenario: StereoScenario, truth: Trajectory, points: FloatArray, rng: np.random.Generator
+) -> StereoTracks:
+    """What the rig of a scenario sees of points (N, 3), body axes, in a true motion."""
     pointing, tracking, noise, matching = rng.spawn(4)
-    rig = stereo_rig(scenario.stereo)
-    R_hill_world = np.stack([scenario.orbit.R_hill_world(t) for t in truth.times_s])
-    R_hill_body = R_hill_world @ truth.R_world_body
-    R_rig_hill = _pointed(scenario.stereo, truth.r_hill, pointing)
-    from_centre = truth.points @ np.swapaxes(R_hill_body, 1, 2)
-    p_hill = truth.r_hill[:, None] + from_centre
+    table, rig, times_s = scenario.features, scenario.stereo.rig, truth.time_s
+    R_hill_world = np.stack([scenario.orbit.R_hill_world(t) for t in times_s])
+    R_hill_body = R_hill_world @ truth[ATTITUDE]
+    R_rig_hill = _pointed(scenario.stereo, truth[POSITION], pointing)
+    from_centre = points @ np.swapaxes(R_hill_body, 1, 2)
+    p_hill = truth[POSITION][:, None] + from_centre
     p_rig = p_hill @ np.swapaxes(R_rig_hill, 1, 2)
     seen = (
         in_view(rig, p_rig)
-        & _lit(scenario.features, truth.times_s)[:, None]
-        & _tracked(scenario.features, truth.times_s, len(truth.points), tracking)
+        & table.is_lit(times_s)[:, None]
+        & _tracked(table, times_s, len(points), tracking)
     )
-    if scenario.features.hidden_by_normals:
-        seen &= _facing(scenario.features, truth.points, R_hill_body, p_hill)
+    if table.hidden_by_normals:
+        seen &= _facing(table, points, R_hill_body, p_hill)
     pixels = np.full((*p_rig.shape[:2], 4), np.nan)
     pixels[seen] = rig.project(p_rig[seen])
     pixels += rig.pixel_sigma_px * noise.standard_normal(pixels.shape)
-    pixels = _mismatched(scenario.features.wrong_match_fraction, rig, pixels, seen, matching)
+    pixels = _mismatched(table.wrong_match_fraction, rig, pixels, seen, matching)
     # No matcher pairs a point with one behind the rig.
     seen &= rig.disparity(np.where(seen[..., None], pixels, 0.0)) > 0.0
     frames = tuple(
         TrackFrame(float(t), R, np.flatnonzero(visible), row[visible])
-        for t, R, visible, row in zip(
-            truth.times_s, R_rig_hill @ R_hill_world, seen, pixels, strict=True
-        )
+        for t, R, visible, row in zip(times_s, R_rig_hill @ R_hill_world, seen, pixels, strict=True)
     )
-    return Tracks(scenario.name, rig, scenario.orbit, frames)
+    return StereoTracks(scenario.name, rig, scenario.orbit, frames)
 
 
 def in_view(rig: StereoRig, p_rig: FloatArray) -> BoolArray:
@@ -184,14 +180,6 @@ def _pointed(table: StereoTable, r_hill: FloatArray, rng: np.random.Generator) -
         return np.asarray(offset @ R_cam_hill(r_hill))
     fixed = R_cam_hill(np.array(table.boresight_hill))
     return np.broadcast_to(fixed, (len(r_hill), 3, 3))
-
-
-def _lit(table: FeaturesTable, times_s: FloatArray) -> BoolArray:
-    """(n,) whether a time lies outside all blackouts."""
-    lit = np.ones(len(times_s), dtype=np.bool_)
-    for start, end in table.blackouts_s:
-        lit &= (times_s < start) | (times_s >= end)
-    return lit
 
 
 def _tracked(

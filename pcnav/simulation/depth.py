@@ -1,0 +1,160 @@
+"""Depth frames of a scenario: rendered one by one, with the faults of a sensor."""
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import trimesh
+
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import NoiseTable
+from pcnav.core.errors import InputError
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.recordings.depth_png import MAXIMUM_UNITS
+from pcnav.recordings.poses import nearest_rotation
+from pcnav.recordings.recording import RecordingKind
+from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.recordings.writer import write_sequence
+from pcnav.simulation.motion import TrueMotion, true_motion
+from pcnav.simulation.noise import add_sensor_faults
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target, load_target
+
+OnFrame = Callable[[int, int], None]
+"""Told after every frame how many are done, and of how many."""
+
+_LOG = logging.getLogger("pcnav")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A motion, the sensor that sees it and the body that is there; not the target as modelled.
+
+    It is a recording in memory, whose frames are rendered when they are asked for.
+    """
+
+    kind: ClassVar[RecordingKind] = RecordingKind.DEPTH
+    name: ClassVar[str] = "simulated"
+    path: ClassVar[None] = None
+
+    pipeline: Pipeline
+    motion: TrueMotion
+    mesh: trimesh.Trimesh
+    """What the frames show, model frame, m."""
+    mesh_path: Path | None = None
+    """The file of the target's mesh, which a recording on disk is given."""
+
+    @staticmethod
+    def of(pipeline: Pipeline, mesh: trimesh.Trimesh, source: Path | str = "pipeline") -> "Scene":
+        """The scene of a pipeline. ``source`` is the file that an `InputError` names."""
+        return Scene(pipeline, true_motion(pipeline, source), mesh)
+
+    @staticmethod
+    def showing(target: Target, pipeline: Pipeline, source: Path | str = "pipeline") -> "Scene":
+        """As `of`, of a target whose mesh a recording on disk is given."""
+        return replace(Scene.of(pipeline, target.mesh, source), mesh_path=target.mesh_path)
+
+    @property
+    def truth(self) -> Trajectory:
+        """All blocks and poses at every frame."""
+        return self.motion.truth
+
+    @property
+    def recording(self) -> "Scene":
+        """Its frames one by one."""
+        return self
+
+    @property
+    def info(self) -> SequenceInfo:
+        """What a recording of the scene states."""
+        pipeline = self.pipeline
+        sigma_m = stated_range_sigma(pipeline.noise)
+        return SequenceInfo(
+            self.name, pipeline.orbit.mean_motion_rad_s, sigma_m, target_mesh=self.mesh_path
+        )
+
+    def __len__(self) -> int:
+        return len(self.truth)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames as they come back from a recording on disk, to the bit.
+
+        Raises `InputError` for a depth that does not fit the file.
+        """
+        return (as_recorded(frame, self.pipeline.noise) for frame in self.frames())
+
+    def frames(self, blind: range = range(0)) -> Iterator[Frame]:
+        """The depth frames one by one; those in ``blind`` have no returns."""
+        pipeline, camera = self.pipeline, self.pipeline.camera.pinhole
+        renderer, poses = DepthRenderer(self.mesh, camera), self.truth.poses
+        for k, time_s in enumerate(self.truth.time_s.tolist()):
+            if k in blind:
+                depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
+            else:
+                clean = renderer.render(poses[k])
+                depth_m = add_sensor_faults(clean, pipeline.noise, pipeline.seed, k)
+            yield Frame(k, time_s, depth_m, camera, self.motion.T_cam_world[k])
+
+    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
+        """Write the sequence and its truth; what it was, in a line.
+
+        The same pipeline writes the same images, bit for bit. Raises `InputError` for a folder that
+        must not be replaced, see `write_sequence`; nothing is then left behind.
+        """
+        returns: list[int] = []
+
+        def counted() -> Iterator[Frame]:
+            for frame in self.frames():
+                yield frame
+                returns.append(int(np.count_nonzero(frame.depth_m)))
+                if on_frame is not None:
+                    on_frame(len(returns), len(self))
+
+        info = replace(self.info, name=out.absolute().name)
+        step_m = self.pipeline.noise.quantisation_m
+        write_sequence(out, info, step_m, counted(), self.truth, overwrite)
+        empty, total = returns.count(0), len(returns)
+        if empty:
+            _LOG.warning(
+                "%s: the target is outside the image in %d of %d frames", out, empty, total
+            )
+        return f"sequence: {out} ({total} frames, {int(np.median(returns))} returns each)"
+
+
+def simulate_depth(pipeline: Pipeline, source: Path | str, target_mesh: Path | None) -> Scene:
+    """The scene of a pipeline's target. Raises `InputError`, which names the source."""
+    if target_mesh is None:
+        raise InputError(source, "target_mesh", "expected the mesh of the satellite to simulate")
+    return Scene.showing(load_target(target_mesh), pipeline, source)
+
+
+def stated_range_sigma(noise: NoiseTable) -> float:
+    """Noise along the ray that a simulated sequence states, m.
+
+    A sensor without Gaussian noise still rounds: a step q has the standard deviation q / sqrt(12).
+    """
+    if noise.range_sigma_m > 0.0:
+        return noise.range_sigma_m
+    return float(noise.quantisation_m / np.sqrt(12.0))
+
+
+def as_recorded(frame: Frame, noise: NoiseTable) -> Frame:
+    """A frame as it comes back from a sequence on disk, to the bit.
+
+    Raises `InputError` for a depth that does not fit 16 bits of the stored step.
+    """
+    units = np.rint(frame.depth_m.astype(np.float64) / noise.quantisation_m)
+    if units.max() > MAXIMUM_UNITS:
+        reach = MAXIMUM_UNITS * noise.quantisation_m
+        expected = f"expected depths up to {reach:g} m (16 bits of the step)"
+        got = f"got {float(frame.depth_m.max()):g} m in frame {frame.index}"
+        raise InputError("pipeline", "noise.quantisation_m", f"{expected}, {got}")
+    # A scene states its step in mm, and the reader makes its rotations orthonormal.
+    step_m = np.float32((noise.quantisation_m * 1000.0) / 1000.0)
+    depth_m = np.asarray(units.astype(np.uint16) * step_m, dtype=np.float32)
+    T_cam_world = frame.T_cam_world.copy()
+    T_cam_world[:3, :3] = nearest_rotation(T_cam_world[:3, :3])
+    return replace(frame, depth_m=depth_m, T_cam_world=T_cam_world)
