@@ -45,7 +45,7 @@ class Work:
         workers: Workers = EVERY_CORE,
         on_progress: OnProgress = lambda done, total: None,
     ) -> None:
-        self.workers, self.on_progress = workers, on_progress
+        self._workers, self._on_progress = workers, on_progress
         self._calls: list[_Call] = []
         self._planned: list[Planned[Any]] = []
 
@@ -70,11 +70,11 @@ class Work:
         """Make all that is planned, the first planned first. Raises `RunError` when a run fails."""
         total, done = max(1, round(sum(call.work for call in self._calls))), 0.0
         found: dict[int, Any] = {}
-        with closing(results(_made, self._calls, self.workers)) as ended:
+        with closing(results(_made, self._calls, self._workers)) as ended:
             for k, result in ended:
                 found[k] = result
                 done += self._calls[k].work
-                self.on_progress(min(round(done), total), total)
+                self._on_progress(min(round(done), total), total)
         ordered = iter([found[k] for k in range(len(self._calls))])
         for planned in self._planned:
             planned.results.extend(next(ordered) for _ in planned.items)
