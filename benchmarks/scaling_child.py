@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from pcnav.batch.threads import one_thread_each
+from pcnav.batch.process import one_thread_each
 
 
 def main(kind: str, count: int, jobs: int) -> None:
@@ -15,7 +15,7 @@ def main(kind: str, count: int, jobs: int) -> None:
     with one_thread_each(), tempfile.TemporaryDirectory(prefix="pcnav-bench-") as name:
         from benchmarks.scaling_runs import cheap_runs, real_runs
         from pcnav.batch.cluster import Workers
-        from pcnav.batch.memory import peak_memory_mb
+        from pcnav.batch.process import peak_memory_mb
         from pcnav.batch.store import new_store
         from pcnav.batch.stored import run_stored
 

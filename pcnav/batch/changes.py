@@ -9,7 +9,7 @@ give the mean the deviation that it has in closed form; Student's t goes on from
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -29,7 +29,7 @@ VERDICTS = ("worse", "better", "not sure", "same")
 
 @dataclass(frozen=True)
 class Change:
-    """How one metric changed, before any judgement: that depends on how many there are."""
+    """How one metric changed; the judgement depends on how many there are."""
 
     place: str
     """The case, or of which cases this is the mean."""
@@ -49,6 +49,9 @@ class Change:
     """Standard deviation of `worsening`."""
     degrees: float
     """Of freedom that the deviation has."""
+    low: float = np.nan
+    high: float = np.nan
+    """Interval of `worsening` once it is `judged`: those of all changes hold together at 95 %."""
 
     @property
     def is_ratio(self) -> bool:
@@ -60,32 +63,21 @@ class Change:
         """Whether chance has a part in it: a number that no run changed cannot raise an alarm."""
         return self.worsening != 0.0 or self.deviation > 0.0
 
-
-@dataclass(frozen=True)
-class JudgedChange:
-    """A change and the interval that it is judged by."""
-
-    change: Change
-    low: float
-    high: float
-    """Interval of `Change.worsening`. The intervals of all changes hold together at 95 %."""
-
     @property
     def verdict(self) -> str:
         """``worse``, ``better``, ``same`` where nothing changed, or ``not sure``."""
-        change = self.change
-        if not change.can_err:
+        if not self.can_err:
             return "same"
-        smallest = np.log1p(_MIN_RATIO) if change.is_ratio else 0.0
-        if self.low > 0.0 and change.worsening >= smallest:
+        smallest = np.log1p(_MIN_RATIO) if self.is_ratio else 0.0
+        if self.low > 0.0 and self.worsening >= smallest:
             return "worse"
-        if self.high < 0.0 and -change.worsening >= smallest:
+        if self.high < 0.0 and -self.worsening >= smallest:
             return "better"
         return "not sure"
 
 
-def judged(changes: Sequence[Change]) -> tuple[JudgedChange, ...]:
-    """Intervals that all hold together with 95 % (Bonferroni): each at 5 % over their number.
+def judged(changes: Sequence[Change]) -> tuple[Change, ...]:
+    """With intervals that all hold together with 95 % (Bonferroni): each at 5 % over their number.
 
     Where nothing at all differs between the batches no chance is involved: these do not count.
     """
@@ -93,10 +85,10 @@ def judged(changes: Sequence[Change]) -> tuple[JudgedChange, ...]:
     tail = 0.5 * (1.0 - CONFIDENCE) / number
     found = []
     for change in changes:
-        width = 0.0
+        width, middle = 0.0, change.worsening
         if change.deviation > 0.0:
             width = change.deviation * float(student_t.ppf(1.0 - tail, change.degrees))
-        found.append(JudgedChange(change, change.worsening - width, change.worsening + width))
+        found.append(replace(change, low=middle - width, high=middle + width))
     return tuple(found)
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
-from pcnav.batch.fitness import Requirements, check_workers
-from pcnav.batch.threads import THREAD_VARIABLES, one_thread_each
+from pcnav.batch.process import THREAD_VARIABLES, one_thread_each
+from pcnav.batch.worker_check import Requirements, check_workers
 from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:

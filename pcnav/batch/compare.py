@@ -11,7 +11,6 @@ from pcnav.batch.axes import ESTIMATOR_AXIS, GridRun
 from pcnav.batch.changes import (
     VERDICTS,
     Change,
-    JudgedChange,
     case_change,
     judged,
     mean_change,
@@ -46,9 +45,9 @@ _HEADER = ("where", "metric", "old", "new", "worse by", "interval", "runs", "ver
 class Comparison:
     """All that two batches say of each other."""
 
-    overall: tuple[JudgedChange, ...]
+    overall: tuple[Change, ...]
     """By estimator and metric, the mean over the cases."""
-    cases: tuple[JudgedChange, ...]
+    cases: tuple[Change, ...]
     """Case by case."""
     newly_failed: tuple[GridRun, ...]
     """Runs with a result in the old batch and none in the new one."""
@@ -61,12 +60,12 @@ class Comparison:
     """Whether both batches were made from the same grid, satellites and settings included."""
 
     @property
-    def changes(self) -> tuple[JudgedChange, ...]:
+    def changes(self) -> tuple[Change, ...]:
         """All."""
         return (*self.overall, *self.cases)
 
     @property
-    def regressions(self) -> tuple[JudgedChange, ...]:
+    def regressions(self) -> tuple[Change, ...]:
         """What got worse beyond the confidence."""
         return tuple(each for each in self.changes if each.verdict == "worse")
 
@@ -102,7 +101,7 @@ def compare(
             on_progress(done, total)
             done += 1
             if header.run.case.name in shared:
-                rows.append(_row_of(store.record(header.key), wanted, window))
+                rows.append(_row_of(store.record(header.run.key), wanted, window))
         tables.append(pd.DataFrame(rows))
     pairs = tables[0].merge(tables[1], on=_SAME_RUN, suffixes=("_old", "_new"))
     failed_old, failed_new = pairs["failed_old"], pairs["failed_new"]
@@ -200,22 +199,19 @@ def verdict_lines(comparison: Comparison) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _table(
-    key: str, title: str, changes: Sequence[JudgedChange], comparison: Comparison
-) -> TextTable:
-    tests = sum(each.change.can_err for each in comparison.changes)
+def _table(key: str, title: str, changes: Sequence[Change], comparison: Comparison) -> TextTable:
+    tests = sum(each.can_err for each in comparison.changes)
     note = (
         f"Means of each run's own value, of errors geometric ones. The intervals of all {tests} "
         "numbers that differ hold together with 95 % (Student's t over runs, in pairs where the "
         "seeds are the same, Bonferroni's correction). Worse or better is what lies beyond them "
         "and, for an error, is at least 1 %."
     )
-    rows = tuple(_texts(each) for each in changes if each.change.can_err)
+    rows = tuple(_texts(each) for each in changes if each.can_err)
     return TextTable(key, title, _HEADER, rows, note, text_columns=2)
 
 
-def _texts(each: JudgedChange) -> tuple[str, ...]:
-    change = each.change
+def _texts(change: Change) -> tuple[str, ...]:
     scale, unit = display_unit(change.metric.unit, max(change.old, change.new))
     pairing = "paired" if change.paired else "not paired"
     return (
@@ -223,17 +219,17 @@ def _texts(each: JudgedChange) -> tuple[str, ...]:
         metric_label(change.metric, unit),
         number(scale * change.old),
         number(scale * change.new),
-        _amount(each, change.worsening),
-        f"{_amount(each, each.low)} to {_amount(each, each.high)}",
+        _amount(change, change.worsening),
+        f"{_amount(change, change.low)} to {_amount(change, change.high)}",
         f"{change.runs} {pairing}",
-        each.verdict,
+        change.verdict,
     )
 
 
-def _amount(each: JudgedChange, worsening: float) -> str:
+def _amount(change: Change, worsening: float) -> str:
     """A worsening: of a logarithm the change in per cent, else the difference."""
-    if each.change.is_ratio:
+    if change.is_ratio:
         # Beyond this the interval says nothing but that there are too few runs.
         return f"{100.0 * np.expm1(min(worsening, 5.0)):+.1f} %"
-    unit = each.change.metric.unit
+    unit = change.metric.unit
     return f"{worsening:+.3g}" + (f" {unit}" if unit != "1" else "")

@@ -9,7 +9,7 @@ from pcnav.batch.axes import ESTIMATOR_AXIS, GridRun
 from pcnav.batch.following import follow
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.judging import judge
-from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
+from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
 from pcnav.batch.scenario import run_pipeline
 from pcnav.estimators.names import EstimatorName

@@ -10,8 +10,8 @@ from queue import Empty, SimpleQueue
 from secrets import token_hex
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from pcnav.batch.cluster import EVERY_CORE, THIS_MACHINE, Workers, connected
-from pcnav.batch.fitness import Requirements, UnfitWorkerError, here, refuse_unfit
+from pcnav.batch.cluster import THIS_MACHINE, Workers, connected
+from pcnav.batch.worker_check import Requirements, UnfitWorkerError, here, refuse_unfit
 from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,36 +40,20 @@ class Failure:
     details: str
 
 
-def run_all(
-    function: Callable[[Item], Result],
-    items: Sequence[Item],
-    workers: Workers = EVERY_CORE,
-    on_done: Callable[[], None] = lambda: None,
-) -> list[Result]:
-    """``function`` of every item, in the order of the items.
+def results(
+    function: Callable[[Item], Result], items: Sequence[Item], workers: Workers
+) -> Generator[tuple[int, Result], None, None]:
+    """Index and result of every item, in the order in which they end; to be closed.
 
     Args:
         function: defined at the top of a module, so that another process can find it.
         items: what it is called with; ``str(item)`` names a run that fails.
         workers: what to spread over.
-        on_done: told in this process after every run.
 
     Processes are started afresh, not forked: a fork copies the locks of whatever threads the
     libraries keep. Each does its linear algebra on one thread. Raises `RunError` when a run fails,
     which ends all others, and `InputError` when a cluster cannot be used.
     """
-    found: dict[int, Result] = {}
-    with closing(results(function, items, workers)) as ended:
-        for k, result in ended:
-            found[k] = result
-            on_done()
-    return [found[k] for k in range(len(items))]
-
-
-def results(
-    function: Callable[[Item], Result], items: Sequence[Item], workers: Workers
-) -> Generator[tuple[int, Result], None, None]:
-    """As `run_all`, index and result in the order in which the runs end; to be closed."""
     with closing(outcomes(function, items, workers, here())) as ended:
         for k, outcome in ended:
             if isinstance(outcome, Failure):
@@ -98,7 +82,7 @@ def outcomes(
                 yield k, attempt(function, item)
         else:
             task = partial(_on_worker, function, requirements)
-            yield from _Window(client, workers, task, items).results()
+            yield from _Dispatch(client, workers, task, items).results()
 
 
 def attempt(function: Callable[[Item], Result], item: Item) -> Result | Failure:
@@ -121,8 +105,8 @@ def _one_line(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-class _Window(Generic[Item, Result]):
-    """The runs that are out at one time: one for every worker."""
+class _Dispatch(Generic[Item, Result]):
+    """Keeps as many runs out at one time as there are workers."""
 
     def __init__(
         self,

@@ -9,10 +9,10 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -30,8 +30,6 @@ UNFINISHED_SUFFIX = ".part"
 
 _KEY = b"pcnav"
 _TIME = "time_s"
-_NOT_FINITE = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-"""JSON has no words for these."""
 
 Column = FloatArray | list[str]
 """One value a frame."""
@@ -64,90 +62,77 @@ class RunRecord:
         return found if isinstance(found, np.ndarray) else np.full(self.frames, np.nan)
 
 
-@dataclass(frozen=True)
-class RecordHeader:
-    """What a record says of itself without its frames."""
-
-    key: str
-    """`GridRun.key` of its run."""
-    run: GridRun
-    failure: str | None
-    versions: Mapping[str, str]
-    numbers: int
-    """In its frames."""
-
-
 def write_record(folder: Path, record: RunRecord) -> Path:
-    """Write a record into a folder under its run's key; returns the file.
+    """Write a record into a folder under its run's key; returns the file, an earlier one replaced.
 
-    The file appears under its name when all of it is on the disk, so whoever finds it may trust it;
-    an earlier one is replaced. Raises ``ValueError`` for columns that differ in length and
-    ``OSError`` when the file system refuses; nothing is then left.
+    Raises ``ValueError`` for columns that differ in length and ``OSError`` when the file system
+    refuses; nothing is then left.
     """
-    path = folder / (record.run.key + SUFFIX)
-    table = _table(record)
-    unfinished = folder / f".{record.run.key}-{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    path, table = folder / (record.run.key + SUFFIX), _table(record)
+    write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
+    return path
+
+
+def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file that appears under its name when all of it is on the disk.
+
+    Whoever finds it may trust it. Raises ``OSError``, which names the file; nothing is then left.
+    """
+    unfinished = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{UNFINISHED_SUFFIX}")
     try:
         with unfinished.open("wb") as file:
-            pq.write_table(table, file, compression="zstd")
+            write(file)
             file.flush()
             os.fsync(file.fileno())
         unfinished.replace(path)
+        _sync_folder(path.parent)
     except OSError as error:
-        unfinished.unlink(missing_ok=True)
         # What the libraries in between raise does not always name the file.
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-    except BaseException:
+    finally:
+        # There is none after a successful move.
         unfinished.unlink(missing_ok=True)
-        raise
-    _sync_folder(folder)
-    return path
+
+
+def write_text_whole(path: Path, text: str) -> None:
+    """`write_whole` of a text."""
+    write_whole(path, lambda file: file.write(text.encode()))
 
 
 def read_record(path: Path) -> RunRecord:
     """Read a record. Raises `InputError` when the file is not one, or one of another format."""
+    table = _read(path, pq.read_table)
+    found = _without_frames(path, table.schema.metadata)
+    if found.failure is not None:
+        return found
+    columns = {name: _column(table.column(name)) for name in table.column_names}
+    return RunRecord(found.run, columns, found.values, found.failure, found.versions, found.command)
+
+
+def read_header(path: Path) -> RunRecord:
+    """A record without its frames: quick. Raises `InputError` as `read_record` does."""
+    return _without_frames(path, _read(path, pq.read_schema).metadata)
+
+
+def _read(path: Path, read: Callable[[Path], Any]) -> Any:
     try:
-        table = pq.read_table(path)
+        return read(path)
     except (pa.ArrowException, OSError) as error:
         raise _not_a_record(path, str(error)) from error
-    about = _about(path, table.schema.metadata)
-    names = table.column_names if about["failure"] is None else []
-    return RunRecord(
-        run=_run(about),
-        columns={name: _column(table.column(name)) for name in names},
-        values={name: _number(value) for name, value in about["values"].items()},
-        failure=about["failure"],
-        versions=about["versions"],
-        command=about["command"],
-    )
-
-
-def read_header(path: Path) -> RecordHeader:
-    """Read what stands beside the frames. Raises `InputError` as `read_record` does."""
-    try:
-        found = pq.read_metadata(path)
-    except (pa.ArrowException, OSError) as error:
-        raise _not_a_record(path, str(error)) from error
-    about, numbers = _about(path, found.metadata), found.num_rows * found.num_columns
-    return RecordHeader(about["key"], _run(about), about["failure"], about["versions"], numbers)
-
-
-def _run(about: dict[str, Any]) -> GridRun:
-    axes = tuple((name, value) for name, value in about["axes"])
-    return Run(Case(about["case"], axes), about["index"], about["seed"])
 
 
 def _table(record: RunRecord) -> pa.Table:
     lengths = {name: len(column) for name, column in record.columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns of a record differ in length: {lengths}")
+    run = record.run
     about = {
         "format": FORMAT,
-        "key": record.run.key,
-        "case": record.run.case.name,
-        "axes": record.run.case.settings,
-        "index": record.run.index,
-        "seed": record.run.seed,
+        "key": run.key,
+        "case": run.case.name,
+        "axes": run.case.settings,
+        "index": run.index,
+        "seed": run.seed,
         "values": {name: _json_number(value) for name, value in record.values.items()},
         "failure": record.failure,
         "versions": dict(record.versions),
@@ -172,8 +157,8 @@ def _column(stored: pa.ChunkedArray) -> Column:
     return np.asarray(stored.to_numpy(), dtype=np.float64)
 
 
-def _about(path: Path, metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]:
-    """The JSON of a file, of this format."""
+def _without_frames(path: Path, metadata: Mapping[bytes, bytes] | None) -> RunRecord:
+    """What the JSON of a file says, which must be of this format."""
     text = (metadata or {}).get(_KEY)
     if text is None:
         raise _not_a_record(path, "a Parquet file without the values of a run")
@@ -184,7 +169,15 @@ def _about(path: Path, metadata: Mapping[bytes, bytes] | None) -> dict[str, Any]
         raise _not_a_record(path, "its values of the run cannot be read") from error
     if found != FORMAT:
         raise InputError(path, "format", f"expected {FORMAT}, found {found}")
-    return dict(about)
+    axes = tuple((name, value) for name, value in about["axes"])
+    return RunRecord(
+        run=Run(Case(about["case"], axes), about["index"], about["seed"]),
+        columns={},
+        values={name: float(value) for name, value in about["values"].items()},
+        failure=about["failure"],
+        versions=about["versions"],
+        command=about["command"],
+    )
 
 
 def _not_a_record(path: Path, reason: str) -> InputError:
@@ -192,11 +185,8 @@ def _not_a_record(path: Path, reason: str) -> InputError:
 
 
 def _json_number(value: float) -> float | str:
+    """JSON has no words for what is not finite: these are texts, which ``float`` reads back."""
     return float(value) if math.isfinite(value) else str(float(value))
-
-
-def _number(stored: float | str) -> float:
-    return _NOT_FINITE[stored] if isinstance(stored, str) else float(stored)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -18,20 +18,19 @@ from typing import Any
 
 import pcnav
 from pcnav.batch.axes import GridRun
-from pcnav.batch.layout import BATCH_FILE, GRID_FILE, RUNS_FOLDER
 from pcnav.batch.record import (
     FORMAT,
     SUFFIX,
     UNFINISHED_SUFFIX,
-    RecordHeader,
     RunRecord,
     read_header,
     read_record,
+    write_text_whole,
 )
 from pcnav.core.errors import InputError
 from pcnav.runs.provenance import library_versions_with_peers
 
-_WRITTEN = (GRID_FILE, BATCH_FILE)
+GRID_FILE, BATCH_FILE, RUNS_FOLDER = "grid.toml", "batch.json", "runs"
 
 _ABANDONED_AFTER_S = 60.0
 """Writing a record takes far less: what is older was left by a process that ended."""
@@ -47,7 +46,7 @@ class RunStore:
     version: str
     """Of pcnav, which made all records."""
     keys: tuple[str, ...]
-    """`GridRun.key` of every run, in the order of the grid."""
+    """`Run.key` of every run, in the order of the grid."""
     identity: str = field(compare=False)
     """Drawn when the folder was made: tells it from one of the same name on another machine."""
 
@@ -70,39 +69,30 @@ class RunStore:
         there = {path.name for path in self.runs_folder.glob(f"*{SUFFIX}")}
         return tuple(key for key in self.keys if key + SUFFIX not in there)
 
-    def records(self) -> Iterator[RunRecord]:
-        """The records there are, in the order of the grid, one at a time in memory.
-
-        Raises `InputError` for a file that is not a record, or one of another version of pcnav.
-        """
-        for key in self.keys:
-            if self.path(key).is_file():
-                yield self.record(key)
-
     def record(self, key: str) -> RunRecord:
-        """One record. Raises `InputError` as `records` does, and when it is not there."""
+        """One record. Raises `InputError` where there is none, or not one of this batch."""
         path = self.path(key)
         if not path.is_file():
             raise InputError(path, "file", "expected the record of a run, there is none yet")
-        record = read_record(path)
-        self._refuse_strangers(path, record.run.key, record.versions.get("pcnav"))
-        return record
+        return self._own(path, read_record(path))
 
-    def headers(self) -> Iterator[RecordHeader]:
-        """As `records`, without the frames: quick."""
-        for key in self.keys:
-            path = self.path(key)
+    def headers(self) -> Iterator[RunRecord]:
+        """The records there are, in the order of the grid, without their frames: quick.
+
+        Raises `InputError` for a file that is not a record, or one of another version of pcnav.
+        """
+        for path in map(self.path, self.keys):
             if path.is_file():
-                header = read_header(path)
-                self._refuse_strangers(path, header.key, header.versions.get("pcnav"))
-                yield header
+                yield self._own(path, read_header(path))
 
-    def _refuse_strangers(self, path: Path, key: str, version: str | None) -> None:
+    def _own(self, path: Path, record: RunRecord) -> RunRecord:
+        version, key = record.versions.get("pcnav"), record.run.key
         if version != self.version:
             expected = f"expected {self.version} as in all of this batch, found {version}"
             raise InputError(path, "version of pcnav", expected)
         if key + SUFFIX != path.name:
             raise InputError(path, "run", f"expected that of the file's name, found {key}")
+        return record
 
 
 def new_store(folder: Path, grid_toml: str, runs: Sequence[GridRun]) -> RunStore:
@@ -159,7 +149,7 @@ def _earlier(store: RunStore) -> RunStore | None:
         _refuse_other_libraries(earlier)
         return earlier
     # A batch that ended before its first file may have left these.
-    ours = {GRID_FILE, RUNS_FOLDER, *(f".{name}{UNFINISHED_SUFFIX}" for name in _WRITTEN)}
+    ours = {GRID_FILE, RUNS_FOLDER, *(path.name for path in folder.glob(f".*{UNFINISHED_SUFFIX}"))}
     foreign = [path.name for path in folder.glob("*") if path.name not in ours]
     if foreign:
         expected = f"expected an empty or new folder or one of a batch, this has {min(foreign)}"
@@ -174,7 +164,7 @@ def _refuse_other_libraries(store: RunStore) -> None:
         for name, theirs in header.versions.items():
             if now.get(name, theirs) != theirs and store.version == now["pcnav"]:
                 expected = f"expected {now[name]} as now, found {theirs}"
-                raise InputError(store.path(header.key), f"version of {name}", expected)
+                raise InputError(store.path(header.run.key), f"version of {name}", expected)
 
 
 def _write_anew(store: RunStore, shown: Path) -> None:
@@ -184,24 +174,15 @@ def _write_anew(store: RunStore, shown: Path) -> None:
         "identity": store.identity,
         "runs": store.keys,
     }
+    text = json.dumps(about, indent=1) + "\n"
     try:
         store.runs_folder.mkdir(parents=True, exist_ok=True)
-        _write_whole(store.folder / GRID_FILE, store.grid_toml)
+        write_text_whole(store.folder / GRID_FILE, store.grid_toml)
         # Last: a folder with this file has all it needs.
-        _write_whole(store.folder / BATCH_FILE, json.dumps(about, indent=1) + "\n")
+        write_text_whole(store.folder / BATCH_FILE, text)
     except OSError as error:
         expected = f"expected a place that can be written ({error.strerror})"
         raise InputError(shown, "folder", expected) from error
-
-
-def _write_whole(path: Path, text: str) -> None:
-    unfinished = path.with_name(f".{path.name}{UNFINISHED_SUFFIX}")
-    try:
-        with unfinished.open("w", encoding="utf-8", newline="") as file:
-            file.write(text)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _remove_unfinished(folder: Path) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 from pcnav.batch.axes import GridRun
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import Failure, attempt, outcomes
-from pcnav.batch.fitness import here
 from pcnav.batch.record import SUFFIX, RunRecord, read_header, write_record
-from pcnav.batch.store import RunStore
+from pcnav.batch.store import BATCH_FILE, RunStore
+from pcnav.batch.worker_check import here
 from pcnav.runs.provenance import library_versions_with_peers
 
 OnBatchProgress = Callable[[int, int, int], None]
@@ -68,10 +68,10 @@ def run_stored(
     """
     tasks = [_Task(run, command(run)) for run in runs if not store.finished(run)]
     done = len(runs) - len(tasks)
-    wanted = {run.key for run in runs}
-    failed = sum(header.failure is not None and header.key in wanted for header in store.headers())
+    earlier = {header.run for header in store.headers() if header.failure is not None}
+    failed = len(earlier.intersection(runs))
     on_progress(done, len(runs), failed)
-    requirements = here(store.folder, store.identity)
+    requirements = here(store.folder / BATCH_FILE, store.identity)
     recording = _Recording(function, store.runs_folder)
     with closing(outcomes(recording, tasks, workers, requirements)) as ended:
         for k, outcome in ended:

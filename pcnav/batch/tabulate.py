@@ -53,8 +53,6 @@ _NOT_EVERYONES = {Family.CONSISTENCY, Family.BOUND}
 """What only a filter has: rows without any number say nothing there."""
 _STATES = "states"
 _KEPT_BYTES = 200_000_000
-_BYTES_A_NUMBER = 9
-"""A column of words among fifty of numbers."""
 _PANELS = 2
 """Metrics drawn side by side in a figure."""
 _MAX_FAILURES = 50
@@ -131,8 +129,9 @@ def tabulate(
 
 def kept_records(store: RunStore, max_bytes: int = _KEPT_BYTES) -> ReadRun:
     """Reads records, and keeps as many as fit: every table reads them all again."""
-    largest = max((_BYTES_A_NUMBER * header.numbers for header in store.headers()), default=1)
-    read = lru_cache(max_bytes // max(largest, 1))(store.record)
+    # Numbers that are measured hardly shrink in a file.
+    largest = max((path.stat().st_size for path in store.runs_folder.iterdir()), default=1)
+    read = lru_cache(max_bytes // largest)(store.record)
     return lambda run: read(run.key)
 
 

@@ -107,7 +107,7 @@ def _run(
     window: "EvaluationWindow",
 ) -> None:
     """Run a grid, or go on with it, and tabulate."""
-    from pcnav.batch.threads import one_thread_each
+    from pcnav.batch.process import one_thread_each
 
     # Before the libraries are loaded: one process then sums in the same order as many.
     with one_thread_each():
@@ -123,7 +123,7 @@ def _run(
 
 def _run_alone(name: str, case: str, index: int, out: Path) -> None:
     """One run of a grid, and its numbers."""
-    from pcnav.batch.threads import one_thread_each
+    from pcnav.batch.process import one_thread_each
 
     with one_thread_each():
         from pcnav.batch.grid import named_grid

@@ -16,7 +16,7 @@ import pytest
 
 from pcnav.batch import cluster, engine
 from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import run_all
+from pcnav.batch.engine import results
 from pcnav.batch.grid import named_grid
 from pcnav.batch.run_batch import run_batch
 from pcnav.batch.store import RunStore, new_store
@@ -194,7 +194,8 @@ def test_a_killed_client_goes_on_where_it_ended(
 
 
 def test_studies_run_there_too(dask: Dask) -> None:
-    assert run_all(abs, [3, -4, 5, -6], dask.workers) == [3, 4, 5, 6]
+    found = dict(results(abs, [3, -4, 5, -6], dask.workers))
+    assert found == {0: 3, 1: 4, 2: 5, 3: 6}
 
 
 @pytest.mark.parametrize(
@@ -211,7 +212,7 @@ def test_a_worker_that_would_give_other_numbers_is_named_and_refused(
     with dask.worker(*options):
         _until(lambda: len(_worker_threads(dask.address)) == 2)
         with pytest.raises(InputError, match=f"^tcp://127.0.0.1:[0-9]+: {expected}") as caught:
-            run_all(abs, [1], dask.workers)
+            dict(results(abs, [1], dask.workers))
     assert "\n" not in str(caught.value)
     _until(lambda: len(_worker_threads(dask.address)) == 1)
 
@@ -223,7 +224,7 @@ def test_a_worker_that_joins_late_is_refused_as_well(
     expected = "OMP_NUM_THREADS: expected 1 .*found 4"
     with dask.worker(OMP_NUM_THREADS="4"), pytest.raises(InputError, match=expected):
         run_stored(CheapRun(tmp_path / "log", 0.5), RUNS, store, dask.workers, command_of)
-    assert len(list(store.records())) < len(RUNS)
+    assert len(list(store.headers())) < len(RUNS)
     _until(lambda: len(_worker_threads(dask.address)) == 1)
 
 
@@ -250,7 +251,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line_within_ten_seconds(
         address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
         started = time.monotonic()
         with pytest.raises(InputError, match=rf"^{address}: scheduler: expected a dask scheduler"):
-            run_all(abs, [1], Workers(scheduler=address))
+            dict(results(abs, [1], Workers(scheduler=address)))
         assert time.monotonic() - started < 10.0
 
 
@@ -262,7 +263,7 @@ def test_a_scheduler_without_workers_or_that_goes_away_is_said(
     monkeypatch.setattr(engine, "_ALONE_FOR_S", 0.5)
     with _scheduler(tmp_path, repository) as lonely:
         with pytest.raises(InputError, match="workers: expected a worker within"):
-            run_all(abs, [1], lonely.workers)
+            dict(results(abs, [1], lonely.workers))
         with lonely.worker() as only:
             _until(lambda: len(_worker_threads(lonely.address)) == 1)
 
@@ -284,7 +285,7 @@ def test_a_scheduler_without_workers_or_that_goes_away_is_said(
             with pytest.raises(InputError, match="scheduler: expected it to stay to the end"):
                 run_stored(run, RUNS, store, lonely.workers, command_of, end)
             assert time.monotonic() - started < 10.0
-    assert len(list(store.records())) >= 10
+    assert len(list(store.headers())) >= 10
 
 
 def test_workers_that_cannot_be_used_leave_no_folder_behind(tmp_path: Path) -> None:

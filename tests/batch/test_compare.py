@@ -147,8 +147,8 @@ def test_batches_are_compared_run_by_run(tmp_path: Path) -> None:
     assert not same.is_regression
     worse = compare(old, store(tmp_path / "worse", runs, factor=1.3))
     assert worse.is_regression
-    assert {each.change.metric.name for each in worse.regressions} == {"position_sym_rms_m"}
-    assert all(each.change.paired for each in worse.cases)
+    assert {each.metric.name for each in worse.regressions} == {"position_sym_rms_m"}
+    assert all(each.paired for each in worse.cases)
     # Every case and both means: a factor that is the same in all runs leaves no doubt.
     assert len(worse.regressions) == 6 + 2
     assert not compare(store(tmp_path / "again", runs, factor=1.3), old).is_regression
@@ -158,11 +158,11 @@ def test_other_seeds_are_compared_without_pairs(tmp_path: Path) -> None:
     few = {"satellites": ("boxsat",), "sigmas_m": (0.01,)}
     old = store(tmp_path / "old", some_runs(5, 1, **few))
     new = compare(old, store(tmp_path / "new", some_runs(5, 2, **few), "other"))
-    assert not any(each.change.paired for each in new.cases)
+    assert not any(each.paired for each in new.cases)
     assert not new.is_regression
     assert not new.same_grid
     far = compare(old, store(tmp_path / "far", some_runs(5, 2, **few), "other", factor=4.0))
-    assert {each.change.metric.name for each in far.regressions} == {"position_sym_rms_m"}
+    assert {each.metric.name for each in far.regressions} == {"position_sym_rms_m"}
 
 
 def test_a_run_that_fails_now_is_a_regression_and_cases_apart_are_told(tmp_path: Path) -> None:

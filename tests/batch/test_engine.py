@@ -1,7 +1,6 @@
 """Runs over processes of this machine: order, seeds, threads, failures, interrupts, resumption."""
 
 import errno
-import math
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import run_all
+from pcnav.batch.engine import results
 from pcnav.batch.store import RunStore, new_store, open_store
 from pcnav.batch.stored import run_stored
 from pcnav.core.errors import InputError
@@ -65,14 +64,6 @@ def test_workers_that_cannot_be_meant_are_refused() -> None:
             Workers(jobs, scheduler)
 
 
-def test_results_keep_the_order_of_the_items_and_each_is_counted() -> None:
-    counted: list[int] = []
-    squares = [float(k * k) for k in range(6)]
-    assert run_all(math.sqrt, squares, HERE, lambda: counted.append(1)) == [0, 1, 2, 3, 4, 5]
-    assert len(counted) == 6
-    assert run_all(math.sqrt, []) == []
-
-
 def test_processes_work_on_one_thread_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -82,7 +73,7 @@ def test_processes_work_on_one_thread_each(
     names = ["OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"]
     # The last, which dask would set, has a process ask the system for every array anew.
     names.append("MALLOC_TRIM_THRESHOLD_")
-    assert run_all(os.getenv, names, TWO) == ["1", "1", "1", None]
+    assert dict(results(os.getenv, names, TWO)) == {0: "1", 1: "1", 2: "1", 3: None}
     assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
 
 
@@ -122,7 +113,7 @@ def test_a_run_that_kills_its_process_becomes_a_failure_and_loses_no_other(
     log = tmp_path / "log"
     function = CheapRun(log, kills=RUNS[2].key)
     run_stored(function, RUNS, store, TWO, command_of)
-    records = list(store.records())
+    records = list(store.headers())
     assert [record.run for record in records] == RUNS
     assert [k for k, record in enumerate(records) if record.failure is not None] == [2]
     assert records[2].failure is not None
@@ -180,7 +171,7 @@ def test_an_interrupt_ends_everything_at_once_and_leaves_finished_runs(
     assert (code, errors) == (-9 if number == signal.SIGKILL else 130, "")
     assert not _living(process.pid)
     store = open_store(out)
-    assert [record.run for record in store.records()] == planned(8)[:1]
+    assert [record.run for record in store.headers()] == planned(8)[:1]
     assert not list(store.runs_folder.glob(".*"))
 
 

@@ -10,8 +10,8 @@ from pcnav.batch.axes import grid_case
 from pcnav.batch.following import Followed, follow
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.judging import Verdict, judge
-from pcnav.batch.memory import peak_memory_mb, reset_peak_memory
 from pcnav.batch.monte_carlo import Run
+from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.scenario import run_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform

@@ -29,8 +29,7 @@ def test_records_come_in_the_order_of_the_grid_whatever_the_order_of_writing(
 ) -> None:
     for k in (4, 0, 5, 2):
         write_record(store.runs_folder, record_of(RUNS[k]))
-    assert [record.run for record in store.records()] == [RUNS[k] for k in (0, 2, 4, 5)]
-    assert [header.key for header in store.headers()] == [RUNS[k].key for k in (0, 2, 4, 5)]
+    assert [record.run for record in store.headers()] == [RUNS[k] for k in (0, 2, 4, 5)]
     assert store.missing == (RUNS[1].key, RUNS[3].key)
     assert store.finished(RUNS[4]) and not store.finished(RUNS[1])
     with pytest.raises(InputError, match="there is none yet"):
@@ -70,12 +69,12 @@ def test_records_of_mixed_versions_are_refused(store: RunStore) -> None:
     path = write_record(store.runs_folder, replace(record, versions={"pcnav": "0.0.1"}))
     expected = rf"{path.name}: version of pcnav: expected .*, found 0\.0\.1"
     with pytest.raises(InputError, match=expected):
-        list(store.records())
+        list(store.headers())
     with pytest.raises(InputError, match=expected):
         new_store(store.folder, GRID, RUNS)
     write_record(store.runs_folder, record).rename(store.path(RUNS[2].key))
     with pytest.raises(InputError, match="expected that of the file's name"):
-        list(store.records())
+        list(store.headers())
 
 
 def test_what_a_process_left_half_written_is_ignored_and_removed(store: RunStore) -> None:
@@ -85,7 +84,7 @@ def test_what_a_process_left_half_written_is_ignored_and_removed(store: RunStore
         path.write_bytes(b"PAR1")
     hours_ago = time.time() - 7200.0
     os.utime(left, (hours_ago, hours_ago))
-    assert list(store.records()) == [] and len(store.missing) == len(RUNS)
+    assert list(store.headers()) == [] and len(store.missing) == len(RUNS)
     new_store(store.folder, GRID, RUNS)
     # The other one may be a worker's that is about to finish it.
     assert not left.exists() and fresh.exists()

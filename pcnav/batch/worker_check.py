@@ -3,11 +3,9 @@
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pcnav.batch.layout import BATCH_FILE, read_identity
 from pcnav.core.errors import InputError
 from pcnav.runs.provenance import library_versions_with_peers
 
@@ -16,6 +14,8 @@ if TYPE_CHECKING:
 
 # Sums over several threads depend on their number.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_Answer = tuple[dict[str, str], dict[str, str], str | None]
+"""Versions of the libraries, variables of the environment, identity of the folder."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Requirements:
 
     versions: Mapping[str, str]
     """Of pcnav and the libraries, as in the process that asks."""
-    folder: Path | None = None
-    """Of the batch, to be seen by every worker."""
+    identity_file: Path | None = None
+    """In the folder of the batch, to be seen by every worker."""
     identity: str | None = None
     """What tells that folder from another one of its name."""
 
@@ -34,9 +34,9 @@ class UnfitWorkerError(Exception):
     """A worker that must not take part: its address, what is wrong, and what was expected."""
 
 
-def here(folder: Path | None = None, identity: str | None = None) -> Requirements:
+def here(identity_file: Path | None = None, identity: str | None = None) -> Requirements:
     """What this process is, as the requirements of others."""
-    return Requirements(_versions(), folder, identity)
+    return Requirements(library_versions_with_peers(), identity_file, identity)
 
 
 def refuse_unfit(requirements: Requirements) -> None:
@@ -47,40 +47,32 @@ def refuse_unfit(requirements: Requirements) -> None:
     from distributed import get_worker
 
     worker = get_worker()
-    threads = worker.state.nthreads
-    unmet = _unmet(requirements, _versions(), dict(os.environ), threads)
-    folder = requirements.folder
-    if unmet is None and folder is not None:
-        unmet = _unseen(folder, read_identity(folder), requirements.identity)
+    answer = _question()(_path(requirements))
+    unmet = _unmet(requirements, answer, worker.state.nthreads)
     if unmet is not None:
         raise UnfitWorkerError(worker.address, *unmet)
 
 
 def check_workers(client: "Client", requirements: Requirements) -> None:
     """Ask all present workers at once. Raises `InputError` for the first that is not fit."""
-    folder = requirements.folder
-    batch_file = None if folder is None else str(folder / BATCH_FILE)
     threads = client.nthreads()
-    answers = client.run(_question(), batch_file, on_error="return")
+    answers = client.run(_question(), _path(requirements), on_error="return")
     for address, answer in sorted(answers.items()):
         if isinstance(answer, Exception):
             expected = f"expected one that can be asked ({type(answer).__name__}: {answer})"
             raise InputError(address, "worker", expected)
-        versions, environment, identity = answer
-        unmet = _unmet(requirements, versions, environment, threads.get(address, 1))
-        if unmet is None and folder is not None:
-            unmet = _unseen(folder, identity, requirements.identity)
+        unmet = _unmet(requirements, answer, threads.get(address, 1))
         if unmet is not None:
             raise InputError(address, *unmet)
 
 
-def _unmet(
-    requirements: Requirements,
-    versions: Mapping[str, str],
-    environment: Mapping[str, str],
-    threads: int,
-) -> tuple[str, str] | None:
+def _path(requirements: Requirements) -> str | None:
+    return None if requirements.identity_file is None else str(requirements.identity_file)
+
+
+def _unmet(requirements: Requirements, answer: _Answer, threads: int) -> tuple[str, str] | None:
     """The field and what was expected there."""
+    versions, environment, identity = answer
     for name, ours in requirements.versions.items():
         theirs = versions.get(name, "not installed")
         if theirs != ours:
@@ -90,21 +82,18 @@ def _unmet(
     for name in _THREADS:
         if environment.get(name) != "1":
             return name, f"expected 1 where the worker starts, found {environment.get(name)}"
+    file = requirements.identity_file
+    if file is not None and identity != requirements.identity:
+        expected = f"expected to see {file.parent} as it is here (a folder that all machines share)"
+        return "folder", expected
     return None
 
 
-def _unseen(folder: Path, found: str | None, identity: str | None) -> tuple[str, str] | None:
-    if found == identity:
-        return None
-    return "folder", f"expected to see {folder} as it is here (a folder that all machines share)"
-
-
-def _question() -> Callable[[str | None], tuple[dict[str, str], dict[str, str], str | None]]:
+def _question() -> Callable[[str | None], _Answer]:
     """A function that goes to a worker by value: one of another version lacks this module."""
 
-    def answer(batch_file: str | None) -> tuple[dict[str, str], dict[str, str], str | None]:
+    def answer(identity_file: str | None) -> _Answer:
         import json
-        import os
 
         try:
             from pcnav.runs.provenance import library_versions_with_peers
@@ -118,20 +107,13 @@ def _question() -> Callable[[str | None], tuple[dict[str, str], dict[str, str], 
             versions["pcnav"] = pcnav.__version__
         except ImportError:
             pass
-        threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-        environment = {name: os.environ[name] for name in threads if name in os.environ}
         identity = None
-        if batch_file is not None:
+        if identity_file is not None:
             try:
-                with open(batch_file, encoding="utf-8") as file:  # noqa: PTH123
+                with open(identity_file, encoding="utf-8") as file:  # noqa: PTH123
                     identity = json.load(file).get("identity")
             except (OSError, ValueError, AttributeError):
                 identity = None
-        return versions, environment, identity
+        return versions, dict(os.environ), identity
 
     return answer
-
-
-@cache
-def _versions() -> dict[str, str]:
-    return library_versions_with_peers()
