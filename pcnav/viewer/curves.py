@@ -39,25 +39,19 @@ _USED = {
 
 
 @dataclass(frozen=True)
-class Curve:
-    """A line over time, and its 3 sigma bounds where it has any."""
-
-    values: FloatArray
-    """(n,) in the unit of its chart; nan where there is no value."""
-    low: FloatArray | None = None
-    high: FloatArray | None = None
-    """(n,) bounds."""
-    dots: bool = False
-
-
-@dataclass(frozen=True)
 class Chart:
-    """One plot of one run."""
+    """One plot of one run: a line over time, and its 3 sigma bounds where it has any."""
 
     label: str
     """Of the vertical axis, with its unit."""
     time_s: FloatArray
-    curve: Curve
+    """(n,)"""
+    values: FloatArray
+    """(n,) in the unit of the axis; nan where there is no value."""
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+    """(n,) bounds."""
+    is_dots: bool = False
     is_error: bool = False
     linear_to: float | None = None
     """Beyond this the axis is logarithmic; None for a linear axis."""
@@ -66,11 +60,16 @@ class Chart:
     known: BoolArray | None = None
     """(n,) where the value is known from data rather than from the prior."""
 
+    @property
+    def lacks(self) -> BoolArray:
+        """(n,) where a line has no value."""
+        return np.asarray(~np.isfinite(self.values) & (not self.is_dots))
+
     def shown(self) -> FloatArray:
         """Indices of the frames that draw the curve and its bounds without losing a peak."""
-        wanted = [envelope(self.curve.values, _BUCKETS)]
-        if self.curve.high is not None:
-            wanted.append(envelope(self.curve.high, _BUCKETS // 4))
+        wanted = [envelope(self.values, _BUCKETS)]
+        if self.high is not None:
+            wanted.append(envelope(self.high, _BUCKETS // 4))
         return np.unique(np.concatenate(wanted))
 
 
@@ -126,9 +125,11 @@ def _quantity(loaded: LoadedRun, name: str, block: Block) -> ChartGroup:
             Chart(
                 " ".join(words) + suffix,
                 time_s,
-                Curve(values[:, k], low, high),
-                error is not None,
-                linear,
+                values[:, k],
+                low,
+                high,
+                is_error=error is not None,
+                linear_to=linear,
                 known=_known(loaded, block, k),
             )
         )
@@ -164,16 +165,16 @@ def _consistency(loaded: LoadedRun) -> ChartGroup:
         ratio = np.full(len(run), np.nan)
         ratio[used] = run.nis[used] / chi_square.quantile(_CONFIDENCE, run.nis_dof[used])
         linear = 2.0 if np.nanmax(ratio) > _DECADES_FROM else None
-        curve = Curve(ratio, dots=True)
-        charts.append(Chart("NIS / its 95 % bound", run.time_s, curve, linear_to=linear, bound=1.0))
+        name = "NIS / its 95 % bound"
+        charts.append(Chart(name, run.time_s, ratio, is_dots=True, linear_to=linear, bound=1.0))
     inliers = run.notes.get("inlier_ratio", np.full(len(run), np.nan))
     if np.isfinite(inliers).any():
-        charts.append(Chart("inlier ratio, %", run.time_s, Curve(100.0 * inliers)))
+        charts.append(Chart("inlier ratio, %", run.time_s, 100.0 * inliers))
     for column, what in _USED.items():
         if column in run.notes:
             told = run.notes[column]
             counts = np.isfinite(told).astype(np.float64) if column == _MEASURED else told
-            charts.append(Chart(f"{what} used, count", run.time_s, Curve(counts)))
+            charts.append(Chart(f"{what} used, count", run.time_s, counts))
     return ChartGroup("consistency", tuple(charts))
 
 

@@ -41,3 +41,8 @@ def hex_of(colour: Rgb) -> str:
 def rgba_of(colour: Rgb, opacity: float) -> str:
     """As HTML and plots write it, with an opacity from 0 to 1."""
     return "rgba({}, {}, {}, {:g})".format(*colour, opacity)
+
+
+def coloured(text: str, colour: Rgb) -> str:
+    """HTML of a text, which is not escaped."""
+    return f"<span style='color:{hex_of(colour)}'>{text}</span>"

@@ -21,6 +21,7 @@ from pcnav.viewer.palette import (
     RESIDUAL_STOPS,
     UNEXPLAINED,
     Rgb,
+    coloured,
     hex_of,
 )
 
@@ -125,7 +126,7 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
 
 def legend_html(loaded: LoadedRun, by: ColourBy, *, has_estimate: bool) -> str:
     """What the colours of the points mean: a bar with numbers for residuals, else words."""
-    pink = f"<span style='color:{hex_of(UNEXPLAINED)}'>■</span>"
+    pink = coloured("■", UNEXPLAINED)
     if loaded.target is None:
         return ""
     if loaded.frames is None:

@@ -12,7 +12,7 @@ from viser import uplot
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.viewer.curves import Chart, ChartGroup, groups_of
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.palette import RUNS, TRUTH, Rgb, hex_of, rgba_of
+from pcnav.viewer.palette import RUNS, TRUTH, Rgb, coloured, hex_of, rgba_of
 
 _HEIGHT_OF_ALL_PX = 610
 _FRAME_PX = 24
@@ -182,19 +182,19 @@ def _drawing_of(row: _Row, height: int) -> _Drawing:
 
     for chart, colour in row:
         at = chart.shown()
-        time_s, curve = chart.time_s[at], chart.curve
-        if _lacks(chart):
-            add(_steps(x, chart.time_s, ~np.isfinite(curve.values)), _shade(_BOUND))
+        time_s = chart.time_s[at]
+        if chart.lacks.any():
+            add(_steps(x, chart.time_s, chart.lacks), _shade(_BOUND))
         if chart.known is not None and chart.known.any():
             add(_steps(x, time_s, chart.known[at]), _shade(_KNOWN))
-        if curve.high is not None and curve.low is not None:
+        if chart.high is not None and chart.low is not None:
             edge = _line(rgba_of(colour, 0.55), 1)
-            add(_carried(x, time_s, curve.high[at]), edge)
-            add(_carried(x, time_s, curve.low[at]), edge)
+            add(_carried(x, time_s, chart.high[at]), edge)
+            add(_carried(x, time_s, chart.low[at]), edge)
             both = (len(series) - 2, len(series) - 1)
             bands.append({"series": both, "fill": rgba_of(colour, 0.16)})
-        line = _dots(colour) if curve.dots else _line(hex_of(colour), 1.6)
-        add(_carried(x, time_s, curve.values[at]), line)
+        line = _dots(colour) if chart.is_dots else _line(hex_of(colour), 1.6)
+        add(_carried(x, time_s, chart.values[at]), line)
     first = row[0][0]
     if first.bound is not None:
         add(np.full(len(x), first.bound), {**_line(hex_of(_BOUND), 1.5), "dash": (6, 4)})
@@ -240,7 +240,7 @@ def _shade(colour: Rgb) -> uplot.Series:
 
 def _edges(chart: Chart) -> FloatArray:
     """Times just before and after each change between an estimate and none: shades end upright."""
-    missing = ~np.isfinite(chart.curve.values)
+    missing = ~np.isfinite(chart.values)
     changes = np.flatnonzero(missing[1:] != missing[:-1])
     before, after = chart.time_s[changes], chart.time_s[changes + 1]
     middle, apart = 0.5 * (before + after), 1e-3 * (after - before)
@@ -302,35 +302,28 @@ def two_sided_ticks(linear_to: float, largest: float, most: int) -> list[float]:
     return [*(-power for power in powers), 0.0, *reversed(powers)]
 
 
-def _lacks(chart: Chart) -> bool:
-    return not chart.curve.dots and not bool(np.isfinite(chart.curve.values).all())
-
-
 def _key(runs: tuple[LoadedRun, ...], groups: list[ChartGroup]) -> str:
     """What the lines mean, as HTML."""
     parts = []
     if groups and groups[0].charts:
         first = groups[0].charts[0]
-        told = "error: truth minus estimate" if first.is_error else "estimate"
-        if first.curve.high is not None:
-            told += ", band ±3σ as stated"
-        parts.append(f"<b>{escape(groups[0].title)}</b>: {told}")
+        what = "error: truth minus estimate" if first.is_error else "estimate"
+        if first.high is not None:
+            what += ", band ±3σ as stated"
+        parts.append(f"<b>{escape(groups[0].title)}</b>: {what}")
         if groups[0].remark:
-            swatch = f"<span style='color:{hex_of(_KNOWN)}'>■</span>"
-            parts.append(f"{swatch} {escape(groups[0].remark)}")
+            parts.append(f"{coloured('■', _KNOWN)} {escape(groups[0].remark)}")
         remarks = []
-        if any(_lacks(chart) for group in groups for chart in group.charts):
-            remarks.append(f"<span style='color:{hex_of(_BOUND)}'>■</span> no estimate")
+        if any(chart.lacks.any() for group in groups for chart in group.charts):
+            remarks.append(f"{coloured('■', _BOUND)} no estimate")
         if first.linear_to is not None:
             remarks.append("log scale beyond the innermost numbers")
         if remarks:
             parts.append("&emsp;".join(remarks))
         if first.bound is not None:
-            parts.append(f"<span style='color:{hex_of(_BOUND)}'>- -</span> 95 % of frames below")
-    names = "&emsp;".join(
-        f"<span style='color:{hex_of(RUNS[k])}'>━</span> {escape(loaded.name)}"
-        for k, loaded in enumerate(runs)
-    )
-    parts.append(f"{names}&emsp;<span style='color:{hex_of(TRUTH)}'>│</span> this frame")
+            parts.append(f"{coloured('- -', _BOUND)} 95 % of frames below")
+    pairs = zip(runs, RUNS, strict=False)
+    names = [f"{coloured('━', colour)} {escape(loaded.name)}" for loaded, colour in pairs]
+    parts.append("&emsp;".join([*names, f"{coloured('│', TRUTH)} this frame"]))
     lines = "".join(f"<div>{part}</div>" for part in parts)
     return f"<div style='font-size:12px;line-height:1.5;padding:2px 8px'>{lines}</div>"

@@ -5,7 +5,7 @@ import pytest
 
 from pcnav.dynamics.blocks import CENTRE
 from pcnav.viewer.clock import Playback, speeds
-from pcnav.viewer.curves import Chart, Curve, groups_of, linear_range
+from pcnav.viewer.curves import Chart, groups_of, linear_range
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.plots import two_sided_ticks
 
@@ -15,17 +15,17 @@ def test_errors_have_three_stated_deviations_about_zero(loaded: LoadedRun) -> No
     assert error is not None and all(chart.is_error for chart in charts)
     scale = 1e3 if charts[0].label.endswith("mm") else 1.0
     for k, chart in enumerate(charts):
-        assert np.allclose(chart.curve.values, scale * error[:, k], equal_nan=True)
-        assert chart.curve.high is not None and chart.curve.low is not None
+        assert np.allclose(chart.values, scale * error[:, k], equal_nan=True)
+        assert chart.high is not None and chart.low is not None
         expected = 3.0 * scale * loaded.trajectory.sd_of(CENTRE)[:, k]
-        assert np.allclose(chart.curve.high, expected, equal_nan=True)
-        assert np.allclose(chart.curve.low, -expected, equal_nan=True)
+        assert np.allclose(chart.high, expected, equal_nan=True)
+        assert np.allclose(chart.low, -expected, equal_nan=True)
 
 
 def test_long_series_keep_their_peaks() -> None:
     values = np.zeros(100_000)
     values[12_345], values[67_890] = 5.0, -7.0
-    at = Chart("x, m", np.arange(100_000.0), Curve(values)).shown()
+    at = Chart("x, m", np.arange(100_000.0), values).shown()
     assert len(at) <= 1000
     assert {12_345, 67_890} <= set(at.tolist())
 

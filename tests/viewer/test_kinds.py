@@ -153,7 +153,7 @@ def _metrics(seen: Seen) -> Any:
 def _rms(charts: tuple[Chart, ...]) -> float:
     """Of the norms of errors, in the unit of metrics.json."""
     unit = charts[0].label.partition(", ")[2]
-    values = np.column_stack([chart.curve.values for chart in charts])
+    values = np.column_stack([chart.values for chart in charts])
     norms = _UNITS[unit] * np.linalg.norm(values, axis=1)
     return float(np.sqrt(np.mean(norms[np.isfinite(norms)] ** 2)))
 
@@ -170,7 +170,7 @@ def test_errors_are_those_of_metrics_json(seen: Seen) -> None:
 def test_innovations_are_those_of_metrics_json(seen: Seen) -> None:
     stored = _metrics(seen)["nis"]
     charts = groups_of(seen.stored)["consistency"]().charts
-    shown = [chart.curve.values for chart in charts if "NIS" in chart.label]
+    shown = [chart.values for chart in charts if "NIS" in chart.label]
     if not stored["frames"]:
         assert shown == []
         return
@@ -201,7 +201,7 @@ def test_what_was_seen_meanwhile_is_what_is_stored(seen: Seen) -> None:
             np.testing.assert_allclose(values, stored.trajectory.values[name], atol=1e-12)
     counted = [groups_of(run)["consistency"]().charts[-1] for run in (live, stored)]
     assert counted[0].label == counted[1].label == f"{seen.kind.used} used, count"
-    assert np.array_equal(counted[0].curve.values, counted[1].curve.values)
+    assert np.array_equal(counted[0].values, counted[1].values)
 
 
 def test_plots_layers_and_facts_are_those_that_the_kind_has(seen: Seen) -> None:
@@ -212,7 +212,7 @@ def test_plots_layers_and_facts_are_those_that_the_kind_has(seen: Seen) -> None:
         assert charts, name
         for chart in charts:
             assert "," in chart.label or "/" in chart.label or "%" in chart.label, chart.label
-            assert len(chart.curve.values) == len(chart.time_s) == seen.kind.frames
+            assert len(chart.values) == len(chart.time_s) == seen.kind.frames
     layers = available_layers(Snapshot((seen.stored,), 0, is_live=False))
     assert set(Layer) - set(layers) == seen.kind.absent
     last = int(np.flatnonzero(seen.stored.run.has_estimate)[-1])
