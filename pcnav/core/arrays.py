@@ -19,8 +19,8 @@ Batch = TypeVar("Batch", bound="DataclassInstance")
 """A dataclass of arrays over one leading dimension; its other fields are common to all."""
 
 
-def picked(batch: Batch, index: IntArray | BoolArray) -> Batch:
-    """The members of a batch at (b,) places."""
+def picked(batch: Batch, index: IntArray | BoolArray | int) -> Batch:
+    """The members of a batch at (b,) places, or one member without the leading dimension."""
     return replace(batch, **{name: array[index] for name, array in _arrays(batch)})
 
 
@@ -31,6 +31,12 @@ def chosen(which: BoolArray, new: Batch, old: Batch) -> Batch:
         mask = which.reshape(-1, *(1,) * (array.ndim - 1))
         changes[name] = np.where(mask, array, getattr(old, name))
     return replace(new, **changes)
+
+
+def is_finite(batch: "DataclassInstance") -> BoolArray:
+    """(B,) whether all numbers of a member are finite."""
+    finite = [np.isfinite(array.reshape(len(array), -1)).all(axis=1) for _, array in _arrays(batch)]
+    return np.asarray(np.all(finite, axis=0))
 
 
 def _arrays(batch: "DataclassInstance") -> list[tuple[str, FloatArray]]:

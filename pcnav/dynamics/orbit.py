@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
 from pcnav.core.arrays import FloatArray
 
@@ -76,27 +75,6 @@ def _angle_minus_sine(angle: float) -> float:
     # Horner form of a^3/3! - a^5/5! + a^7/7! - a^9/9!; the next term is below 1e-15 of the sum.
     series = 1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
     return angle**3 / 6.0 * series
-
-
-@lru_cache(maxsize=64)
-def hill_process_noise(
-    mean_motion_rad_s: float, duration_s: float, acceleration_psd_m2_s3: float
-) -> FloatArray:
-    """(6, 6) covariance that white acceleration adds to (r, v) over a time step.
-
-    The power spectral density (m^2/s^3) is the same along the three axes. Van Loan's (1978)
-    matrix exponential, exact for any mean motion. Read-only, cached.
-    """
-    A = hill_matrix(mean_motion_rad_s)
-    block = np.zeros((12, 12))
-    block[:6, :6] = -A
-    block[3:6, 9:12] = np.eye(3)
-    block[6:, 6:] = A.T
-    exponential = expm(block * duration_s)
-    covariance = exponential[6:, 6:].T @ exponential[:6, 6:]
-    noise = np.asarray(0.5 * acceleration_psd_m2_s3 * (covariance + covariance.T))
-    noise.flags.writeable = False
-    return noise
 
 
 def two_body_acceleration(

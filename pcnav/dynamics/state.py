@@ -81,14 +81,14 @@ class NavigationState:
             inertia_ratios=ratios_from_parameters(inertia),
         )
 
-    def retraction_jacobian(self, error: FloatArray) -> FloatArray:
-        """(20, 20) how a small change of ``error`` moves `retract` of it, in the result's error.
+    @property
+    def curved(self) -> slice:
+        """See `ManifoldState`: the attitude."""
+        return THETA_BODY
 
-        Identity but for the attitude: ``exp(a + da) = exp(a) exp(J_r(a) da)``.
-        """
-        jacobian = np.eye(STATE_SIZE)
-        jacobian[THETA_BODY, THETA_BODY] = left_jacobian(-error[THETA_BODY])
-        return jacobian
+    def retraction_block(self, error: FloatArray) -> FloatArray:
+        """(3, 3) See `ManifoldState`: ``exp(a + da) = exp(a) exp(J_r(a) da)``."""
+        return left_jacobian(-error[THETA_BODY])
 
     def local(self, other: "NavigationState") -> FloatArray:
         """The (20,) error that takes this state to ``other``: the inverse of `retract`."""

@@ -7,66 +7,93 @@ paths to the same numbers.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Generic, Protocol, Self, TypeVar
+from dataclasses import Field, dataclass
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.filtering.error_state import innovation_gate
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray, picked
+from pcnav.filtering.error_state import (
+    SETTLED_SD,
+    ManifoldState,
+    MotionModel,
+    innovation_gate,
+    symmetric,
+)
 
-_CONVERGED = 1e-3
-"""Change of every component over its standard deviation, as in `ErrorStateFilter`."""
 
+class BatchedStates(ManifoldState, Protocol):
+    """B states as a dataclass of arrays over the leading dimension."""
 
-class BatchedStates(Protocol):
-    """B states whose errors live in one vector space of size n."""
-
-    def take(self, index: IntArray, /) -> Self:
-        """The states at (b,) places of the batch."""
-
-    def retract(self, error: FloatArray, /) -> Self:
-        """The states moved by error vectors (B, n)."""
-
-    @property
-    def curved(self) -> slice:
-        """Components outside of which the retraction's Jacobian is the identity."""
-
-    def retraction_block(self, error: FloatArray, /) -> FloatArray:
-        """(B, k, k) the retraction's Jacobian within `curved`."""
-
-    def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
-        """The errors (B, n) that lead to states that can be, nearest to the given ones."""
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
 
 S = TypeVar("S", bound=BatchedStates)
-Contra = TypeVar("Contra", contravariant=True)
+Seen = TypeVar("Seen", contravariant=True)
 
 
-class MeasurementSet(Protocol[Contra]):
-    """m independent measurements of s components each, of every state of a batch."""
-
-    def take(self, index: IntArray, /) -> Self:
-        """Those of the (b,) places of the batch."""
+class MeasurementSet(Protocol[Seen]):
+    """m independent measurements of s components each, of a state or of every one of a batch."""
 
     @property
     def noise(self) -> FloatArray:
         """(m, s, s) covariance of each measurement's error, the same for the whole batch."""
 
-    def residual(self, states: Contra, /) -> FloatArray:
-        """(B, m, s) measured minus predicted."""
+    def residual(self, states: Seen, /) -> FloatArray:
+        """(..., m, s) measured minus predicted."""
 
-    def jacobian(self, states: Contra, /) -> FloatArray:
-        """(B, m, s, n) derivative of the prediction by the states' errors."""
+    def jacobian(self, states: Seen, /) -> FloatArray:
+        """(..., m, s, n) derivative of the prediction by the states' errors."""
 
 
-class BatchedMotion(Protocol[S]):
-    """How the states of a batch move in time."""
+class BatchedMeasurements(MeasurementSet[Seen], Protocol[Seen]):
+    """Such sets for B states that may be taken apart."""
 
-    def propagate(
-        self, states: S, time_s: float, step_s: float
-    ) -> tuple[S, FloatArray, FloatArray]:
-        """States after a step, transition of their errors and process noise, both (B, n, n)."""
+    def take(self, index: IntArray, /) -> Self:
+        """Those of the (b,) places of the batch."""
+
+
+@dataclass(frozen=True)
+class Member(Generic[Seen]):
+    """One measurement of a set, as the engine for a single state takes it: gated by itself."""
+
+    whole: MeasurementSet[Seen]
+    place: int
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(s, s)"""
+        return np.asarray(self.whole.noise[self.place])
+
+    def residual(self, state: Seen) -> FloatArray:
+        """(s,)"""
+        return np.asarray(self.whole.residual(state)[self.place])
+
+    def jacobian(self, state: Seen) -> FloatArray:
+        """(s, n)"""
+        return np.asarray(self.whole.jacobian(state)[self.place])
+
+
+@dataclass(frozen=True)
+class Together(Generic[Seen]):
+    """All measurements of a set as one of a single state."""
+
+    whole: MeasurementSet[Seen]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(ms, ms)"""
+        return np.asarray(block_diag(*self.whole.noise))
+
+    def residual(self, state: Seen) -> FloatArray:
+        """(ms,)"""
+        return self.whole.residual(state).ravel()
+
+    def jacobian(self, state: Seen) -> FloatArray:
+        """(ms, n)"""
+        jacobian = self.whole.jacobian(state)
+        return jacobian.reshape(-1, jacobian.shape[-1])
 
 
 @dataclass(frozen=True)
@@ -148,10 +175,10 @@ class BatchedFilter(Generic[S]):
         self._gate_probability = gate_probability
         self._max_iterations = max_iterations
 
-    def predict(self, model: BatchedMotion[S], time_s: float, step_s: float) -> None:
+    def predict(self, model: MotionModel[S], time_s: float, step_s: float) -> None:
         """Move states and covariances forward by ``step_s`` from ``time_s``."""
         self.states, F, Q = model.propagate(self.states, time_s, step_s)
-        self.covariance = _symmetric(F @ self.covariance @ _transposed(F) + Q)
+        self.covariance = symmetric(F @ self.covariance @ _transposed(F) + Q)
 
     def gate(self, nis: FloatArray, size: int) -> BoolArray:
         """(B, m) which measurements of ``size`` components each state would accept by itself."""
@@ -159,7 +186,7 @@ class BatchedFilter(Generic[S]):
 
     def update(
         self,
-        measurements: MeasurementSet[S],
+        measurements: BatchedMeasurements[S],
         choose: Callable[[BoolArray], BoolArray] = lambda accepted: accepted,
     ) -> BatchedUpdate:
         """Gate, then one iterated update of every state with the measurements that pass.
@@ -170,7 +197,7 @@ class BatchedFilter(Generic[S]):
         """
         noise = measurements.noise
         size = noise.shape[1]
-        R = _block_diagonal(noise)
+        R = np.asarray(block_diag(*noise))
         residual = measurements.residual(self.states)
         first = _Pass.of(_flat(measurements.jacobian(self.states)), self.covariance, R)
         nis = _single_nis(residual, first.S)
@@ -183,7 +210,7 @@ class BatchedFilter(Generic[S]):
         error = self.states.admissible(gain.error, posterior)
         block, curved = self.states.retraction_block(error), self.states.curved
         self.states = self.states.retract(error)
-        self.covariance = _symmetric(_reset(posterior, block, curved))
+        self.covariance = symmetric(_reset(posterior, block, curved))
         left_out = (~accepted) @ np.linalg.slogdet(noise)[1]
         weighed = innovation @ np.linalg.inv(R)
         return BatchedUpdate(
@@ -199,7 +226,7 @@ class BatchedFilter(Generic[S]):
 
     def _iterate(
         self,
-        measurements: MeasurementSet[S],
+        measurements: BatchedMeasurements[S],
         mask: BoolArray,
         first: _Pass,
         innovation: FloatArray,
@@ -217,12 +244,8 @@ class BatchedFilter(Generic[S]):
             active = np.flatnonzero(~settled)
             if len(active) == 0:
                 break
-            # Most often all go on, and then nothing needs to be picked out.
-            whole = len(active) == len(P)
-            some = prior if whole else prior.take(active)
-            seen = measurements if whole else measurements.take(active)
-            P_some, rows = (P, mask) if whole else (P[active], mask[active])
-            at = error if whole else error[active]
+            some, seen = picked(prior, active), measurements.take(active)
+            P_some, rows, at = P[active], mask[active], error[active]
             iterate = some.retract(at)
             H_some = _flat(seen.jacobian(iterate))
             H_some[..., prior.curved] = H_some[..., prior.curved] @ some.retraction_block(at)
@@ -230,13 +253,9 @@ class BatchedFilter(Generic[S]):
             left = _rows(seen.residual(iterate)) * rows + (here.H @ at[..., None])[..., 0]
             K_some = _transposed(np.linalg.inv(here.S) @ here.HP)
             found = (K_some @ left[..., None])[..., 0]
-            now_settled = _settled(found - at, K_some, here.HP, P_some)
             iterations[active] += 1
-            settled[active] = now_settled
-            if whole:
-                error, K, H = found, K_some, here.H
-            else:
-                error[active], K[active], H[active] = found, K_some, here.H
+            settled[active] = _settled(found - at, K_some, here.HP, P_some)
+            error[active], K[active], H[active] = found, K_some, here.H
         nis = np.sum(innovation * spread, axis=1)
         return _Gain(error, H, K, nis, iterations, settled)
 
@@ -246,16 +265,7 @@ def _settled(change: FloatArray, K: FloatArray, HP: FloatArray, P: FloatArray) -
     # Of the posterior P - K H P; its rounding does not matter for this test.
     explained = np.einsum("bnk,bkn->bn", K, HP)
     variance = np.diagonal(P, axis1=1, axis2=2) - explained
-    return np.asarray(np.all(np.abs(change) <= _CONVERGED * np.sqrt(np.maximum(variance, 0.0)), 1))
-
-
-def _block_diagonal(noise: FloatArray) -> FloatArray:
-    """(ms, ms) of blocks (m, s, s)."""
-    m, s = noise.shape[:2]
-    R = np.zeros((m, s, m, s))
-    which = np.arange(m)
-    R[which, :, which, :] = noise
-    return R.reshape(m * s, m * s)
+    return np.asarray(np.all(np.abs(change) <= SETTLED_SD * np.sqrt(np.maximum(variance, 0.0)), 1))
 
 
 def _single_nis(residual: FloatArray, S_matrix: FloatArray) -> FloatArray:
@@ -296,7 +306,3 @@ def _rows(residual: FloatArray) -> FloatArray:
 
 def _transposed(matrix: FloatArray) -> FloatArray:
     return np.swapaxes(matrix, -1, -2)
-
-
-def _symmetric(matrix: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (matrix + _transposed(matrix)))

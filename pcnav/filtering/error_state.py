@@ -3,10 +3,10 @@
 An estimator supplies a state that can be moved by an error (`ManifoldState`), a `MotionModel` that
 propagates it, and `Measurement` values. The engine owns gating, iteration, Joseph form, error
 injection and the reset Jacobian. filterpy keeps the error at zero mean between steps; the engine
-injects what an update finds into the state and resets.
+injects what an update finds into the state and resets. `pcnav.filtering.batched_filter` has the
+same equations for many states at once, and is tested to give the same numbers.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,58 +14,69 @@ from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
+from scipy.linalg import block_diag
 
 from pcnav.core import chi_square
 from pcnav.core.arrays import FloatArray
 
+SETTLED_SD = 1e-3
+"""An iteration that changes every component by less than this share of its deviation is the last:
+there is nothing more to gain."""
+
 
 class ManifoldState(Protocol):
-    """A state whose errors live in a vector space of fixed size."""
+    """A state whose errors live in a vector space of size n; or B of them, over a leading axis."""
 
     def retract(self, error: FloatArray, /) -> Self:
-        """The state moved by an error vector (n,)."""
+        """The state moved by an error (..., n)."""
 
-    def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
-        """(n, n) how a small change of ``error`` moves the retracted state, in its own error."""
+    @property
+    def curved(self) -> slice:
+        """Components outside of which the retraction's Jacobian is the identity."""
+
+    def retraction_block(self, error: FloatArray, /) -> FloatArray:
+        """(..., k, k) within `curved`: how a small change of ``error`` moves the retracted state,
+        in its own error."""
 
     def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
-        """The error (n,) that leads to a state that can be, nearest to the given one.
+        """The error (..., n) that leads to a state that can be, nearest to the given one.
 
-        Nearest in the metric of the covariance (n, n); the given error itself where it is such.
+        Nearest in the metric of the covariance (..., n, n); the given one where it is such.
         """
 
 
 S = TypeVar("S", bound=ManifoldState)
+Seen = TypeVar("Seen", contravariant=True)
 
 
-class Measurement(ABC, Generic[S]):
+def retraction_jacobian(state: ManifoldState, error: FloatArray) -> FloatArray:
+    """(n, n) how a small change of ``error`` (n,) moves the retracted state, in its own error."""
+    jacobian = np.eye(len(error))
+    jacobian[state.curved, state.curved] = state.retraction_block(error)
+    return jacobian
+
+
+class Measurement(Protocol[Seen]):
     """A value that says how far a state is from what was measured."""
 
     @property
-    @abstractmethod
-    def name(self) -> str:
-        """What was measured, for logs and tables."""
-
-    @property
-    @abstractmethod
     def covariance(self) -> FloatArray:
         """(m, m) covariance of the measurement error, in the residual's units."""
 
-    @abstractmethod
-    def residual(self, state: S) -> FloatArray:
+    def residual(self, state: Seen, /) -> FloatArray:
         """(m,) measured minus predicted."""
 
-    @abstractmethod
-    def jacobian(self, state: S) -> FloatArray:
+    def jacobian(self, state: Seen, /) -> FloatArray:
         """(m, n) derivative of the prediction (minus that of the residual) by the state's error."""
 
 
-class MotionModel(ABC, Generic[S]):
-    """How a state moves in time."""
+class MotionModel(Protocol[S]):
+    """How a state, or each of a batch, moves in time."""
 
-    @abstractmethod
-    def propagate(self, state: S, time_s: float, step_s: float) -> tuple[S, FloatArray, FloatArray]:
-        """State after ``step_s``, transition matrix of its error and process noise, both (n, n)."""
+    def propagate(
+        self, state: S, time_s: float, step_s: float, /
+    ) -> tuple[S, FloatArray, FloatArray]:
+        """State after ``step_s``, transition matrix of its error and process noise, (..., n, n)."""
 
 
 @dataclass(frozen=True)
@@ -115,22 +126,21 @@ class ErrorStateFilter(Generic[S]):
         """(n, n) covariance of the state's error."""
         return np.asarray(self._kalman.P, dtype=np.float64)
 
-    def snapshot(self) -> "Snapshot[S]":
+    def snapshot(self) -> Snapshot[S]:
         """State and covariance as they are now, for `restore`."""
         return Snapshot(self.state, self.covariance.copy())
 
-    def restore(self, snapshot: "Snapshot[S]") -> None:
+    def restore(self, snapshot: Snapshot[S]) -> None:
         """Go back to a snapshot."""
         self.state = snapshot.state
         self._kalman.P = snapshot.covariance.copy()
 
     def predict(self, model: MotionModel[S], time_s: float, step_s: float) -> None:
         """Move state and covariance forward by ``step_s`` from ``time_s``."""
-        self.state, transition, noise = model.propagate(self.state, time_s, step_s)
-        self._kalman.F, self._kalman.Q = transition, noise
-        self._kalman.x = np.zeros((len(noise), 1))
+        self.state, self._kalman.F, self._kalman.Q = model.propagate(self.state, time_s, step_s)
+        self._kalman.x = np.zeros((len(self._kalman.Q), 1))
         self._kalman.predict()
-        self._kalman.P = _symmetric(self._kalman.P)
+        self._kalman.P = symmetric(self._kalman.P)
 
     def innovation(self, measurement: Measurement[S]) -> tuple[float, int]:
         """Normalised innovation squared of a measurement at the present state, and its size."""
@@ -163,19 +173,18 @@ class ErrorStateFilter(Generic[S]):
         while iteration < self._max_iterations and not converged:
             iteration += 1
             iterate = prior.retract(error)
-            H = joint.jacobian(iterate) @ prior.retraction_jacobian(error)
+            H = joint.jacobian(iterate) @ retraction_jacobian(prior, error)
             step = self._kalman_step(
                 joint.residual(iterate) + H @ error, H, joint.covariance, prior_covariance
             )
-            change = step - error
-            error = step
-            # Far below the standard deviation of every component: nothing more to gain.
-            converged = bool(np.all(np.abs(change) <= 1e-3 * np.sqrt(np.diag(self.covariance))))
+            change, error = step - error, step
+            sd = np.sqrt(np.diag(self.covariance))
+            converged = bool(np.all(np.abs(change) <= SETTLED_SD * sd))
         # The covariance stays: a bound tells less than it seems, the truth may be anywhere inside.
         error = prior.admissible(error, self.covariance)
-        reset = prior.retraction_jacobian(error)
+        reset = retraction_jacobian(prior, error)
         self.state = prior.retract(error)
-        self._kalman.P = _symmetric(reset @ self.covariance @ reset.T)
+        self._kalman.P = symmetric(reset @ self.covariance @ reset.T)
         return UpdateResult(accepted, nis, dof, joint_nis, joint_dof, iteration, converged)
 
     def _kalman_step(
@@ -199,24 +208,12 @@ def innovation_gate(probability: float, dof: int) -> float:
     return float(chi_square.quantile(probability, dof))
 
 
-class _Stack(Measurement[S]):
+class _Stack(Generic[S]):
     """Several independent measurements as one."""
 
     def __init__(self, parts: Sequence[Measurement[S]]) -> None:
         self._parts = parts
-        sizes = [len(part.covariance) for part in parts]
-        ends = np.cumsum(sizes)
-        self._covariance = np.zeros((ends[-1], ends[-1]))
-        for part, end, size in zip(parts, ends, sizes, strict=True):
-            self._covariance[end - size : end, end - size : end] = part.covariance
-
-    @property
-    def name(self) -> str:
-        return " + ".join(part.name for part in self._parts)
-
-    @property
-    def covariance(self) -> FloatArray:
-        return self._covariance
+        self.covariance: FloatArray = np.asarray(block_diag(*(part.covariance for part in parts)))
 
     def residual(self, state: S) -> FloatArray:
         return np.concatenate([part.residual(state) for part in self._parts])
@@ -225,5 +222,6 @@ class _Stack(Measurement[S]):
         return np.vstack([part.jacobian(state) for part in self._parts])
 
 
-def _symmetric(matrix: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (matrix + matrix.T), dtype=np.float64)
+def symmetric(matrix: FloatArray) -> FloatArray:
+    """(..., n, n) without what rounding does to the symmetry."""
+    return np.asarray(0.5 * (matrix + np.swapaxes(matrix, -1, -2)), dtype=np.float64)

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
-from pcnav.filtering.error_state import Measurement, MotionModel
+from pcnav.filtering.error_state import Measurement, MotionModel, retraction_jacobian
 
 State = NavigationState
 
@@ -148,7 +148,7 @@ class _Trajectory:
         admissible = self._guess.admissible(error, by_error)
         moved = at if np.array_equal(admissible, error) else self._evaluated(admissible)
         # A covariance of the error at the guess: carry it to the first state and to the last.
-        first = self._guess.retraction_jacobian(admissible)
+        first = retraction_jacobian(self._guess, admissible)
         initial = first @ by_error @ first.T
         covariance = moved.sensitivity @ by_error @ moved.sensitivity.T
         return ArcFit(
@@ -168,7 +168,7 @@ class _Trajectory:
 
     def _evaluate(self, error: FloatArray) -> "_Pass":
         state = self._guess.retract(error)
-        sensitivity = self._guess.retraction_jacobian(error)
+        sensitivity = retraction_jacobian(self._guess, error)
         states, time_s = [], self._arc[0].time_s
         bound, by_state = state.thinness()
         residuals = [self._prior_root @ error, bound]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, picked
 from pcnav.estimators.attitude_inertia.rotation_model import (
     INERTIA,
     SIZE,
@@ -44,7 +44,7 @@ class Estimates:
 
     @property
     def _truth(self) -> RotationState:
-        return self.motion.truth.take(np.arange(len(self.motion.times_s))[:, None])
+        return picked(self.motion.truth, np.arange(len(self.motion.times_s))[:, None])
 
     @property
     def errors(self) -> FloatArray:

@@ -13,11 +13,12 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     OMEGA,
     SIZE,
     THETA,
-    AttitudeMeasurement,
+    AttitudeSet,
     TorqueFreeModel,
 )
 from pcnav.estimators.image_motion.rates import continuous_xyzw
 from pcnav.files.text_table import TextTable
+from pcnav.filtering.batched_filter import Together
 from pcnav.filtering.error_state import ErrorStateFilter
 
 from ..folder import StudyFigure
@@ -65,7 +66,7 @@ def printed_run(name: str, motion: Motion, attitudes: FloatArray) -> Estimates:
     for k in range(1, len(motion.times_s)):
         before = float(motion.times_s[k - 1])
         kalman.predict(model, before, float(motion.times_s[k]) - before)
-        kalman.update([AttitudeMeasurement(attitudes[k], noise)])
+        kalman.update([Together(AttitudeSet(attitudes[k], noise))])
         found.append((kalman.state, kalman.covariance))
     return Estimates.of(name, motion, found)
 

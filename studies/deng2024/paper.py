@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, picked
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, parameters_from_printed
 from pcnav.simulation.motion import rotate_torque_free
 
@@ -46,7 +46,7 @@ class Motion:
     @property
     def start(self) -> RotationState:
         """The state at the first time."""
-        return self.truth.take(np.array(0))
+        return picked(self.truth, np.array(0))
 
 
 def state_of(ratios: Sequence[float], rate_deg_s: Sequence[float]) -> RotationState:

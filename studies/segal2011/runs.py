@@ -7,7 +7,7 @@ import numpy as np
 
 from pcnav.batch.monte_carlo import Case, RunBatch
 from pcnav.config.inertia_bank import InertiaBankTable
-from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.arrays import FloatArray, IntArray, picked
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
 from pcnav.estimators.inertia_bank.hypotheses import moment_matched
@@ -261,6 +261,6 @@ def _blended_errors(
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
     mixture = moment_matched(
-        bank.states.take(some), bank.covariance[some], weights, np.zeros((runs, blend, 0))
+        picked(bank.states, some), bank.covariance[some], weights, np.zeros((runs, blend, 0))
     )
-    return _errors(mixture.states, truth.take(np.arange(runs) * h))
+    return _errors(mixture.states, picked(truth, np.arange(runs) * h))

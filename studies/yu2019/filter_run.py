@@ -206,7 +206,6 @@ def _measurement(
     T_cam_rect = resolved(observation, guess, sensor.rectangle)
     R = R_hill_world(float(motion.truth.time_s[k]), pipeline.orbit.mean_motion_rad_s)
     return RectangleMeasurement(
-        rectangle=sensor.rectangle.name,
         T_model_rect=sensor.rectangle.T_model_rect,
         T_cam_rect=T_cam_rect,
         known=_KNOWN,

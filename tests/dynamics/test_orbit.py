@@ -11,11 +11,11 @@ from pcnav.dynamics.orbit import (
     EARTH_MU_M3_S2,
     R_hill_world,
     hill_matrix,
-    hill_process_noise,
     hill_transition,
     propagate_two_body,
     two_body_acceleration,
 )
+from pcnav.dynamics.process_noise import hill_process_noise
 
 N = 0.0011
 RADIUS = (EARTH_MU_M3_S2 / N**2) ** (1 / 3)

@@ -100,7 +100,6 @@ def covariance_after(
             state, transition, noise = model.propagate(state, 0.0, 0.5)
             P = transition @ P @ transition.T + noise
         seen = RectangleMeasurement(
-            rectangle="face",
             T_model_rect=np.eye(4),
             T_cam_rect=state.T_cam_model(np.eye(4), np.eye(3)),
             known=np.ones(6, dtype=np.bool_),

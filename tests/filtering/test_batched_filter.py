@@ -1,10 +1,9 @@
 """The batched engine against the one for a single state, on the states of the inertia bank."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
+from pcnav.core.arrays import picked
 from pcnav.core.spatial import exp_rotation
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
@@ -13,62 +12,14 @@ from pcnav.estimators.inertia_bank.relative_state import (
     RelativeMotion,
     RelativeStates,
 )
-from pcnav.filtering.batched_filter import BatchedFilter
-from pcnav.filtering.error_state import ErrorStateFilter, Measurement, MotionModel
+from pcnav.filtering.batched_filter import BatchedFilter, Member
+from pcnav.filtering.error_state import ErrorStateFilter
 
 BATCH, POINTS = 4, 3
 N = 12 + 3 * POINTS
 RIG = StereoRig(1.0, 1000.0, (500.0, 500.0), (1000, 1000), 0.2)
 R_RIG_HILL = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
 ORBIT = KeplerOrbit(1e-3, 0.05, 0.3)
-
-
-@dataclass(frozen=True)
-class One:
-    """A batch of one as a `ManifoldState`."""
-
-    states: RelativeStates
-
-    def retract(self, error):
-        return One(self.states.retract(error[None]))
-
-    def retraction_jacobian(self, error):
-        jacobian = np.eye(N)
-        curved = self.states.curved
-        jacobian[curved, curved] = self.states.retraction_block(error[None])[0]
-        return jacobian
-
-    def admissible(self, error, covariance):
-        return error
-
-
-@dataclass(frozen=True)
-class OnePoint(Measurement[One]):
-    whole: PixelMeasurements
-    k: int
-
-    @property
-    def name(self):
-        return "point"
-
-    @property
-    def covariance(self):
-        return self.whole.noise[self.k]
-
-    def residual(self, state):
-        return self.whole.residual(state.states)[0, self.k]
-
-    def jacobian(self, state):
-        return self.whole.jacobian(state.states)[0, self.k]
-
-
-@dataclass(frozen=True)
-class OneMotion(MotionModel[One]):
-    model: RelativeMotion
-
-    def propagate(self, state, time_s, step_s):
-        states, F, Q = self.model.propagate(state.states, time_s, step_s)
-        return One(states), F[0], Q[0]
 
 
 def random_states(rng: np.random.Generator, coupled: bool) -> RelativeStates:
@@ -101,7 +52,7 @@ def test_equals_the_single_filter(coupled, seed):
     start = truth.retract(error)
     batched = BatchedFilter(start, covariance.copy(), gate_probability=0.99)
     single = [
-        ErrorStateFilter(One(start.take(np.array([b]))), covariance[b], gate_probability=0.99)
+        ErrorStateFilter(picked(start, b), covariance[b], gate_probability=0.99)
         for b in range(BATCH)
     ]
     rejected = 0
@@ -115,10 +66,9 @@ def test_equals_the_single_filter(coupled, seed):
         seen = PixelMeasurements(RIG, R_RIG_HILL, which, pixels)
         many = batched.update(seen)
         for b, one in enumerate(single):
-            at = np.array([b])
-            alone = RelativeMotion(ORBIT, model.inertia[at], model.inverse[at], 1e-6, 1e-8)
-            one.predict(OneMotion(alone), float(k), 1.0)
-            result = one.update([OnePoint(seen.take(at), j) for j in range(3)])
+            one.predict(picked(model, b), float(k), 1.0)
+            alone = PixelMeasurements(RIG, R_RIG_HILL, which, pixels[b])
+            result = one.update([Member(alone, j) for j in range(3)])
             assert result.accepted == tuple(many.accepted[b])
             np.testing.assert_allclose(result.nis, many.nis[b], rtol=1e-9, atol=1e-9)
             assert result.joint_dof == many.joint_dof[b]
@@ -126,8 +76,8 @@ def test_equals_the_single_filter(coupled, seed):
                 assert result.joint_nis == pytest.approx(many.joint_nis[b], rel=1e-9, abs=1e-9)
                 assert result.iterations == many.iterations[b]
                 assert result.converged == many.converged[b]
-            ours = batched.states.take(at)
-            np.testing.assert_allclose(one.state.states.local(ours), 0.0, atol=1e-9)
+            ours = picked(batched.states, b)
+            np.testing.assert_allclose(one.state.local(ours), 0.0, atol=1e-9)
             np.testing.assert_allclose(batched.covariance[b], one.covariance, rtol=0, atol=1e-9)
             rejected += result.accepted.count(False)
     assert rejected > 0

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
-from pcnav.filtering.error_state import ErrorStateFilter, Measurement, MotionModel
+from pcnav.filtering.error_state import ErrorStateFilter, MotionModel
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,10 @@ class Vector:
     def retract(self, error: FloatArray, /) -> "Vector":
         return Vector(self.x + error)
 
-    def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
-        return np.eye(len(error))
+    curved = slice(0, 0)
+
+    def retraction_block(self, error: FloatArray, /) -> FloatArray:
+        return np.empty((0, 0))
 
     def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
         return error
@@ -40,7 +42,9 @@ class Attitude:
     def retract(self, error: FloatArray, /) -> "Attitude":
         return Attitude(self.R @ exp_rotation(error))
 
-    def retraction_jacobian(self, error: FloatArray, /) -> FloatArray:
+    curved = slice(0, 3)
+
+    def retraction_block(self, error: FloatArray, /) -> FloatArray:
         return left_jacobian(-error)
 
     def admissible(self, error: FloatArray, covariance: FloatArray, /) -> FloatArray:
@@ -48,16 +52,12 @@ class Attitude:
 
 
 @dataclass(frozen=True)
-class Linear(Measurement[Vector]):
+class Linear:
     """z = H x + noise."""
 
     H: FloatArray
     z: FloatArray
     R: FloatArray
-
-    @property
-    def name(self) -> str:
-        return "linear"
 
     @property
     def covariance(self) -> FloatArray:
@@ -71,16 +71,12 @@ class Linear(Measurement[Vector]):
 
 
 @dataclass(frozen=True)
-class Ranges(Measurement[Vector]):
+class Ranges:
     """Distances to beacons: strongly curved near them."""
 
     beacons: FloatArray
     z: FloatArray
     sigma: float
-
-    @property
-    def name(self) -> str:
-        return "ranges"
 
     @property
     def covariance(self) -> FloatArray:
@@ -95,16 +91,12 @@ class Ranges(Measurement[Vector]):
 
 
 @dataclass(frozen=True)
-class Direction(Measurement[Attitude]):
+class Direction:
     """A known world direction seen in body axes."""
 
     world: FloatArray
     z: FloatArray
     sigma: float
-
-    @property
-    def name(self) -> str:
-        return "direction"
 
     @property
     def covariance(self) -> FloatArray:
@@ -150,9 +142,11 @@ def test_linear_gaussian_case_is_the_kalman_filter() -> None:
         result = kalman.update(parts)
         H = np.vstack([part.H for part in parts])
         z = np.concatenate([part.z for part in parts])
-        information = np.linalg.inv(P) + sum(p.H.T @ np.linalg.solve(p.R, p.H) for p in parts)
+        information = np.linalg.inv(P) + sum(
+            p.H.T @ np.linalg.solve(p.covariance, p.H) for p in parts
+        )
         R_joint = np.zeros((4, 4))
-        R_joint[:1, :1], R_joint[1:, 1:] = parts[0].R, parts[1].R
+        R_joint[:1, :1], R_joint[1:, 1:] = parts[0].covariance, parts[1].covariance
         nis = (z - H @ x) @ np.linalg.solve(H @ P @ H.T + R_joint, z - H @ x)
         gain = np.linalg.solve(information, H.T @ np.linalg.inv(R_joint))
         x, P = x + gain @ (z - H @ x), np.linalg.inv(information)

@@ -13,7 +13,7 @@ from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.estimators.depth.motion_hypotheses import start_covariance
-from pcnav.filtering.error_state import ErrorStateFilter, Measurement
+from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.filtering.map_arc_fit import ArcFit, TimedMeasurements, fit_arc
 
 N = 1.1e-3
@@ -42,15 +42,13 @@ def measured(
     R = R_hill_world(time_s, N)
     T_cam_world = T_CAM_HILL @ make_transform(R, np.zeros(3))
     parts: list[RectangleMeasurement] = []
-    for k, T_model_rect in enumerate(RECTANGLES):
+    for T_model_rect in RECTANGLES:
         error = np.zeros(6) if rng is None else rng.normal(size=6) * SD
         off = make_transform(exp_rotation(error[3:]), error[:3])
         T_cam_rect = state.T_cam_model(T_cam_world, R) @ T_model_rect @ off
         known = np.ones(6, dtype=bool)
         parts.append(
-            RectangleMeasurement(
-                f"r{k}", T_model_rect, T_cam_rect, known, np.diag(SD**2), T_CAM_HILL, R
-            )
+            RectangleMeasurement(T_model_rect, T_cam_rect, known, np.diag(SD**2), T_CAM_HILL, R)
         )
     return TimedMeasurements(time_s, tuple(parts))
 
@@ -173,14 +171,10 @@ def test_last_covariance_is_the_first_carried_along_the_trajectory() -> None:
 
 
 @dataclass(frozen=True)
-class Position(Measurement[NavigationState]):
+class Position:
     """r_hill itself."""
 
     z: FloatArray
-
-    @property
-    def name(self) -> str:
-        return "position"
 
     @property
     def covariance(self) -> FloatArray:

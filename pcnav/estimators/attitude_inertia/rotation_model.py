@@ -8,11 +8,12 @@ only near the identity; here the error is injected by rotation. Errors of the in
 ``N = 3 J / tr(J)``, for the reasons told in `pcnav.dynamics.inertia_parameters`;
 `printed_ratios_jacobian` turns them into those of the printed ratios.
 
-States and models work over leading dimensions: without any in `ErrorStateFilter`, with one in
-`BatchedFilter`.
+States, model and measurements work without a leading dimension in `ErrorStateFilter` and with one
+in `BatchedFilter`.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -20,8 +21,9 @@ from pcnav.config.attitude_inertia import Propagation
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, rotation_from_xyzw, skew
 from pcnav.dynamics.inertia_parameters import INERTIA_UNITS, inertia_of, inside, shares
+from pcnav.dynamics.process_noise import white_acceleration_noise
 from pcnav.dynamics.rotation_step import Slope, at_rest, rotate, torque_free_by_inertia
-from pcnav.filtering.error_state import Measurement, MotionModel
+from pcnav.filtering.error_state import MotionModel
 
 THETA, OMEGA, INERTIA = slice(0, 3), slice(3, 6), slice(6, 11)
 """Attitude error (body axes, right, rad), rate (rad/s), N_yy, N_zz, N_xy, N_xz, N_yz."""
@@ -72,15 +74,14 @@ class RotationState:
         return printed_from_parameters(self.parameters)
 
     @property
-    def curved(self) -> slice:
-        """See `BatchedStates`."""
-        return THETA
+    def size(self) -> int:
+        """Of the error."""
+        return SIZE
 
-    def take(self, index: IntArray) -> "RotationState":
-        """See `BatchedStates`."""
-        return RotationState(
-            self.R_world_body[index], self.omega_body[index], self.parameters[index]
-        )
+    @property
+    def curved(self) -> slice:
+        """See `ManifoldState`: the attitude."""
+        return THETA
 
     def retract(self, error: FloatArray) -> "RotationState":
         """The state moved by an error (..., 11)."""
@@ -103,14 +104,8 @@ class RotationState:
         return error
 
     def retraction_block(self, error: FloatArray) -> FloatArray:
-        """See `BatchedStates`: ``exp(a + da) = exp(a) exp(J_r(a) da)``."""
+        """See `ManifoldState`: ``exp(a + da) = exp(a) exp(J_r(a) da)``."""
         return left_jacobian(-error[..., THETA])
-
-    def retraction_jacobian(self, error: FloatArray) -> FloatArray:
-        """(11, 11) identity but for the attitude."""
-        jacobian = np.eye(SIZE)
-        jacobian[THETA, THETA] = self.retraction_block(error)
-        return jacobian
 
     def admissible(self, error: FloatArray, covariance: FloatArray) -> FloatArray:
         """The errors (..., 11) that lead to the inertia of a body, nearest to those given.
@@ -155,18 +150,17 @@ class TorqueFreeModel(MotionModel[RotationState]):
     def propagate(
         self, state: RotationState, time_s: float, step_s: float
     ) -> tuple[RotationState, FloatArray, FloatArray]:
-        """See `MotionModel.propagate` and `BatchedMotion.propagate`."""
+        """See `MotionModel.propagate`."""
         move = _euler if self.propagation is Propagation.EULER else _integrated
         moved, transition = move(state, step_s)
         return moved, transition, self._noise(moved, abs(step_s))
 
     def _noise(self, state: RotationState, step_s: float) -> FloatArray:
         noise = np.zeros((*state.omega_body.shape[:-1], SIZE, SIZE))
-        q, one = self.angular_acceleration_psd_rad2_s3, np.eye(3)
-        noise[..., THETA, THETA] = q * step_s**3 / 3.0 * one
-        noise[..., THETA, OMEGA] = noise[..., OMEGA, THETA] = q * step_s**2 / 2.0 * one
-        noise[..., OMEGA, OMEGA] = q * step_s * one
+        q = self.angular_acceleration_psd_rad2_s3
+        noise[..., :6, :6] = white_acceleration_noise(q, step_s)
         if self.printed_variance > 0.0:
+            one = np.eye(3)
             noise[..., THETA, THETA] += 4.0 * self.printed_variance * one
             noise[..., OMEGA, OMEGA] += np.radians(np.radians(self.printed_variance)) * one
             by_printed = np.linalg.inv(printed_ratios_jacobian(state.parameters))
@@ -211,47 +205,27 @@ def _slope(state: RotationState) -> Slope:
     return torque_free_by_inertia(inertia, np.asarray(np.linalg.inv(inertia)))
 
 
-@dataclass(frozen=True)
-class AttitudeMeasurement(Measurement[RotationState]):
-    """A measured attitude: (18), with a covariance."""
-
-    R_world_body: FloatArray
-    """(3, 3) measured, ``R_true exp(error)``."""
-    noise: FloatArray
-    """(3, 3) of the error, body axes, rad^2."""
+class _Turned(Protocol):
+    """A state whose error begins with that of its attitude, ``R = R_hat exp(theta)``."""
 
     @property
-    def name(self) -> str:
-        """What it is."""
-        return "attitude"
+    def R_world_body(self) -> FloatArray: ...
 
     @property
-    def covariance(self) -> FloatArray:
-        """(3, 3) rad^2."""
-        return self.noise
-
-    def residual(self, state: RotationState) -> FloatArray:
-        """(3,) rotation vector from the state's attitude to the measured one, rad."""
-        return log_rotation(state.R_world_body.T @ self.R_world_body)
-
-    def jacobian(self, state: RotationState) -> FloatArray:
-        """(3, 11): ``log(exp(-theta) exp(e)) = e - J_l(e)^-1 theta``; (35) has one half of it."""
-        jacobian = np.zeros((3, SIZE))
-        jacobian[:, THETA] = np.linalg.inv(left_jacobian(self.residual(state)))
-        return jacobian
+    def size(self) -> int: ...
 
 
 @dataclass(frozen=True)
 class AttitudeSet:
-    """One attitude of every state of a batch: a `MeasurementSet` of one with three components."""
+    """The measured attitude, (18), of a state or of each of a batch: a `MeasurementSet` of one."""
 
     R_world_body: FloatArray
-    """(B, 3, 3) measured."""
+    """(..., 3, 3) measured, ``R_true exp(error)``."""
     covariance: FloatArray
     """(3, 3) of their errors, body axes, rad^2, the same for all."""
 
     def take(self, index: IntArray) -> "AttitudeSet":
-        """See `MeasurementSet`."""
+        """See `BatchedMeasurements`."""
         return AttitudeSet(self.R_world_body[index], self.covariance)
 
     @property
@@ -259,13 +233,14 @@ class AttitudeSet:
         """(1, 3, 3) rad^2."""
         return self.covariance[None]
 
-    def residual(self, states: RotationState) -> FloatArray:
-        """(B, 1, 3) rad."""
+    def residual(self, states: _Turned) -> FloatArray:
+        """(..., 1, 3) rotation vector from the state's attitude to the measured one, rad."""
         turned = np.swapaxes(states.R_world_body, -1, -2) @ self.R_world_body
-        return log_rotation(turned)[:, None]
+        return log_rotation(turned)[..., None, :]
 
-    def jacobian(self, states: RotationState) -> FloatArray:
-        """(B, 1, 3, 11)"""
-        jacobian = np.zeros((len(self.R_world_body), 1, 3, SIZE))
-        jacobian[:, 0, :, THETA] = np.linalg.inv(left_jacobian(self.residual(states)[:, 0]))
+    def jacobian(self, states: _Turned) -> FloatArray:
+        """(..., 1, 3, n) ``log(exp(-theta) exp(e)) = e - J_l(e)^-1 theta``; (35) has half of it."""
+        residual = self.residual(states)
+        jacobian = np.zeros((*residual.shape, states.size))
+        jacobian[..., THETA] = np.linalg.inv(left_jacobian(residual))
         return jacobian

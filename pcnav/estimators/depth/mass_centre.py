@@ -12,18 +12,19 @@ import numpy as np
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import skew
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
-from pcnav.dynamics.orbit import hill_process_noise, hill_transition
+from pcnav.dynamics.orbit import hill_transition
+from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_noise
 from pcnav.dynamics.rigid_body import euler_derivatives, inertia_from_ratios
 from pcnav.dynamics.rotation_step import Slope, rotate
 from pcnav.dynamics.state import (
     COM_MODEL,
-    OMEGA_BODY,
     R_HILL,
     STATE_SIZE,
     THETA_BODY,
     NavigationState,
 )
-from pcnav.filtering.error_state import Measurement, MotionModel
+from pcnav.filtering.error_state import MotionModel
+from pcnav.perception.association import MeasuredFace
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,7 @@ class MassCentreModel(MotionModel[NavigationState]):
         noise[:6, :6] = hill_process_noise(
             self.mean_motion_rad_s, step_s, self.acceleration_psd_m2_s3
         )
-        q = self.angular_acceleration_psd_rad2_s3 * np.eye(3)
-        noise[THETA_BODY, THETA_BODY] = q * step_s**3 / 3.0
-        noise[THETA_BODY, OMEGA_BODY] = noise[OMEGA_BODY, THETA_BODY] = q * step_s**2 / 2.0
-        noise[OMEGA_BODY, OMEGA_BODY] = q * step_s
+        noise[9:15, 9:15] = white_acceleration_noise(self.angular_acceleration_psd_rad2_s3, step_s)
         return noise
 
 
@@ -112,7 +110,7 @@ def _slope(ratios: FloatArray) -> Slope:
 
 
 @dataclass(frozen=True)
-class RectangleMeasurement(Measurement[NavigationState]):
+class RectangleMeasurement:
     """The pose of a recognised rectangle, or what of it is known.
 
     Six components in the axes of the catalogue rectangle: the measured centroid minus where the
@@ -121,7 +119,6 @@ class RectangleMeasurement(Measurement[NavigationState]):
     square has no yaw, a cut face only z and the two tilts.
     """
 
-    rectangle: str
     T_model_rect: FloatArray
     """(4, 4) catalogue pose."""
     T_cam_rect: FloatArray
@@ -135,10 +132,19 @@ class RectangleMeasurement(Measurement[NavigationState]):
     R_hill_world: FloatArray
     """(3, 3) at the time of the frame."""
 
-    @property
-    def name(self) -> str:
-        """The rectangle's name in the catalogue."""
-        return self.rectangle
+    @staticmethod
+    def of(
+        face: MeasuredFace, T_cam_hill: FloatArray, R_hill_world: FloatArray
+    ) -> "RectangleMeasurement":
+        """Of a face as a frame shows it."""
+        return RectangleMeasurement(
+            T_model_rect=face.rectangle.T_model_rect,
+            T_cam_rect=face.T_cam_rect,
+            known=face.known,
+            full_covariance=face.covariance,
+            T_cam_hill=T_cam_hill,
+            R_hill_world=R_hill_world,
+        )
 
     @property
     def covariance(self) -> FloatArray:

@@ -14,7 +14,6 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import COM_MODEL, R_HILL, STATE_SIZE, THETA_BODY, NavigationState
-from pcnav.filtering.error_state import Measurement
 
 _MIN_SHARE = 1e-9
 """Combinations with less than this share of the largest information are unknown: rounding."""
@@ -62,13 +61,12 @@ class PoseReference:
 
 
 @dataclass(frozen=True)
-class PoseMeasurement(Measurement[NavigationState]):
+class PoseMeasurement:
     """Combinations of the error of a predicted pose, each with unit variance.
 
     The error is `pose_error` from the reference to the true pose.
     """
 
-    face: str
     reference: PoseReference
     rows: FloatArray
     """(m, 6) the combinations."""
@@ -77,7 +75,6 @@ class PoseMeasurement(Measurement[NavigationState]):
 
     @staticmethod
     def from_information(
-        face: str,
         reference: PoseReference,
         information: FloatArray,
         vector: FloatArray,
@@ -88,12 +85,7 @@ class PoseMeasurement(Measurement[NavigationState]):
         ``lever_m`` makes rotations comparable with shifts: half the target's size.
         """
         rows, value = square_root(information, vector, lever_m)
-        return PoseMeasurement(face, reference, rows, value)
-
-    @property
-    def name(self) -> str:
-        """The face's name."""
-        return self.face
+        return PoseMeasurement(reference, rows, value)
 
     @property
     def covariance(self) -> FloatArray:
@@ -116,7 +108,7 @@ def joined(measurements: Sequence[PoseMeasurement]) -> PoseMeasurement:
     # An orthogonal turn of whitened rows keeps them white; what is left of the values beyond the
     # sixth says nothing of the pose.
     q, r = np.linalg.qr(rows)
-    return PoseMeasurement("all faces", measurements[0].reference, r, q.T @ value)
+    return PoseMeasurement(measurements[0].reference, r, q.T @ value)
 
 
 def pose_error(T_cam_from: FloatArray, T_cam_to: FloatArray) -> FloatArray:

@@ -271,15 +271,7 @@ def _fused(
 
 
 def _measurement(face: MeasuredFace) -> RectangleMeasurement:
-    return RectangleMeasurement(
-        rectangle=face.rectangle.name,
-        T_model_rect=face.rectangle.T_model_rect,
-        T_cam_rect=face.T_cam_rect,
-        known=face.known,
-        full_covariance=face.covariance,
-        T_cam_hill=np.eye(4),
-        R_hill_world=np.eye(3),
-    )
+    return RectangleMeasurement.of(face, np.eye(4), np.eye(3))
 
 
 def _is_still(before: SingleFramePose, after: SingleFramePose) -> bool:

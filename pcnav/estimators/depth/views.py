@@ -72,16 +72,7 @@ def view_of_rectangles(view: View, observer: ObserverPose) -> FrameView:
         view.frame,
         view.image_labels,
         tuple(
-            RectangleMeasurement(
-                rectangle=face.rectangle.name,
-                T_model_rect=face.rectangle.T_model_rect,
-                T_cam_rect=face.T_cam_rect,
-                known=face.known,
-                full_covariance=face.covariance,
-                T_cam_hill=T_cam_hill,
-                R_hill_world=observer.R_hill_world,
-            )
-            for face in view.faces
+            RectangleMeasurement.of(face, T_cam_hill, observer.R_hill_world) for face in view.faces
         ),
         tuple(_face_record(time_s, face) for face in view.faces),
         tuple(range(len(view.faces))),
@@ -101,9 +92,7 @@ def view_of_comparison(
         frame,
         comparison.labels,
         tuple(
-            PoseMeasurement.from_information(
-                face.name, reference, face.information, face.vector, lever_m
-            )
+            PoseMeasurement.from_information(reference, face.information, face.vector, lever_m)
             for face in faces
         ),
         tuple(_evidence_record(frame.time_s, faces[k], comparison.T_cam_model) for k in named),

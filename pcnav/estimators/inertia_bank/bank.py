@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from pcnav.config.inertia_bank import InertiaBankTable
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray, chosen, is_finite, picked
 from pcnav.core.spatial import skew
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
@@ -130,7 +130,7 @@ class InertiaBank:
             table.angular_acceleration_psd_rad2_s3,
         )
         self._filter = BatchedFilter(
-            states.take(every),
+            picked(states, every),
             covariance[every],
             gate_probability=table.gate_probability,
             max_iterations=table.max_iterations,
@@ -199,14 +199,14 @@ class InertiaBank:
         with np.errstate(over="ignore", invalid="ignore"):
             yield
         now = self._filter
-        sound = now.states.is_finite & np.isfinite(now.covariance).all(axis=(1, 2))
+        sound = is_finite(now.states) & np.isfinite(now.covariance).all(axis=(1, 2))
         with np.errstate(invalid="ignore", over="ignore"):
             sound &= np.linalg.norm(now.states.omega_body, axis=1) < _FASTEST_RAD_S
         self.broken = self.broken | ~sound
         if self.broken.any():
             lost = self.broken.reshape(self._runs, self._h)
             self.log_posterior = np.where(lost, -np.inf, self.log_posterior)
-            now.states = now.states.replaced(self.broken, states)
+            now.states = chosen(self.broken, states, now.states)
             now.covariance = np.where(self.broken[:, None, None], covariance, now.covariance)
 
     def _agreed(self, accepted: BoolArray) -> BoolArray:

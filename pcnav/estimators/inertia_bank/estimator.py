@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.config.inertia_bank import BankEstimate, InertiaBankTable, inertia_matrix
-from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.arrays import FloatArray, IntArray, picked
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_from_xyzw
 from pcnav.core.stereo import StereoRig
@@ -170,7 +170,7 @@ class InertiaBankEstimator:
             blend = np.eye(len(weights))[best]
         chosen: IntArray = np.flatnonzero(blend > 0.0)
         mixture = moment_matched(
-            bank.states.take(chosen),
+            picked(bank.states, chosen),
             bank.covariance[chosen],
             blend[chosen][None] / blend[chosen].sum(),
             self._ratios[chosen][None],

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from pcnav.config.inertia_bank import Likelihood
-from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.arrays import FloatArray, IntArray, picked
 from pcnav.estimators.inertia_bank.relative_state import RelativeStates
 from pcnav.filtering.batched_filter import BatchedUpdate
 
@@ -63,16 +63,16 @@ def moment_matched(
     """
     runs, h = weights.shape
     first = np.arange(runs, dtype=np.intp) * h
-    mean = states.take(first + np.argmax(weights, axis=1))
+    mean = picked(states, first + np.argmax(weights, axis=1))
     every: IntArray = np.repeat(np.arange(runs, dtype=np.intp), h)
-    errors = mean.take(every).local(states)
+    errors = picked(mean, every).local(states)
     for _ in range(_MEAN_PASSES):
         shift = np.einsum("rh,rhn->rn", weights, errors.reshape(runs, h, -1))
         mean = mean.retract(shift)
-        errors = mean.take(every).local(states)
+        errors = picked(mean, every).local(states)
         if np.max(np.abs(shift), initial=0.0) < _MEAN_TOLERANCE:
             break
-    inverse = np.linalg.inv(mean.take(every).retraction_block(errors))
+    inverse = np.linalg.inv(picked(mean, every).retraction_block(errors))
     carried, curved = covariance.copy(), mean.curved
     carried[:, curved] = inverse @ carried[:, curved]
     carried[..., curved] = carried[..., curved] @ np.swapaxes(inverse, -1, -2)

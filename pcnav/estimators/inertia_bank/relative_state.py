@@ -1,4 +1,4 @@
-"""The 13 + 3N states of Segal 2011, many at once: relative orbit, attitude, rate and points.
+"""The 13 + 3N states of Segal 2011, one or many at once: relative orbit, attitude, rate and points.
 
 The nominal state is the paper's: mass centre and its velocity in Hill axes, attitude, angular rate,
 and N feature points fixed in the body. The rate kept is the inertial one in body axes instead of
@@ -22,11 +22,13 @@ takes their absence for knowledge.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import FloatArray, IntArray, picked
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
+from pcnav.dynamics.process_noise import white_acceleration_noise
 from pcnav.dynamics.rotation_step import rotate, torque_free
 
 R_HILL = slice(0, 3)
@@ -37,89 +39,61 @@ MOTION = slice(0, 12)
 MOTION_SIZE = 12
 """Error states before the points: r, v (coupled: nu), attitude (body axes, right), rate."""
 
-_ARRAYS = ("r_hill", "v_hill", "R_hill_body", "omega_body", "points_body")
-
 
 @dataclass(frozen=True)
 class RelativeStates:
-    """B targets with N points each. Errors are (B, 12 + 3N): r, v, theta, omega, points."""
+    """A target with N points, or B of them. Errors (..., 12 + 3N): r, v, theta, omega, points."""
 
     r_hill: FloatArray
-    """(B, 3) mass centre from the chaser's, m."""
+    """(..., 3) mass centre from the chaser's, m."""
     v_hill: FloatArray
-    """(B, 3) its rate of change in Hill axes, m/s."""
+    """(..., 3) its rate of change in Hill axes, m/s."""
     R_hill_body: FloatArray
-    """(B, 3, 3) D(q) of the paper, in the axes of DESIGN."""
+    """(..., 3, 3) D(q) of the paper, in the axes of DESIGN."""
     omega_body: FloatArray
-    """(B, 3) inertial angular velocity, body axes, rad/s."""
+    """(..., 3) inertial angular velocity, body axes, rad/s."""
     points_body: FloatArray
-    """(B, N, 3) from the mass centre, m."""
+    """(..., N, 3) from the mass centre, m."""
     coupled: bool
     """Whether errors are those of the field of velocities and of positions; see above."""
 
     @property
-    def is_finite(self) -> BoolArray:
-        """(B,) whether all numbers of a target are finite."""
-        parts = [getattr(self, name).reshape(len(self.r_hill), -1) for name in _ARRAYS]
-        return np.asarray(np.isfinite(np.concatenate(parts, axis=1)).all(axis=1))
-
-    def replaced(self, where: BoolArray, other: "RelativeStates") -> "RelativeStates":
-        """These targets, but those of ``where`` (B,) as in another set."""
-        changes = {}
-        for name in _ARRAYS:
-            mine, theirs = getattr(self, name), getattr(other, name)
-            mask = where.reshape(-1, *(1,) * (mine.ndim - 1))
-            changes[name] = np.where(mask, theirs, mine)
-        return replace(self, **changes)
-
-    @property
     def size(self) -> int:
         """Of the error."""
-        return MOTION_SIZE + 3 * int(self.points_body.shape[1])
+        return MOTION_SIZE + 3 * int(self.points_body.shape[-2])
 
     @property
     def curved(self) -> slice:
-        """See `BatchedStates`."""
+        """See `ManifoldState`."""
         return slice(THETA.start, OMEGA.stop)
 
-    def take(self, index: IntArray) -> "RelativeStates":
-        """See `BatchedStates`."""
-        return RelativeStates(
-            self.r_hill[index],
-            self.v_hill[index],
-            self.R_hill_body[index],
-            self.omega_body[index],
-            self.points_body[index],
-            self.coupled,
-        )
-
     def positions(self) -> FloatArray:
-        """(B, N, 3) the points from the chaser, rho_i of (2), Hill axes, m."""
+        """(..., N, 3) the points from the chaser, rho_i of (2), Hill axes, m."""
         turned = self.points_body @ np.swapaxes(self.R_hill_body, -1, -2)
-        return np.asarray(self.r_hill[:, None] + turned)
+        return np.asarray(self.r_hill[..., None, :] + turned)
 
     def retract(self, error: FloatArray) -> "RelativeStates":
-        """The states moved by errors (B, 12 + 3N)."""
-        by_points = error[:, MOTION_SIZE:].reshape(self.points_body.shape)
-        r = self.r_hill + error[:, R_HILL]
-        turn = exp_rotation(error[:, THETA])
+        """The states moved by errors (..., 12 + 3N)."""
+        by_points = error[..., MOTION_SIZE:].reshape(self.points_body.shape)
+        r = self.r_hill + error[..., R_HILL]
+        turn = exp_rotation(error[..., THETA])
         R = self.R_hill_body @ turn
-        omega = self.omega_body + error[:, OMEGA]
-        v = self.v_hill + error[:, V_HILL]
+        omega = self.omega_body + error[..., OMEGA]
+        v = self.v_hill + error[..., V_HILL]
         if self.coupled:
             before, after = self._in_hill(self.omega_body), self._in_hill(omega)
             v = v - np.cross(before, self.r_hill) + np.cross(after, r)
-            omega = (omega[:, None] @ turn)[:, 0]
-            points = (self.positions() + by_points - r[:, None]) @ R
+            omega = (omega[..., None, :] @ turn)[..., 0, :]
+            points = (self.positions() + by_points - r[..., None, :]) @ R
         else:
             points = self.points_body + by_points
         return RelativeStates(r, v, R, omega, points, self.coupled)
 
     def retraction_block(self, error: FloatArray) -> FloatArray:
-        """See `BatchedStates`: of attitude and rate; positions add, whatever the attitude does."""
-        block = np.zeros((len(error), 6, 6))
-        block[:, :3, :3] = left_jacobian(-error[:, THETA])
-        block[:, 3:, 3:] = exp_rotation(-error[:, THETA]) if self.coupled else np.eye(3)
+        """See `ManifoldState`: of attitude and rate; positions add, whatever the attitude does."""
+        block = np.zeros((*error.shape[:-1], 6, 6))
+        block[..., :3, :3] = left_jacobian(-error[..., THETA])
+        block[..., 3:, 3:] = exp_rotation(-error[..., THETA]) if self.coupled else np.eye(3)
         return block
 
     def admissible(self, error: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -127,7 +101,7 @@ class RelativeStates:
         return error
 
     def local(self, other: "RelativeStates") -> FloatArray:
-        """(B, 12 + 3N) the errors that take these states to others: the inverse of `retract`."""
+        """(..., 12 + 3N) the errors that take these states to others: the inverse of `retract`."""
         relative = np.swapaxes(self.R_hill_body, -1, -2) @ other.R_hill_body
         omega, v = other.omega_body, other.v_hill - self.v_hill
         if self.coupled:
@@ -143,63 +117,65 @@ class RelativeStates:
                 v,
                 log_rotation(relative),
                 omega - self.omega_body,
-                points.reshape(len(points), -1),
+                points.reshape(*points.shape[:-2], -1),
             ],
-            axis=1,
+            axis=-1,
         )
 
     def motion_to_body_errors(self) -> FloatArray:
-        """(B, 12, 12) matrix from this state's errors of the motion to those without coupling.
+        """(..., 12, 12) matrix from this state's errors of the motion to those without coupling.
 
         Coupled: ``dv = d nu + [w]x dr - [r]x D e`` and ``d omega = e + [omega]x theta``, with e the
         error of the rate along the estimated body axes and ``w = D omega``.
         """
-        matrix = np.zeros((len(self.r_hill), MOTION_SIZE, MOTION_SIZE))
-        matrix[:] = np.eye(MOTION_SIZE)
+        matrix = self._identity(MOTION_SIZE)
         if self.coupled:
-            matrix[:, V_HILL, R_HILL] = skew(self._in_hill(self.omega_body))
-            matrix[:, V_HILL, OMEGA] = -skew(self.r_hill) @ self.R_hill_body
-            matrix[:, OMEGA, THETA] = skew(self.omega_body)
+            matrix[..., V_HILL, R_HILL] = skew(self._in_hill(self.omega_body))
+            matrix[..., V_HILL, OMEGA] = -skew(self.r_hill) @ self.R_hill_body
+            matrix[..., OMEGA, THETA] = skew(self.omega_body)
         return matrix
 
     def motion_from_body_errors(self) -> FloatArray:
-        """(B, 12, 12) the inverse of `motion_to_body_errors`."""
-        matrix = np.zeros((len(self.r_hill), MOTION_SIZE, MOTION_SIZE))
-        matrix[:] = np.eye(MOTION_SIZE)
+        """(..., 12, 12) the inverse of `motion_to_body_errors`."""
+        matrix = self._identity(MOTION_SIZE)
         if self.coupled:
             by_rate = skew(self.r_hill) @ self.R_hill_body
             turning = skew(self.omega_body)
-            matrix[:, V_HILL, R_HILL] = -skew(self._in_hill(self.omega_body))
-            matrix[:, V_HILL, OMEGA] = by_rate
-            matrix[:, V_HILL, THETA] = -by_rate @ turning
-            matrix[:, OMEGA, THETA] = -turning
+            matrix[..., V_HILL, R_HILL] = -skew(self._in_hill(self.omega_body))
+            matrix[..., V_HILL, OMEGA] = by_rate
+            matrix[..., V_HILL, THETA] = -by_rate @ turning
+            matrix[..., OMEGA, THETA] = -turning
         return matrix
 
     def to_body_errors(self) -> FloatArray:
-        """(B, n, n) as `motion_to_body_errors`, with the points.
+        """(..., n, n) as `motion_to_body_errors`, with the points.
 
         Coupled: ``dP = D^T (eta - dr) + [P]x theta`` with eta the error of a position.
         """
-        batch, points = self.points_body.shape[:2]
-        matrix = np.zeros((batch, self.size, self.size))
-        matrix[:] = np.eye(self.size)
-        matrix[:, MOTION, MOTION] = self.motion_to_body_errors()
+        matrix = self._identity(self.size)
+        matrix[..., MOTION, MOTION] = self.motion_to_body_errors()
         if not self.coupled:
             return matrix
         R_body_hill = np.swapaxes(self.R_hill_body, -1, -2)
-        for i in range(points):
+        for i in range(self.points_body.shape[-2]):
             rows = point_slice(i)
-            matrix[:, rows, R_HILL] = -R_body_hill
-            matrix[:, rows, THETA] = skew(self.points_body[:, i])
-            matrix[:, rows, rows] = R_body_hill
+            matrix[..., rows, R_HILL] = -R_body_hill
+            matrix[..., rows, THETA] = skew(self.points_body[..., i, :])
+            matrix[..., rows, rows] = R_body_hill
         return matrix
 
+    def _identity(self, size: int) -> FloatArray:
+        """(..., n, n), to be written to."""
+        identity = np.zeros((*self.r_hill.shape[:-1], size, size))
+        identity[...] = np.eye(size)
+        return identity
+
     def _in_hill(self, body: FloatArray) -> FloatArray:
-        """(B, 3) vectors in estimated body axes, turned into Hill axes."""
+        """(..., 3) vectors in estimated body axes, turned into Hill axes."""
         return np.asarray((self.R_hill_body @ body[..., None])[..., 0])
 
     def with_points(self, points_body: FloatArray) -> "RelativeStates":
-        """With other points (B, N, 3)."""
+        """With other points (..., N, 3)."""
         return replace(self, points_body=points_body)
 
 
@@ -210,20 +186,20 @@ def point_slice(i: int) -> slice:
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """Nonlinear relative orbit and torque-free rotation of B bodies; points stay where they are."""
+    """Nonlinear relative orbit and torque-free rotation of bodies; points stay where they are."""
 
     orbit: KeplerOrbit
     inertia: FloatArray
-    """(B, 3, 3) body axes, of any scale."""
+    """(..., 3, 3) body axes, of any scale."""
     inverse: FloatArray
-    """(B, 3, 3) of the inertia."""
+    """(..., 3, 3) of the inertia."""
     acceleration_psd_m2_s3: float
     angular_acceleration_psd_rad2_s3: float
 
     def propagate(
         self, states: RelativeStates, time_s: float, step_s: float
     ) -> tuple[RelativeStates, FloatArray, FloatArray]:
-        """See `BatchedMotion`."""
+        """See `MotionModel.propagate`."""
         orbit = self.orbit
         r, v, relative = step_relative(orbit, states.r_hill, states.v_hill, time_s, step_s)
         step = rotate(torque_free(self.inertia, self.inverse), states.omega_body, step_s)
@@ -236,75 +212,65 @@ class RelativeMotion:
             points_body=states.points_body,
             coupled=states.coupled,
         )
-        F = np.zeros((len(r), states.size, states.size))
-        F[:] = np.eye(states.size)
-        F[:, :6, :6] = relative
-        F[:, 6:12, 6:12] = step.transition
+        F = states._identity(states.size)
+        F[..., :6, :6] = relative
+        F[..., 6:12, 6:12] = step.transition
         noise = self._motion_noise(abs(step_s))
         if not states.coupled:
             Q = np.zeros_like(F)
-            Q[:, MOTION, MOTION] = noise
+            Q[..., MOTION, MOTION] = noise
             return moved, F, Q
         _couple(F, states, moved)
         by_motion = _errors_by_motion(moved)
         return moved, F, by_motion @ noise @ np.swapaxes(by_motion, -1, -2)
-
-    def take(self, index: IntArray) -> "RelativeMotion":
-        """For the states at (b,) places of the batch."""
-        return replace(self, inertia=self.inertia[index], inverse=self.inverse[index])
 
     def _motion_noise(self, step_s: float) -> FloatArray:
         """(12, 12) what white accelerations add over a step, body errors.
 
         Without the turn of the axes within the step, which is small between frames.
         """
-        noise = np.zeros((MOTION_SIZE, MOTION_SIZE))
         densities = (self.acceleration_psd_m2_s3, self.angular_acceleration_psd_rad2_s3)
-        for k, density in zip((0, 6), densities, strict=True):
-            value, rate = slice(k, k + 3), slice(k + 3, k + 6)
-            noise[value, value] = density * step_s**3 / 3.0 * np.eye(3)
-            noise[value, rate] = noise[rate, value] = density * step_s**2 / 2.0 * np.eye(3)
-            noise[rate, rate] = density * step_s * np.eye(3)
-        return noise
+        return np.asarray(block_diag(*(white_acceleration_noise(q, step_s) for q in densities)))
 
 
 def _couple(F: FloatArray, before: RelativeStates, after: RelativeStates) -> None:
-    """Turn a transition (B, n, n) of body errors into that of coupled errors, in place.
+    """Turn a transition (..., n, n) of body errors into that of coupled errors, in place.
 
     ``eta_i = dr + D (dP_i - [P_i]x theta)`` after the step, with ``dP_i`` unchanged over it and
     taken from the errors before it: what (25) integrates to over a step.
     """
-    motion = after.motion_from_body_errors() @ F[:, MOTION, MOTION] @ before.motion_to_body_errors()
+    motion = (
+        after.motion_from_body_errors() @ F[..., MOTION, MOTION] @ before.motion_to_body_errors()
+    )
     R1 = after.R_hill_body
     turn = R1 @ np.swapaxes(before.R_hill_body, -1, -2)
-    moved = motion[:, R_HILL].copy()
+    moved = motion[..., R_HILL, :].copy()
     moved[..., R_HILL] -= turn
-    turned = -motion[:, THETA]
+    turned = -motion[..., THETA, :]
     turned[..., THETA] += np.eye(3)
-    arms = R1[:, None] @ skew(before.points_body) @ turned[:, None]
-    F[:, MOTION, MOTION] = motion
-    for i in range(before.points_body.shape[1]):
+    arms = R1[..., None, :, :] @ skew(before.points_body) @ turned[..., None, :, :]
+    F[..., MOTION, MOTION] = motion
+    for i in range(before.points_body.shape[-2]):
         rows = point_slice(i)
-        F[:, rows, MOTION] = moved + arms[:, i]
-        F[:, rows, rows] = turn
+        F[..., rows, MOTION] = moved + arms[..., i, :, :]
+        F[..., rows, rows] = turn
 
 
 def _errors_by_motion(states: RelativeStates) -> FloatArray:
-    """(B, n, 12) coupled errors of errors of the motion in body terms, the points fixed in it."""
-    batch, points = states.points_body.shape[:2]
-    matrix = np.zeros((batch, states.size, MOTION_SIZE))
-    matrix[:, MOTION] = states.motion_from_body_errors()
-    arms = -states.R_hill_body[:, None] @ skew(states.points_body)
-    for i in range(points):
+    """(..., n, 12) coupled errors of errors of the motion in body terms, the points fixed in it."""
+    matrix = np.zeros((*states.r_hill.shape[:-1], states.size, MOTION_SIZE))
+    matrix[..., MOTION, :] = states.motion_from_body_errors()
+    arms = -states.R_hill_body[..., None, :, :] @ skew(states.points_body)
+    for i in range(states.points_body.shape[-2]):
         rows = point_slice(i)
-        matrix[:, rows, R_HILL] = np.eye(3)
-        matrix[:, rows, THETA] = arms[:, i]
+        matrix[..., rows, R_HILL] = np.eye(3)
+        matrix[..., rows, THETA] = arms[..., i, :, :]
     return matrix
 
 
 @dataclass(frozen=True)
 class PixelMeasurements:
-    """Points seen by a stereo rig at one time (Segal 2011 (4)), of every state of a batch.
+    """Points seen by a stereo rig at one time (Segal 2011 (4)), of a state or a batch of them.
 
     A rectified rig measures a point's row twice with independent noise; left column, right column
     and the mean of both rows hold all that the four numbers tell of the state, so s is 3.
@@ -316,10 +282,10 @@ class PixelMeasurements:
     points: IntArray
     """(m,) which points of the state were seen."""
     pixels: FloatArray
-    """(B, m, 3) from `reduced_pixels`."""
+    """(..., m, 3) from `reduced_pixels`."""
 
     def take(self, index: IntArray) -> "PixelMeasurements":
-        """See `MeasurementSet`."""
+        """See `BatchedMeasurements`."""
         return replace(self, pixels=self.pixels[index])
 
     @property
@@ -329,26 +295,26 @@ class PixelMeasurements:
         return np.broadcast_to(one, (len(self.points), 3, 3))
 
     def residual(self, states: RelativeStates) -> FloatArray:
-        """(B, m, 3) px."""
+        """(..., m, 3) px."""
         return np.asarray(self.pixels - reduced_pixels(self.rig.project(self._in_rig(states))))
 
     def jacobian(self, states: RelativeStates) -> FloatArray:
-        """(B, m, 3, n) by the errors of the states, coupled or not."""
+        """(..., m, 3, n) by the errors of the states, coupled or not."""
         by_rig = self.rig.projection_jacobian(self._in_rig(states))[..., (0, 2, 1), :]
         by_hill = by_rig @ self.R_rig_hill
-        jacobian = np.zeros((*by_hill.shape[:3], states.size))
+        jacobian = np.zeros((*by_hill.shape[:-1], states.size))
         # Without coupling a point moves with the mass centre, the attitude and in the body.
-        by_body = None if states.coupled else by_hill @ states.R_hill_body[:, None]
+        by_body = None if states.coupled else by_hill @ states.R_hill_body[..., None, :, :]
         if by_body is not None:
             jacobian[..., R_HILL] = by_hill
-            jacobian[..., THETA] = -by_body @ skew(states.points_body[:, self.points])
+            jacobian[..., THETA] = -by_body @ skew(states.points_body[..., self.points, :])
         by_point = by_hill if by_body is None else by_body
         for k, i in enumerate(self.points):
-            jacobian[:, k, :, point_slice(int(i))] = by_point[:, k]
+            jacobian[..., k, :, point_slice(int(i))] = by_point[..., k, :, :]
         return jacobian
 
     def _in_rig(self, states: RelativeStates) -> FloatArray:
-        return np.asarray(states.positions()[:, self.points] @ self.R_rig_hill.T)
+        return np.asarray(states.positions()[..., self.points, :] @ self.R_rig_hill.T)
 
 
 @dataclass(frozen=True)
@@ -368,8 +334,8 @@ class PixelsAhead:
     step_s: float
 
     def take(self, index: IntArray) -> "PixelsAhead":
-        """See `MeasurementSet`."""
-        return replace(self, later=self.later.take(index), model=self.model.take(index))
+        """See `BatchedMeasurements`."""
+        return replace(self, later=self.later.take(index), model=picked(self.model, index))
 
     @property
     def noise(self) -> FloatArray:
@@ -377,13 +343,13 @@ class PixelsAhead:
         return self.later.noise
 
     def residual(self, states: RelativeStates) -> FloatArray:
-        """(B, m, 3) px."""
+        """(..., m, 3) px."""
         return self.later.residual(self.model.propagate(states, self.time_s, self.step_s)[0])
 
     def jacobian(self, states: RelativeStates) -> FloatArray:
-        """(B, m, 3, n) by the errors of the states before the step."""
+        """(..., m, 3, n) by the errors of the states before the step."""
         moved, F, _ = self.model.propagate(states, self.time_s, self.step_s)
-        return np.asarray(self.later.jacobian(moved) @ F[:, None])
+        return np.asarray(self.later.jacobian(moved) @ F[..., None, :, :])
 
 
 def reduced_pixels(pixels: FloatArray) -> FloatArray:

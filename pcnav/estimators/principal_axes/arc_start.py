@@ -34,6 +34,7 @@ from pcnav.estimators.principal_axes.principal_frame import (
     free_axes,
     principal_axes,
 )
+from pcnav.filtering.error_state import retraction_jacobian
 from pcnav.recordings.tracks import TrackFrame
 
 _MIN_POSES = 10
@@ -257,7 +258,7 @@ def _filtered(
         wide = weakly_held(fit.state, _DIFFUSE**2 * misfit * fit.covariance)
         error, covariance = filter_about(states, legs, views, wide, gate_probability)
         error = states[-1].admissible(error, covariance)
-        reset = states[-1].retraction_jacobian(error)
+        reset = retraction_jacobian(states[-1], error)
         end = states[-1].retract(error)
         first, _, _ = model.propagate(end, float(times[-1]), float(times[0] - times[-1]))
     return end, reset @ covariance @ reset.T

@@ -10,12 +10,12 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import rotation_angle
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.estimators.attitude_inertia.rotation_model import AttitudeSet
 from pcnav.estimators.features.feature_map import TriangulatedFrame, moves_rigidly, triangulated
 from pcnav.estimators.features.photogrammetric_frame import align
 from pcnav.estimators.principal_axes.arc_fit import longest_steps
 from pcnav.estimators.principal_axes.arc_start import ArcStart
 from pcnav.estimators.principal_axes.feature_measurements import (
-    AttitudeMeasurement,
     FeatureView,
     PointMeasurement,
 )
@@ -30,6 +30,7 @@ from pcnav.estimators.principal_axes.principal_choice import (
     free_choice,
     unique_choice,
 )
+from pcnav.filtering.batched_filter import Together
 from pcnav.filtering.error_state import ErrorStateFilter, Measurement, UpdateResult
 from pcnav.recordings.tracks import TrackFrame
 
@@ -229,10 +230,7 @@ class FeatureFollower:
         R = self._orbit.R_hill_world(seen.time_s)
         rows = np.flatnonzero(trusted)
         found: list[Measurement[PrincipalState]] = [
-            PointMeasurement(
-                *(int(seen.features[k]), int(slots[k])),
-                *(R @ seen.p_world[k], R @ seen.noise[k] @ R.T, R),
-            )
+            PointMeasurement(int(slots[k]), R @ seen.p_world[k], R @ seen.noise[k] @ R.T, R)
             for k in rows
         ]
         identified = [k for k in rows if int(seen.features[k]) in self._shape]
@@ -240,7 +238,7 @@ class FeatureFollower:
             shape = np.stack([self._shape[int(seen.features[k])] for k in identified])
             fit = align(seen.p_world[identified], shape, seen.noise[identified])
             noise = fit.R_a_b.T @ fit.covariance[:3, :3] @ fit.R_a_b
-            found.append(AttitudeMeasurement(fit.R_a_b, noise))
+            found.append(Together(AttitudeSet(fit.R_a_b, noise)))
         return found
 
     # The choice of axes

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.core.spatial import left_jacobian, log_rotation
 from pcnav.core.stereo import StereoRig
 from pcnav.estimators.principal_axes.feature_states import (
     MOTION_SIZE,
     R_HILL,
-    THETA,
     PrincipalState,
     point_slice,
 )
-from pcnav.filtering.error_state import Measurement
+from pcnav.filtering.batched_filter import Member
 from pcnav.recordings.tracks import TrackFrame
 
 _NEAREST_M = 0.05
@@ -22,7 +20,7 @@ _NEAREST_M = 0.05
 
 
 class FeatureView:
-    """The features of a frame as a state predicts them, all at once.
+    """The features of a frame as a state predicts them: a `MeasurementSet`.
 
     The engine asks feature by feature, for residual and Jacobian and again for every iterate:
     what was found for the last state is kept.
@@ -59,7 +57,7 @@ class FeatureView:
         p_rig[:, 2] = np.maximum(p_rig[:, 2], _NEAREST_M)
         by_rig = self._rig.projection_jacobian(p_rig)
         by_point = by_rig @ R_rig_body
-        jacobian = np.zeros((n, 4, MOTION_SIZE + 3 * len(state.points)))
+        jacobian = np.zeros((n, 4, state.size))
         # The error of the attitude turns the axes under the points: it moves none of them.
         jacobian[:, :, R_HILL] = by_rig @ self._R_rig_hill
         for k, slot in enumerate(self._slots.tolist()):
@@ -67,58 +65,34 @@ class FeatureView:
             jacobian[k, :, start : start + 3] = by_point[k]
         return self._frame.pixels - self._rig.project(p_rig), jacobian
 
-    def measurements(self) -> "list[PixelMeasurement]":
-        """One per feature."""
-        return [PixelMeasurement(self, k) for k in range(len(self._slots))]
-
-
-@dataclass(frozen=True)
-class PixelMeasurement(Measurement[PrincipalState]):
-    """The four pixel coordinates of one feature: (1) and (32) in one."""
-
-    view: FeatureView
-    row: int
-
     @property
-    def name(self) -> str:
-        """The feature."""
-        return f"feature {self.view.features[self.row]}"
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(4, 4) px^2."""
-        return self.view.covariance
+    def noise(self) -> FloatArray:
+        """(n, 4, 4) px^2."""
+        return np.broadcast_to(self.covariance, (len(self._slots), 4, 4))
 
     def residual(self, state: PrincipalState) -> FloatArray:
-        """(4,) px."""
-        return np.asarray(self.view.at(state)[0][self.row])
+        """(n, 4) px."""
+        return self.at(state)[0]
 
     def jacobian(self, state: PrincipalState) -> FloatArray:
-        """(4, n)"""
-        return np.asarray(self.view.at(state)[1][self.row])
+        """(n, 4, 14 + 3N)"""
+        return self.at(state)[1]
+
+    def measurements(self) -> list[Member[PrincipalState]]:
+        """One per feature: its four pixel coordinates, (1) and (32) in one."""
+        return [Member(self, k) for k in range(len(self._slots))]
 
 
 @dataclass(frozen=True)
-class PointMeasurement(Measurement[PrincipalState]):
+class PointMeasurement:
     """A triangulated point in Hill axes: (32)."""
 
-    feature: int
     slot: int
     p_hill: FloatArray
     """(3,) m."""
-    noise: FloatArray
+    covariance: FloatArray
     """(3, 3) m^2, Hill axes."""
     R_hill_world: FloatArray
-
-    @property
-    def name(self) -> str:
-        """The feature."""
-        return f"feature {self.feature}"
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(3, 3) m^2."""
-        return self.noise
 
     def residual(self, state: PrincipalState) -> FloatArray:
         """(3,) m."""
@@ -128,40 +102,7 @@ class PointMeasurement(Measurement[PrincipalState]):
     def jacobian(self, state: PrincipalState) -> FloatArray:
         """(3, n) the rows of H in (35), in the errors of `feature_states`."""
         R_hill_body = self.R_hill_world @ state.R_world_body
-        jacobian = np.zeros((3, MOTION_SIZE + 3 * len(state.points)))
+        jacobian = np.zeros((3, state.size))
         jacobian[:, R_HILL] = np.eye(3)
         jacobian[:, point_slice(self.slot)] = R_hill_body
-        return jacobian
-
-
-@dataclass(frozen=True)
-class AttitudeMeasurement(Measurement[PrincipalState]):
-    """The attitude of the determined principal frame: (31).
-
-    It comes from the same pixels as the points: a filter that takes both counts them twice.
-    """
-
-    R_world_body: FloatArray
-    """(3, 3) measured."""
-    noise: FloatArray
-    """(3, 3) rad^2, body axes."""
-
-    @property
-    def name(self) -> str:
-        """What it is."""
-        return "attitude"
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(3, 3) rad^2."""
-        return self.noise
-
-    def residual(self, state: PrincipalState) -> FloatArray:
-        """(3,) rotation vector from the state's attitude to the measured one, rad."""
-        return log_rotation(state.R_world_body.T @ self.R_world_body)
-
-    def jacobian(self, state: PrincipalState) -> FloatArray:
-        """(3, n): ``log(exp(-theta) exp(e)) = e - J_l(e)^-1 theta``."""
-        jacobian = np.zeros((3, MOTION_SIZE + 3 * len(state.points)))
-        jacobian[:, THETA] = np.linalg.inv(left_jacobian(self.residual(state)))
         return jacobian

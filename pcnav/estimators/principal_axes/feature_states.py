@@ -29,7 +29,7 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, skew
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
-from pcnav.dynamics.orbit import hill_process_noise, hill_transition
+from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.principal_inertia import (
     MAX_RATIO,
     axes_error,
@@ -38,6 +38,7 @@ from pcnav.dynamics.principal_inertia import (
     transport,
 )
 from pcnav.dynamics.principal_inertia import ratios_from_moments as ratios_from_moments
+from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_noise
 from pcnav.dynamics.rotation_step import Rotation, rotate
 from pcnav.filtering.error_state import MotionModel
 
@@ -102,8 +103,18 @@ class PrincipalState:
             points=points @ turn,
         )
 
-    def retraction_jacobian(self, error: FloatArray) -> FloatArray:
-        """(n, n) how a small change of ``error`` moves `retract` of it, in the result's error."""
+    @property
+    def size(self) -> int:
+        """Of the error."""
+        return MOTION_SIZE + 3 * len(self.points)
+
+    @property
+    def curved(self) -> slice:
+        """See `ManifoldState`: all of it."""
+        return slice(0, self.size)
+
+    def retraction_block(self, error: FloatArray) -> FloatArray:
+        """(n, n) See `ManifoldState`."""
         jacobian = np.eye(len(error))
         if not error.any():
             return jacobian
@@ -155,7 +166,7 @@ class PrincipalState:
         The attitude's is its rotation vector in body axes, the others are differences of
         components: what results and tables are in.
         """
-        change = np.eye(MOTION_SIZE + 3 * len(self.points))
+        change = np.eye(self.size)
         change[OMEGA, THETA] = skew(self.omega_body)
         change[MOTION_SIZE:, THETA] = skew(self.points).reshape(-1, 3)
         return change
@@ -225,7 +236,7 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
         self, state: PrincipalState, time_s: float, step_s: float
     ) -> tuple[PrincipalState, FloatArray, FloatArray]:
         """See `MotionModel.propagate`."""
-        size = MOTION_SIZE + 3 * len(state.points)
+        size = state.size
         rotation = propagate_rotation(state.omega_body, state.ratios, step_s)
         # From errors as they are defined here to plain differences, over the step, and back.
         to_plain = rotation.transition
@@ -246,7 +257,10 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
             r_hill=r,
             v_hill=v,
         )
-        noise = from_plain @ self._torque_noise(state, step_s) @ from_plain.T
+        # (39): the same torque about all axes, for steps in which the body turns little.
+        torque = 1.0 / moments_from_ratios(state.ratios) ** 2
+        q = self.angular_acceleration_psd_rad2_s3 * torque
+        noise = from_plain @ white_acceleration_noise(q, step_s) @ from_plain.T
         noise[8:14, 8:14] = hill_process_noise(
             self.orbit.mean_motion_rad_s, step_s, self.acceleration_psd_m2_s3
         )
@@ -260,17 +274,6 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
         hill = hill_transition(self.orbit.mean_motion_rad_s, step_s)
         moved = hill @ np.concatenate([state.r_hill, state.v_hill])
         return moved[:3], moved[3:], hill
-
-    def _torque_noise(self, state: PrincipalState, step_s: float) -> FloatArray:
-        """(6, 6) of (39) for attitude and rate, for steps in which the body turns little."""
-        noise = np.zeros((6, 6))
-        torque = 1.0 / moments_from_ratios(state.ratios) ** 2
-        q = self.angular_acceleration_psd_rad2_s3 * torque
-        diagonal = np.arange(3)
-        noise[diagonal, diagonal] = q * (step_s**3 / 3.0)
-        noise[diagonal, diagonal + 3] = noise[diagonal + 3, diagonal] = q * (step_s**2 / 2.0)
-        noise[diagonal + 3, diagonal + 3] = q * step_s
-        return noise
 
 
 def propagate_rotation(omega: FloatArray, ratios: FloatArray, duration_s: float) -> Rotation:

@@ -14,7 +14,7 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import PrincipalState
-from pcnav.filtering.error_state import ErrorStateFilter, Measurement, MotionModel
+from pcnav.filtering.error_state import ErrorStateFilter, MotionModel
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,14 @@ class Deviation:
         """Errors add: to first order about the trajectory."""
         return Deviation(self.error + error)
 
-    def retraction_jacobian(self, error: FloatArray) -> FloatArray:
-        """(n, n) identity."""
-        return np.eye(len(error))
+    @property
+    def curved(self) -> slice:
+        """See `ManifoldState`: nothing."""
+        return slice(0, 0)
+
+    def retraction_block(self, error: FloatArray) -> FloatArray:
+        """See `ManifoldState`."""
+        return np.empty((0, 0))
 
     def admissible(self, error: FloatArray, covariance: FloatArray) -> FloatArray:
         """Any; the trajectory's own state sees to it in the end."""
@@ -59,18 +64,10 @@ class _LegModel(MotionModel[Deviation]):
 
 
 @dataclass(frozen=True)
-class _LinearMeasurement(Measurement[Deviation]):
+class _LinearMeasurement:
     offset: FloatArray
     H: FloatArray
-    noise: FloatArray
-
-    @property
-    def name(self) -> str:
-        return "deviation"
-
-    @property
-    def covariance(self) -> FloatArray:
-        return self.noise
+    covariance: FloatArray
 
     def residual(self, state: Deviation) -> FloatArray:
         return np.asarray(self.offset - self.H @ state.error)

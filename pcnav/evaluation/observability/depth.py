@@ -99,9 +99,7 @@ def depth_subject(
             return []
         reference = PoseReference(pose, observer)
         return [
-            PoseMeasurement.from_information(
-                "view", reference, information, np.zeros(6), views.lever_m
-            )
+            PoseMeasurement.from_information(reference, information, np.zeros(6), views.lever_m)
         ]
 
     start = carried(model, state, at_s, float(timing.times_s[0]))

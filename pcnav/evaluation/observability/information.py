@@ -181,22 +181,19 @@ def time_to_reach(times_s: FloatArray, sd: FloatArray, wanted: float) -> float:
     return float(before + share * (after - before) - times_s[0])
 
 
-class _Weighted(Measurement[S]):
+@dataclass(frozen=True)
+class _Weighted(Generic[S]):
     """A measurement that stands for several of its kind."""
 
-    def __init__(self, one: Measurement[S], weight: float) -> None:
-        self._one, self._covariance = one, one.covariance / weight
-
-    @property
-    def name(self) -> str:
-        return self._one.name
+    one: Measurement[S]
+    weight: float
 
     @property
     def covariance(self) -> FloatArray:
-        return self._covariance
+        return self.one.covariance / self.weight
 
     def residual(self, state: S) -> FloatArray:
-        return self._one.residual(state)
+        return self.one.residual(state)
 
     def jacobian(self, state: S) -> FloatArray:
-        return self._one.jacobian(state)
+        return self.one.jacobian(state)

@@ -21,7 +21,7 @@ from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.attitude_inertia.estimator import initial_belief
 from pcnav.estimators.attitude_inertia.rotation_model import (
     THETA,
-    AttitudeMeasurement,
+    AttitudeSet,
     RotationState,
     TorqueFreeModel,
 )
@@ -41,8 +41,8 @@ from pcnav.estimators.principal_axes.feature_states import (
 )
 from pcnav.evaluation.observability.information import reference_arc
 from pcnav.evaluation.observability.report import Subject
-from pcnav.evaluation.observability.single import OneMotion, OneSight, OneState
 from pcnav.evaluation.observability.told import BANK_GROUPS, PRINCIPAL, ROTATION, Told
+from pcnav.filtering.batched_filter import Together
 from pcnav.filtering.error_state import ManifoldState, Measurement, MotionModel
 from pcnav.recordings.tracks import StereoTracks, TrackFrame
 
@@ -124,7 +124,7 @@ def attitude_subject(
     noise = noise if attitude_covariance is None else attitude_covariance
 
     def sensor(state: RotationState, k: int) -> list[Measurement[RotationState]]:
-        return [AttitudeMeasurement(state.R_world_body, noise)]
+        return [Together(AttitudeSet(state.R_world_body, noise))]
 
     arc = reference_arc(model, start, timing.times_s, sensor, timing.weights)
     prior = initial_belief(table)[2]
@@ -275,40 +275,37 @@ def principal_subject(
 
 def bank_subject(
     title: str, table: InertiaBankTable, tracks: StereoTracks, at: FeatureMotion
-) -> Subject[OneState]:
+) -> Subject[RelativeStates]:
     """Of one filter of the bank: the one that believes in the inertia given."""
     orbit: KeplerOrbit = tracks.orbit
     points = np.stack(list(at.points.values()))
     state = RelativeStates(
-        r_hill=at.r_hill[None],
-        v_hill=at.v_hill[None],
-        R_hill_body=(orbit.R_hill_world(at.time_s) @ at.R_world_body)[None],
-        omega_body=at.omega_body[None],
-        points_body=points[None],
+        r_hill=at.r_hill,
+        v_hill=at.v_hill,
+        R_hill_body=orbit.R_hill_world(at.time_s) @ at.R_world_body,
+        omega_body=at.omega_body,
+        points_body=points,
         coupled=table.kinematic_coupling,
     )
-    inertia = at.inertia[None]
-    model = OneMotion(
-        RelativeMotion(
-            orbit,
-            inertia,
-            np.asarray(np.linalg.inv(inertia), np.float64),
-            table.acceleration_psd_m2_s3,
-            table.angular_acceleration_psd_rad2_s3,
-        )
+    model = RelativeMotion(
+        orbit,
+        at.inertia,
+        np.asarray(np.linalg.inv(at.inertia), np.float64),
+        table.acceleration_psd_m2_s3,
+        table.angular_acceleration_psd_rad2_s3,
     )
     timing = timing_of(np.array([frame.time_s for frame in tracks.frames]), at.omega_body)
     sights = _Sightings(tracks, timing, tuple(at.points))
 
-    def sensor(seen: OneState, k: int) -> list[Measurement[OneState]]:
-        slots, R_rig_hill = sights.slots(k), sights.R_rig_hill(k, seen.batch.r_hill[0])
+    def sensor(seen: RelativeStates, k: int) -> list[Measurement[RelativeStates]]:
+        slots, R_rig_hill = sights.slots(k), sights.R_rig_hill(k, seen.r_hill)
         if not len(slots):
             return []
-        pixels = tracks.rig.project(seen.batch.positions()[:, slots] @ R_rig_hill.T)
+        pixels = tracks.rig.project(seen.positions()[slots] @ R_rig_hill.T)
         sight = PixelMeasurements(tracks.rig, R_rig_hill, slots, reduced_pixels(pixels))
-        return [OneSight(sight)]
+        return [Together(sight)]
 
-    start = carried(model, OneState(state), at.time_s, float(timing.times_s[0]))
+    start = carried(model, state, at.time_s, float(timing.times_s[0]))
     arc = reference_arc(model, start, timing.times_s, sensor, timing.weights)
     return Subject(
         title=title,
@@ -317,8 +314,8 @@ def bank_subject(
         arc=arc,
         frames=timing.frames,
         frames_seen=len(timing.recorded_s),
-        prior_covariance=_bank_prior(table, start.batch),
-        omega_body=arc.states[timing.frames - 1].batch.omega_body[0],
+        prior_covariance=_bank_prior(table, start),
+        omega_body=arc.states[timing.frames - 1].omega_body,
         inertia=at.inertia,
         note=f"{sights.note} One hypothesis of the inertia, held fixed, is taken as true.",
     )
@@ -329,12 +326,12 @@ def _bank_prior(table: InertiaBankTable, start: RelativeStates) -> FloatArray:
     sd = np.full(start.size, _POINT_SD_M)
     sd[0:3], sd[3:6] = table.mass_centre_sd_m, table.velocity_sd_m_s
     sd[6:9], sd[9:12] = np.radians(table.attitude_sd_deg), np.radians(table.rate_sd_deg_s)
-    to_own = np.linalg.inv(start.to_body_errors()[0])
+    to_own = np.linalg.inv(start.to_body_errors())
     return np.asarray((to_own * sd**2) @ to_own.T)
 
 
-def _bank_edge(state: OneState) -> FloatArray:
-    return np.asarray(state.batch.to_body_errors()[0][:BANK_SIZE])
+def _bank_edge(state: RelativeStates) -> FloatArray:
+    return np.asarray(state.to_body_errors()[:BANK_SIZE])
 
 
 def carried(model: MotionModel[S], state: S, from_s: float, to_s: float) -> S:

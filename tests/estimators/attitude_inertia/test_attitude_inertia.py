@@ -15,7 +15,6 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     INERTIA,
     OMEGA,
     THETA,
-    AttitudeMeasurement,
     AttitudeSet,
     RotationState,
     TorqueFreeModel,
@@ -24,7 +23,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     printed_from_parameters,
     printed_ratios_jacobian,
 )
-from pcnav.filtering.batched_filter import BatchedFilter
+from pcnav.filtering.batched_filter import BatchedFilter, Together
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.simulation.motion import rotate_torque_free
 
@@ -114,9 +113,8 @@ def test_euler_step_is_the_printed_one():
 
 def test_attitude_jacobian():
     state = _state(1)
-    measured = AttitudeMeasurement(
-        state.R_world_body @ exp_rotation(np.array([0.3, -0.2, 0.5])), np.eye(3)
-    )
+    turned = state.R_world_body @ exp_rotation(np.array([0.3, -0.2, 0.5]))
+    measured = Together(AttitudeSet(turned, np.eye(3)))
     step = 1e-6
     numerical = [
         -(measured.residual(state.retract(step * e)) - measured.residual(state.retract(-step * e)))
@@ -138,7 +136,7 @@ def test_both_engines_give_the_same_numbers():
         one.predict(model, float(k), 1.0)
         many.predict(model, float(k), 1.0)
         R = one.state.R_world_body @ exp_rotation(0.01 * rng.standard_normal(3))
-        one.update([AttitudeMeasurement(R, noise)])
+        one.update([Together(AttitudeSet(R, noise))])
         many.update(AttitudeSet(np.stack([R, R]), noise))
     np.testing.assert_allclose(many.states.parameters[1], one.state.parameters, atol=1e-9)
     np.testing.assert_allclose(many.states.R_world_body[1], one.state.R_world_body, atol=1e-9)

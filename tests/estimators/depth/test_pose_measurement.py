@@ -57,9 +57,7 @@ def measurement(
     information = random_information(rng, rank)
     error = rng.normal(0.0, 0.02, 6) if error is None else error
     reference = PoseReference(T, SIGHT)
-    return PoseMeasurement.from_information(
-        "face", reference, information, information @ error, LEVER_M
-    )
+    return PoseMeasurement.from_information(reference, information, information @ error, LEVER_M)
 
 
 # Poses and their errors.
@@ -130,7 +128,6 @@ def test_residual_is_that_of_the_pose_in_standard_deviations() -> None:
     measured = measurement(
         rng, moved_pose(truth, error), 6, pose_error(moved_pose(truth, error), truth)
     )
-    assert measured.name == "face"
     # Each is a difference of numbers of the size of the rows.
     np.testing.assert_allclose(
         measured.residual(state), 0.0, atol=1e-9 * np.abs(measured.value).max()
@@ -194,10 +191,10 @@ def test_joined_faces_give_the_same_posterior(ranks: tuple[int, ...]) -> None:
     state = random_state(rng)
     T = moved_pose(pose_of(state), rng.normal(0.0, 0.02, 6))
     faces = [measurement(rng, T, rank) for rank in ranks]
-    faces = [PoseMeasurement("face", faces[0].reference, f.rows, f.value) for f in faces]
+    faces = [PoseMeasurement(faces[0].reference, f.rows, f.value) for f in faces]
     # Values that contradict each other a little, as real ones do.
     faces = [
-        PoseMeasurement("face", f.reference, f.rows, 0.2 * f.value + rng.normal(size=len(f.value)))
+        PoseMeasurement(f.reference, f.rows, 0.2 * f.value + rng.normal(size=len(f.value)))
         for f in faces
     ]
     P = prior_covariance(rng)
@@ -222,7 +219,7 @@ def test_update_is_that_of_the_information_filter() -> None:
     P, error = prior_covariance(rng), rng.normal(0.0, 1e-6, 6)
     information = random_information(rng, 5)
     measured = PoseMeasurement.from_information(
-        "face", PoseReference(pose_of(state), SIGHT), information, information @ error, LEVER_M
+        PoseReference(pose_of(state), SIGHT), information, information @ error, LEVER_M
     )
     kalman = filter_of(state, P)
     kalman.update([measured])

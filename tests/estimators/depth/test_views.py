@@ -119,12 +119,8 @@ def test_every_face_is_measured_and_those_on_the_catalogue_are_recorded(
     known = [of_plane(rectangle, T, error) for rectangle in boxsat.rectangles[:3]]
     other = FaceEvidence(None, np.eye(6), error, 50, 1.0)
     view = view_of(frame, T, (known[0], other, known[1], known[2]), observer)
-    assert [m.name for m in view.measurements] == [
-        boxsat.rectangles[0].name,
-        "other surfaces",
-        boxsat.rectangles[1].name,
-        boxsat.rectangles[2].name,
-    ]
+    named = [boxsat.rectangles[k].name for k in range(3)]
+    assert [record.rectangle for record in view.records] == named
     assert [len(m.covariance) for m in view.measurements] == [3, 6, 3, 3]
     assert view.face_of_record == (0, 2, 3)
     assert view.inlier_ratio == pytest.approx(0.9)

@@ -31,7 +31,7 @@ from pcnav.evaluation.observability.subjects import (
     timing_of,
 )
 from pcnav.evaluation.observability.told import ROTATION
-from pcnav.filtering.error_state import Measurement, MotionModel
+from pcnav.filtering.error_state import MotionModel
 from pcnav.recordings.tracks import StereoTracks, TrackFrame
 
 
@@ -44,8 +44,10 @@ class Line:
     def retract(self, error):
         return Line(self.x + error)
 
-    def retraction_jacobian(self, error):
-        return np.eye(2)
+    curved = slice(0, 0)
+
+    def retraction_block(self, error):
+        return np.empty((0, 0))
 
     def admissible(self, error, covariance):
         return error
@@ -62,12 +64,8 @@ class Coast(MotionModel[Line]):
 
 
 @dataclass(frozen=True)
-class Place(Measurement[Line]):
+class Place:
     value: float
-
-    @property
-    def name(self):
-        return "place"
 
     @property
     def covariance(self):
