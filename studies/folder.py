@@ -24,9 +24,9 @@ class StudyFigure:
 
     key: str
     """Name of its file, without the suffix."""
-    title: str
-    caption: str
     svg: bytes
+    title: str = ""
+    caption: str = ""
 
 
 @dataclass(frozen=True)

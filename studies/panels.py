@@ -166,8 +166,6 @@ def component_panels(
 
 def panels_figure(
     key: str,
-    title: str,
-    caption: str,
     at: FloatArray,
     panels: Sequence[Panel],
     *,
@@ -179,6 +177,8 @@ def panels_figure(
     marked: Sequence[float] = (),
 ) -> StudyFigure:
     """Panels in rows of so many columns, over the same abscissae (n,) for all.
+
+    The text of the study has title and caption.
 
     Spans of ``dark`` are shaded: nothing is seen there. Dashed lines stand where ``marked``.
     """
@@ -215,13 +215,11 @@ def panels_figure(
                 named.add(curve.name)
     longest = max(1, *(len(name) for name in named))
     add_legend(figure, drawn[0], max_columns=min(5, max(2, _LEGEND_LETTERS // longest)))
-    return StudyFigure(key, title, caption, svg_bytes(figure))
+    return StudyFigure(key, svg_bytes(figure))
 
 
 def bars_figure(
     key: str,
-    title: str,
-    caption: str,
     groups: Mapping[str, FloatArray],
     names: Sequence[str],
     labels: tuple[str, str],
@@ -238,7 +236,7 @@ def bars_figure(
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
     add_legend(figure, axes)
-    return StudyFigure(key, title, caption, svg_bytes(figure))
+    return StudyFigure(key, svg_bytes(figure))
 
 
 def _draw(axes: Axes, at: FloatArray, panel: Panel) -> None:

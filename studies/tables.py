@@ -33,30 +33,26 @@ def cell(value: object) -> str:
 
 
 def table(
-    key: str,
-    title: str,
-    header: Sequence[str],
-    rows: Iterable[Sequence[object]],
-    note: str = "",
-    text_columns: int = 1,
+    key: str, header: Sequence[str], rows: Iterable[Sequence[object]], text_columns: int = 1
 ) -> TextTable:
-    """A table of rows of values. One without rows says so in its only row."""
+    """A table of rows of values, titled by the text of the study.
+
+    One without rows says so in its only row.
+    """
     texts = tuple(tuple(cell(value) for value in row) for row in rows)
     empty = ("none", *[NONE] * (len(header) - 1))
-    return TextTable(key, title, tuple(header), texts or (empty,), note, text_columns)
+    return TextTable(key, "", tuple(header), texts or (empty,), text_columns=text_columns)
 
 
 def table_of(
     key: str,
-    title: str,
     records: Iterable[Record],
     columns: Mapping[str, Callable[[Record], object]],
-    note: str = "",
     text_columns: int = 1,
 ) -> TextTable:
     """A table with a row for every record; each column is a heading, with unit, and its value."""
     rows = ([value(record) for value in columns.values()] for record in records)
-    return table(key, title, tuple(columns), rows, note, text_columns)
+    return table(key, tuple(columns), rows, text_columns)
 
 
 @dataclass(frozen=True)
@@ -108,21 +104,17 @@ def as_printed(source: str, quantity: str, printed: float, ours: float) -> Claim
     return Claim(source, quantity, printed, ours, bool(ours <= printed))
 
 
-def verdict(
-    title: str,
-    claims: Sequence[Claim],
-    source: str | None,
-    expected: str,
-    note: str = "",
-    text_columns: int = 2,
-) -> TextTable:
-    """The table of all claims, whose first and third columns are called as given.
-
-    Without a name for the source there is no such column.
-    """
-    header = ("quantity", expected, "ours", "met")
-    rows = [(claim.quantity, claim.expected, claim.ours, claim.met) for claim in claims]
-    if source is None:
-        return table("verdict", title, header, rows, note, text_columns)
-    sourced = [(claim.source, *row) for claim, row in zip(claims, rows, strict=True)]
-    return table("verdict", title, (source, *header), sourced, note, text_columns)
+def verdict(claims: Sequence[Claim], source: str, expected: str) -> TextTable:
+    """The table of all claims, whose first and third columns are called as given."""
+    return table_of(
+        "verdict",
+        claims,
+        {
+            source: lambda claim: claim.source,
+            "quantity": lambda claim: claim.quantity,
+            expected: lambda claim: claim.expected,
+            "ours": lambda claim: claim.ours,
+            "met": lambda claim: claim.met,
+        },
+        text_columns=2,
+    )

@@ -18,8 +18,7 @@ _POINT = "#ca8a04"
 
 def feature_figure(tracks: MonocularTracks) -> StudyFigure:
     """Fig. 5: the points seen at the first frame."""
-    caption = "Points of the hull that face the camera, first frame."
-    return _in_the_image("fig_5", "Fig. 5: features", caption, tracks.frames[0].pixels[:, None])
+    return _in_the_image("fig_5", list(tracks.frames[0].pixels[:, None]))
 
 
 def track_figure(tracks: MonocularTracks) -> StudyFigure:
@@ -28,9 +27,7 @@ def track_figure(tracks: MonocularTracks) -> StudyFigure:
     for frame in tracks.frames:
         for feature, pixels in zip(frame.features.tolist(), frame.pixels, strict=True):
             paths.setdefault(feature, []).append(pixels)
-    caption = "Where each point was seen; the dot is where it was seen last."
-    along = [np.array(path) for path in paths.values()]
-    return _in_the_image("fig_7", "Fig. 7: paths in the image", caption, along)
+    return _in_the_image("fig_7", [np.array(path) for path in paths.values()])
 
 
 def path_figure(truth: Truth) -> StudyFigure:
@@ -40,23 +37,20 @@ def path_figure(truth: Truth) -> StudyFigure:
     for axes, (i, j) in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
         _draw(axes, np.swapaxes(p[..., [i, j]], 0, 1), (f"{'xyz'[i]}, m", f"{'xyz'[j]}, m"))
         axes.set_aspect("equal", adjustable="datalim")
-    caption = "A dozen points about the mass centre, camera axes, seen along z and along y."
-    return StudyFigure("fig_6", "Fig. 6: paths in space", caption, svg_bytes(figure))
+    return StudyFigure("fig_6", svg_bytes(figure))
 
 
-def _in_the_image(
-    key: str, title: str, caption: str, paths: Sequence[FloatArray] | FloatArray
-) -> StudyFigure:
+def _in_the_image(key: str, paths: Sequence[FloatArray]) -> StudyFigure:
     figure = new_figure(4.2)
     axes = figure.add_subplot()
     _draw(axes, paths, ("u, px", "v, px"))
     middle = np.array([paper.CAMERA.cx, paper.CAMERA.cy])
-    half = 1.1 * float(np.abs(np.concatenate(list(paths)) - middle).max())
+    half = 1.1 * float(np.abs(np.concatenate(paths) - middle).max())
     axes.set_xlim(middle[0] - half, middle[0] + half)
     # Image rows count downwards.
     axes.set_ylim(middle[1] + half, middle[1] - half)
     axes.set_aspect("equal")
-    return StudyFigure(key, title, caption, svg_bytes(figure))
+    return StudyFigure(key, svg_bytes(figure))
 
 
 def _draw(axes: Axes, paths: Sequence[FloatArray] | FloatArray, labels: tuple[str, str]) -> None:

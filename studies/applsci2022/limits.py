@@ -14,13 +14,16 @@ from pcnav.estimators.image_motion.relative import measure
 from pcnav.estimators.image_motion.translation import Known, RelativeView, translation
 from pcnav.files.text_table import TextTable
 
-from ..tables import cell, table
+from ..tables import table
 from . import paper
 from .scene import hull_points
 
 _FOCAL = paper.CAMERA.fx
-_DRAWS = 20
-_SIGMA_PX = 0.1
+POINTS = paper.POINTS // 2
+DRAWS = 20
+SIGMA_PX = 0.1
+DISPLACEMENT_M = np.array([0.9, -0.6, 0.7])
+"""Of the mass centre between the two views of the translation."""
 _AXIS = np.array([0.95, 0.28, 0.1]) / np.linalg.norm([0.95, 0.28, 0.1])
 
 
@@ -42,7 +45,7 @@ def _pair(points: FloatArray, turn_deg: float, first_m: FloatArray, second_m: Fl
 
 def accuracy_table() -> TextTable:
     """Stated deviations of one pair by range and turn."""
-    points, _ = hull_points(paper.POINTS // 2, np.random.default_rng(5))
+    points, _ = hull_points(POINTS, np.random.default_rng(5))
     rows = []
     for range_m in (10.0, 20.0, 40.0, 80.0):
         place = np.array([0.0, 0.0, range_m])
@@ -50,15 +53,14 @@ def accuracy_table() -> TextTable:
         for turn_deg in (1.0, 5.0, 20.0):
             pair = _pair(points, turn_deg, place, place)
             t = pair.t / np.linalg.norm(pair.t)
-            gain = motion_gain(pair.R, t, pair.first, pair.second, _SIGMA_PX / _FOCAL)
+            gain = motion_gain(pair.R, t, pair.first, pair.second, SIGMA_PX / _FOCAL)
             spread = np.sqrt(np.linalg.eigvalsh(gain.covariance))
             cells += np.rad2deg(spread[[2, 0]]).tolist()
         rows.append((f"{range_m:g}", *cells))
     header = ["range, m"]
     for turn_deg in (1, 5, 20):
         header += [f"{turn_deg} deg: worst axis, deg", f"{turn_deg} deg: best axis, deg"]
-    note = f"First-order deviations of the relative rotation, {_SIGMA_PX} px, {len(points)} points."
-    return table("accuracy", "Accuracy of one pair", header, rows, note)
+    return table("accuracy", header, rows)
 
 
 def degenerate_table() -> TextTable:
@@ -68,10 +70,10 @@ def degenerate_table() -> TextTable:
     for name in ("tumbling", "7 matches", "repeated frame", "no parallax", "plane"):
         for wrong in (0.0, 0.2):
             outcomes: Counter[str] = Counter()
-            for draw in range(_DRAWS):
+            for draw in range(DRAWS):
                 rng = np.random.default_rng([draw, 7])
                 first, second = _degenerate(name, place, rng)
-                noise = _SIGMA_PX / _FOCAL
+                noise = SIGMA_PX / _FOCAL
                 first = first + noise * rng.standard_normal(first.shape)
                 second = second + noise * rng.standard_normal(second.shape)
                 bad = rng.uniform(size=len(second)) < wrong
@@ -79,17 +81,14 @@ def degenerate_table() -> TextTable:
                 outcomes[measure(first, second, noise, settings).outcome.value] += 1
             told = ", ".join(f"{what} {count}" for what, count in outcomes.most_common())
             rows.append((name, f"{wrong:.0%}", told))
-    note = (
-        f"{_DRAWS} draws each at {_SIGMA_PX} px, 10 degrees of turn. Only measured pairs are used."
-    )
     header = ("views", "wrong matches", "outcome")
-    return table("degenerate", "Degenerate views", header, rows, note, text_columns=3)
+    return table("degenerate", header, rows, text_columns=3)
 
 
 def _degenerate(
     name: str, place: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    points, _ = hull_points(7 if name == "7 matches" else paper.POINTS // 2, rng)
+    points, _ = hull_points(7 if name == "7 matches" else POINTS, rng)
     if name == "plane":
         points[:, 2] = 0.4 * points[:, 0] - 0.3 * points[:, 1]
     turn = 0.0 if name == "repeated frame" else 10.0
@@ -100,12 +99,12 @@ def _degenerate(
 
 def translation_table() -> TextTable:
     """Section 2.4: what is known, what follows, and how well at 0.1 px."""
-    points, _ = hull_points(paper.POINTS // 2, np.random.default_rng(5))
-    first, second = np.array(paper.PLACE_M), np.array([0.9, -0.6, 40.7])
+    points, _ = hull_points(POINTS, np.random.default_rng(5))
+    first, second = np.array(paper.PLACE_M), np.array(paper.PLACE_M) + DISPLACEMENT_M
     pair = _pair(points, 10.0, first, second)
     r1, r2 = float(np.linalg.norm(first)), float(np.linalg.norm(second))
     d1, d2, length = first / r1, second / r2, float(np.linalg.norm(pair.t))
-    noise = _SIGMA_PX / _FOCAL
+    noise = SIGMA_PX / _FOCAL
     cases = {
         "both places": Known(d1, d2, r1, r2),
         "place and length of t": Known(d1, None, r1, None, length),
@@ -118,7 +117,7 @@ def translation_table() -> TextTable:
     rows = []
     for name, known in cases.items():
         errors, told = [], ""
-        for draw in range(_DRAWS):
+        for draw in range(DRAWS):
             rng = np.random.default_rng([draw, 9])
             a = pair.first + noise * rng.standard_normal(pair.first.shape)
             b = pair.second + noise * rng.standard_normal(pair.second.shape)
@@ -133,10 +132,5 @@ def translation_table() -> TextTable:
             if moved:
                 errors.append(min(float(np.linalg.norm(m - (second - first))) for m in moved))
         rows.append((name, told, root_mean_square(errors)))
-    note = (
-        f"A displacement of {cell(np.linalg.norm(second - first))} m and a turn of 10 "
-        f"degrees, {_SIGMA_PX} px; error of the displacement (of the better answer, and scaled "
-        "by the true range where only its direction follows)."
-    )
     header = ("known of the mass centre", "answer", "RMS error, m")
-    return table("translation", "The translation", header, rows, note, text_columns=2)
+    return table("translation", header, rows, text_columns=2)

@@ -20,7 +20,7 @@ from pcnav.simulation.images import TrackFaults
 
 from ..folder import StudyFigure
 from ..panels import Curve, Panel, Scale, panels_figure
-from ..tables import table_of
+from ..tables import table, table_of
 from . import paper
 from .scene import Truth, nutation, tracks_of
 
@@ -214,12 +214,11 @@ class CaseErrors:
         return root_mean_square(values[:, near])
 
 
-def errors_table(key: str, title: str, found: Sequence[CaseErrors]) -> TextTable:
+def errors_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
     """Attitude and rate of every case."""
     end = found[0].times_s[-1]
     return table_of(
         key,
-        title,
         found,
         {
             "chain": lambda each: each.case.name,
@@ -232,38 +231,21 @@ def errors_table(key: str, title: str, found: Sequence[CaseErrors]) -> TextTable
             "NEES per dof": lambda each: mean(each.nees),
             "rate, deg/s": lambda each: each.rate_rms,
         },
-        "RMS over the runs of the 5 s (last column of errors: 10 s) up to the time. NEES over all "
-        "frames; 1 is a true covariance.",
     )
 
 
 def outcomes_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
     """Frames by what became of them, all runs together; only outcomes that occur have a column."""
     occurring = [what for what in Outcome if any(each.outcomes[what] for each in found)]
-    columns = {
-        what.value.replace("_", " "): lambda each, what=what: each.outcomes[what]
-        for what in occurring
-    }
-    return table_of(
-        f"{key}_outcomes",
-        "Frames by outcome, all runs",
-        found,
-        {"chain": lambda each: each.case.name, **columns},
-    )
+    rows = ((each.case.name, *(each.outcomes[what] for what in occurring)) for each in found)
+    header = ("chain", *(what.value.replace("_", " ") for what in occurring))
+    return table(f"{key}_outcomes", header, rows)
 
 
-def growth_figure(
-    key: str, caption: str, found: Sequence[CaseErrors], whats: Sequence[str]
-) -> StudyFigure:
+def growth_figure(key: str, found: Sequence[CaseErrors], whats: Sequence[str]) -> StudyFigure:
     """Errors over time of all chains, one panel for each of the tracks by the end of their name."""
-    panels = [
-        Panel(
-            "deg",
-            [each.curve() for each in found if each.case.name.endswith(f", {what}")],
-            Scale.LOG,
-            what,
-        )
-        for what in whats
-    ]
-    times_s = found[0].times_s
-    return panels_figure(key, "Growth of the error", caption, times_s, panels, row_in=1.9)
+    panels = []
+    for what in whats:
+        curves = [each.curve() for each in found if each.case.name.endswith(f", {what}")]
+        panels.append(Panel("deg", curves, Scale.LOG, what))
+    return panels_figure(key, found[0].times_s, panels, row_in=1.9)

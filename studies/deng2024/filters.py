@@ -1,11 +1,12 @@
 """Figs. 2-6: the printed filter and pcnav's on the printed motions."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable, Propagation
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, picked
 from pcnav.core.spatial import exp_rotation
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import (
@@ -14,9 +15,13 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     SIZE,
     THETA,
     AttitudeSet,
+    RotationState,
     TorqueFreeModel,
+    printed_covariance,
 )
 from pcnav.estimators.image_motion.rates import continuous_xyzw
+from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.evaluation.observability.told import ROTATION
 from pcnav.files.text_table import TextTable
 from pcnav.filtering.batched_filter import Together
 from pcnav.filtering.error_state import ErrorStateFilter
@@ -25,9 +30,9 @@ from ..folder import StudyFigure
 from ..panels import component_panels, panels_figure
 from ..tables import table, table_of
 from . import paper
-from .estimates import RATIO_NAMES, Estimates
-from .paper import Motion
+from .paper import Body, Motion
 
+RATIO_NAMES = ROTATION.names[INERTIA]
 GUESS = AttitudeInertiaTable(
     rate_deg_s=paper.GUESS_RATE_DEG_S,
     rate_sd_deg_s=5.0,
@@ -40,7 +45,56 @@ GUESS = AttitudeInertiaTable(
 _TAKE_ALL = 1.0 - 1e-15
 """The paper has no gate."""
 _DEGREES = float(np.degrees(1.0))
-_QUATERNION = ("q1", "q2", "q3", "q4")
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Of runs in step along a motion, the first attitude included."""
+
+    name: str
+    motion: Motion
+    state: RotationState
+    """(n, runs)"""
+    covariance: FloatArray
+    """(n, runs, 11, 11)"""
+
+    @staticmethod
+    def of(
+        name: str, motion: Motion, found: Sequence[tuple[RotationState, FloatArray]]
+    ) -> "Estimates":
+        """From states and covariances at every time, of runs or of one without an axis of its."""
+        parts = ((s.R_world_body, s.omega_body, s.parameters, P) for s, P in found)
+        R, omega, parameters, P = (np.stack(each) for each in zip(*parts, strict=True))
+        if omega.ndim == 2:
+            R, omega, parameters, P = R[:, None], omega[:, None], parameters[:, None], P[:, None]
+        return Estimates(name, motion, RotationState(R, omega, parameters), P)
+
+    @property
+    def _truth(self) -> RotationState:
+        return picked(self.motion.truth, np.arange(len(self.motion.times_s))[:, None])
+
+    @property
+    def errors(self) -> FloatArray:
+        """(n, runs, 11) estimate to truth: attitude (rad), rate (rad/s), printed ratios."""
+        return self.state.printed_error(self._truth)
+
+    @property
+    def sd(self) -> FloatArray:
+        """(n, runs, 11) as stated, likewise."""
+        spread = printed_covariance(self.state, self.covariance)
+        return np.sqrt(np.maximum(np.diagonal(spread, axis1=-2, axis2=-1), 0.0))
+
+    @property
+    def nees(self) -> FloatArray:
+        """(n, runs) of all eleven states."""
+        error = self.state.local(self._truth)
+        P = self.covariance.reshape(-1, SIZE, SIZE)
+        return squared_normalised_errors(error.reshape(-1, SIZE), P).reshape(error.shape[:2])
+
+    def rms(self, block: slice) -> float:
+        """Of the error's components over the second half of the run."""
+        late = self.errors[len(self.errors) // 2 :, :, block]
+        return float(np.sqrt(np.mean(late**2)))
 
 
 def measured(motion: Motion, half_angle_sd: float, seed: int) -> FloatArray:
@@ -59,7 +113,7 @@ def printed_run(name: str, motion: Motion, attitudes: FloatArray) -> Estimates:
     covariance[THETA, THETA] = noise
     covariance[OMEGA, OMEGA] = np.radians(GUESS.rate_sd_deg_s) ** 2 * np.eye(3)
     covariance[INERTIA, INERTIA] = GUESS.inertia_ratio_sd**2 * np.eye(5)
-    state = paper.state_of(GUESS.inertia_ratios_zz, GUESS.rate_deg_s)
+    state = Body(paper.GUESS_RATIOS, paper.GUESS_RATE_DEG_S).state
     kalman = ErrorStateFilter(state, covariance, gate_probability=_TAKE_ALL, max_iterations=1)
     model = TorqueFreeModel(0.0, Propagation.EULER, paper.PRINTED_VARIANCE)
     found = [(kalman.state, kalman.covariance)]
@@ -90,47 +144,44 @@ def filter_runs(motion: Motion) -> list[Estimates]:
     ]
 
 
-def filter_figures(attitudes: FloatArray, runs: Sequence[Estimates]) -> list[StudyFigure]:
-    """Figs. 2-5: attitudes measured (n, 3, 3), then estimates of quaternion, rate and ratios."""
-    motion = runs[0].motion
+def filter_figures(runs: Sequence[Estimates]) -> list[StudyFigure]:
+    """Figs. 2-5: attitudes with the noise of R, then estimates of quaternion, rate and ratios."""
+    motion, q = runs[0].motion, ("q1", "q2", "q3", "q4")
     true_q = continuous_xyzw(motion.truth.R_world_body)
+    noisy = continuous_xyzw(measured(motion, paper.HALF_ANGLE_SD_RAD, seed=1))
     quaternions = {run.name: continuous_xyzw(run.state.R_world_body[:, 0]) for run in runs}
     rates = {run.name: _DEGREES * run.state.omega_body[:, 0] for run in runs}
     rate_names = [f"rate {axis}, deg/s" for axis in "xyz"]
     true_rates = _DEGREES * motion.truth.omega_body
-    seen = {"measured": continuous_xyzw(attitudes)}
     return [
-        _figure(motion, "fig2", "Fig. 2 b: measured quaternion", _QUATERNION, true_q, seen),
-        _figure(motion, "fig3", "Fig. 3: quaternion", _QUATERNION, true_q, quaternions),
-        _figure(motion, "fig4", "Fig. 4: angular rate", rate_names, true_rates, rates),
-        ratio_figure("fig5", "Fig. 5: inertia ratios", runs),
+        _figure("fig2", motion, q, true_q, {"measured": noisy}),
+        _figure("fig3", motion, q, true_q, quaternions),
+        _figure("fig4", motion, rate_names, true_rates, rates),
+        ratio_figure("fig5", runs),
     ]
 
 
-def ratio_figure(key: str, title: str, runs: Sequence[Estimates]) -> StudyFigure:
+def ratio_figure(key: str, runs: Sequence[Estimates]) -> StudyFigure:
     """Inertia ratios over time."""
     motion = runs[0].motion
     found = {run.name: run.state.printed_ratios[:, 0] for run in runs}
-    return _figure(motion, key, title, RATIO_NAMES, motion.truth.printed_ratios, found)
+    return _figure(key, motion, RATIO_NAMES, motion.truth.printed_ratios, found)
 
 
 def _figure(
-    motion: Motion,
     key: str,
-    title: str,
+    motion: Motion,
     labels: Sequence[str],
     truth: FloatArray,
     found: Mapping[str, FloatArray],
 ) -> StudyFigure:
-    panels = component_panels(labels, truth, found)
-    return panels_figure(key, title, "Broad: truth.", motion.times_s, panels)
+    return panels_figure(key, motion.times_s, component_panels(labels, truth, found))
 
 
 def error_table(runs: Sequence[Estimates]) -> TextTable:
     """What the states converge to in nutation."""
     return table_of(
         "fig3to5",
-        "Errors over the second half of the run",
         runs,
         {
             "filter": lambda run: run.name,
@@ -140,7 +191,6 @@ def error_table(runs: Sequence[Estimates]) -> TextTable:
             "ratios RMS": lambda run: run.rms(INERTIA),
             "largest of a ratio at the end": lambda run: np.abs(run.errors[-1, 0, INERTIA]).max(),
         },
-        f"Attitudes every {paper.INTERVAL_S:g} s for {paper.DURATION_S:g} s.",
         text_columns=2,
     )
 
@@ -153,10 +203,5 @@ def spin_table(runs: Sequence[Estimates]) -> TextTable:
         for k, name in enumerate(RATIO_NAMES):
             verdict = "converges" if sd[-1, k] < 0.25 * sd[0, k] else "does not converge"
             rows.append((run.name, name, verdict, errors[k], sd[0, k], sd[-1, k]))
-    return table(
-        "fig6",
-        "Inertia ratios at the end of the spin",
-        ("filter", "ratio", "by its own sd", "error", "sd at the start", "sd at the end"),
-        rows,
-        text_columns=3,
-    )
+    header = ("filter", "ratio", "by its own sd", "error", "sd at the start", "sd at the end")
+    return table("fig6", header, rows, text_columns=3)

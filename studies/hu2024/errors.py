@@ -1,6 +1,6 @@
 """What the filter's runs come to: tables and figures, with what the paper states beside them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from pcnav.estimators.principal_axes.feature_states import (
 from pcnav.files.text_table import TextTable
 from pcnav.report.figures import ALERT, LINE
 
+from ..blocks import ShownBlock
 from ..folder import StudyFigure
 from ..panels import Curve, Panel, Scale, mean_squared_panel, panels_figure
 from ..tables import table, table_of
@@ -28,68 +29,58 @@ _DEGREES = float(np.degrees(1.0))
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(ShownBlock):
     """A block of the state as tables and figures show it."""
 
-    name: str
-    """With its unit."""
-    where: slice
     figure: str
-    """Number and title."""
-    labels: tuple[str, ...]
-    """Of its components, with unit."""
-    scale: float = 1.0
-    """From SI."""
+    """Key of its figure."""
+    components: str = "xyz"
+
+    @property
+    def labels(self) -> list[str]:
+        """Of its components, with unit."""
+        if self.unit == "1":
+            return [f"p_{letter}" for letter in self.components]
+        return [f"{letter}, {self.unit}" for letter in self.components]
 
     def norms(self, run: JudgedRun) -> FloatArray:
         """(n,) of its errors."""
-        return np.asarray(self.scale * np.linalg.norm(run.error[:, self.where], axis=1))
+        return np.asarray(np.linalg.norm(self.shown(run.error), axis=1))
 
     def share_inside(self, runs: Sequence[JudgedRun]) -> float:
         """Of its errors with an estimate, inside three stated deviations."""
-        error = np.concatenate([run.error[:, self.where] for run in runs])
-        sd = np.concatenate([run.sd[:, self.where] for run in runs])
+        error = np.concatenate([run.error[:, self.rows] for run in runs])
+        sd = np.concatenate([run.sd[:, self.rows] for run in runs])
         known = np.isfinite(error)
         return float(np.mean(np.abs(error[known]) <= 3.0 * sd[known]))
 
 
-def _xyz(unit: str) -> tuple[str, ...]:
-    return tuple(f"{axis}, {unit}" for axis in "xyz")
-
-
-ATTITUDE = Quantity("attitude, deg", THETA, "6: attitude error", _xyz("deg"), _DEGREES)
+ATTITUDE = Quantity("attitude", THETA, "deg", _DEGREES, "fig06")
 TURNING = (
     ATTITUDE,
-    Quantity("rate, deg/s", OMEGA, "7: angular rate error", _xyz("deg/s"), _DEGREES),
-    Quantity("inertia ratios p_x, p_z", RATIOS, "8: inertia ratio error", ("p_x", "p_z")),
+    Quantity("rate", OMEGA, "deg/s", _DEGREES, "fig07"),
+    Quantity("inertia ratios p_x, p_z", RATIOS, "1", 1.0, "fig08", "xz"),
 )
 QUANTITIES = (
     *TURNING,
-    Quantity("position, m", R_HILL, "10: position error", _xyz("m")),
-    Quantity("velocity, m/s", V_HILL, "11: velocity error", _xyz("m/s")),
+    Quantity("position", R_HILL, "m", 1.0, "fig10"),
+    Quantity("velocity", V_HILL, "m/s", 1.0, "fig11"),
 )
 _PAPER_SAYS = "converges, small about zero", "non-zero offsets that change over occlusions"
 
 
 def error_figures(unique: JudgedRun, free: JudgedRun) -> list[StudyFigure]:
     """Figs. 6-11. Left: with the unique axes, in three stated deviations. Right: without."""
-    found = [
-        _figure(
-            *(q.figure, q.labels, unique.time_s, q.scale * unique.error[:, q.where]),
-            *(q.scale * unique.sd[:, q.where], q.scale * free.error[:, q.where]),
-        )
-        for q in QUANTITIES
-    ]
-    title, points = (
-        "9: error of a feature's coordinates",
-        (unique.point_error[:, 0], unique.point_sd[:, 0]),
-    )
-    found.append(_figure(title, _xyz("m"), unique.time_s, *points, free.point_error[:, 0]))
-    return sorted(found, key=lambda figure: figure.key)
+    point = (each[:, 0] for each in (unique.point_error, unique.point_sd, free.point_error))
+    found = [_figure("fig09", ["x, m", "y, m", "z, m"], unique.time_s, *point)]
+    for q in QUANTITIES:
+        shown = (q.shown(each) for each in (unique.error, unique.sd, free.error))
+        found.append(_figure(q.figure, q.labels, unique.time_s, *shown))
+    return found
 
 
 def _figure(
-    numbered: str,
+    key: str,
     labels: Sequence[str],
     time_s: FloatArray,
     unique: FloatArray,
@@ -103,63 +94,59 @@ def _figure(
         bands = {"3 sd stated": (-3.0 * sd[:, k], 3.0 * sd[:, k])}
         panels.append(Panel(label, [left], Scale.ABOUT_ZERO, bands=bands))
         panels.append(Panel("", [right], Scale.ABOUT_ZERO))
-    number, title = numbered.split(": ")
-    return panels_figure(
-        f"fig{int(number):02d}",
-        f"Fig. {number}: {title}",
-        "Truth minus estimate. Grey: nothing is seen.",
-        time_s,
-        panels,
-        columns=2,
-        dark=paper.blackouts_s(),
+    return panels_figure(key, time_s, panels, columns=2, dark=paper.blackouts_s())
+
+
+def last_from_s(run: JudgedRun) -> float:
+    """From when on errors are told in the tables."""
+    return float(run.time_s[-1]) - paper.LAST_S
+
+
+def comparison_table(key: str, unique: Sequence[JudgedRun], free: Sequence[JudgedRun]) -> TextTable:
+    """RMS errors over the last 50 s, all runs together, with and without unique axes."""
+    rows = []
+    for (name, ours), other in zip(_late(unique).items(), _late(free).values(), strict=True):
+        row: list[object] = [name]
+        for errors, paper_says in zip((ours, other), _PAPER_SAYS, strict=True):
+            row += [root_mean_square(errors), np.nanmax(errors), paper_says]
+        rows.append(row)
+    columns = [
+        title
+        for which in ("unique", "free")
+        for title in (f"{which}: RMS", f"{which}: largest", "paper shows")
+    ]
+    return table(key, ("error norm", *columns), rows)
+
+
+def last_table(key: str, runs: Sequence[JudgedRun]) -> TextTable:
+    """RMS errors over the last 50 s, all runs together."""
+    return table_of(
+        key,
+        _late(runs).items(),
+        {
+            "error norm": lambda each: each[0],
+            "RMS": lambda each: root_mean_square(each[1]),
+            "largest": lambda each: np.nanmax(each[1]),
+        },
     )
 
 
-def last_table(
-    key: str, title: str, ours: Sequence[JudgedRun], other: Sequence[JudgedRun] | None = None
-) -> TextTable:
-    """RMS errors over the last 50 s, all runs together."""
-    from_s = float(ours[0].time_s[-1]) - paper.LAST_S
-    values = [_last_errors(runs, from_s) for runs in (ours, other) if runs is not None]
-    rows, header = [], ["error norm"]
-    for name in values[0]:
-        cells: list[object] = [name]
-        for errors, paper_says in zip(values, _PAPER_SAYS, strict=False):
-            cells += [root_mean_square(errors[name]), np.nanmax(errors[name])]
-            cells += [paper_says] if other is not None else []
-        rows.append(cells)
-    if other is None:
-        header += ["RMS", "largest"]
-    else:
-        for which in ("unique", "free"):
-            header += [f"{which}: RMS", f"{which}: largest", "paper shows"]
-    points = "Of the points the root mean square over them at each frame."
-    note = f"{len(ours)} runs, t >= {from_s:g} s. {points}"
-    return table(key, title, header, rows, note)
+def _late(runs: Sequence[JudgedRun]) -> dict[str, FloatArray]:
+    """All norms of errors over the last 50 s, by quantity."""
 
+    def late(errors: Callable[[JudgedRun], FloatArray]) -> FloatArray:
+        return np.concatenate([errors(run)[run.time_s >= last_from_s(run)] for run in runs])
 
-def _last_errors(runs: Sequence[JudgedRun], from_s: float) -> dict[str, FloatArray]:
-    """All errors from a time on, by quantity."""
-
-    def late(errors: Sequence[FloatArray]) -> FloatArray:
-        return np.concatenate(
-            [each[run.time_s >= from_s] for each, run in zip(errors, runs, strict=True)]
-        )
-
-    found = {q.name: late([q.norms(run) for run in runs]) for q in QUANTITIES}
-    found["inertia ratio p_y"] = late([np.abs(run.middle_ratio_error) for run in runs])
-    found["points, m"] = late([point_rms(run) for run in runs])
+    found = {q.label: late(q.norms) for q in QUANTITIES}
+    found["inertia ratio p_y"] = late(lambda run: np.abs(run.middle_ratio_error))
+    found["points, m"] = late(point_rms)
     return found
 
 
 def point_rms(run: JudgedRun) -> FloatArray:
     """(n,) root mean square of the points' errors; nan before the start."""
-    square = np.sum(run.point_error**2, axis=-1)
-    known = np.isfinite(square)
-    count = known.sum(axis=1)
-    total = np.where(known, square, 0.0).sum(axis=1)
-    mean = np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0)
-    return np.asarray(np.sqrt(mean), np.float64)
+    square = np.ma.masked_invalid(np.sum(run.point_error**2, axis=-1))
+    return np.asarray(np.sqrt(square.mean(axis=1).filled(np.nan)))
 
 
 def blackout_table(runs: Sequence[JudgedRun]) -> TextTable:
@@ -180,23 +167,20 @@ def blackout_table(runs: Sequence[JudgedRun]) -> TextTable:
         for start, end in paper.blackouts_s()
     ]
     header = ("blackout", "before", "at its end", "1 s after", "5 s after", "paper")
-    note = f"Attitude error / three stated deviations (norms, deg), medians of {len(runs)} runs."
-    return table("blackouts", "Through the blackouts", header, rows, note)
+    return table("blackouts", header, rows)
 
 
 def inside_table(unique: Sequence[JudgedRun], free: Sequence[JudgedRun]) -> TextTable:
     """How many errors are within what is stated."""
     return table_of(
         "inside",
-        "Share of the errors inside three stated deviations",
         QUANTITIES,
         {
-            "quantity": lambda q: q.name,
+            "quantity": lambda q: q.label,
             "unique axes": lambda q: percent(q.share_inside(unique)),
             "axes as they come": lambda q: percent(q.share_inside(free)),
             "expected": lambda q: "all / no",
         },
-        "All components of all frames with an estimate.",
     )
 
 
@@ -240,34 +224,24 @@ class Consistency:
 _TABLE_TIMES_S = (15.0, 29.0, 49.0, 60.0, 79.0, 99.0, 129.0, 149.0, 175.0, 199.9)
 
 
-def nees_figure(matched: Sequence[JudgedRun]) -> StudyFigure:
+def nees_figure(consistent: Consistency) -> StudyFigure:
     """Of the whole state over time."""
-    consistent = Consistency.of(matched)
-    return panels_figure(
-        "nees",
-        "Consistency of the filter",
-        f"Whole state, {len(matched)} runs. Grey: nothing is seen.",
-        consistent.time_s,
-        [mean_squared_panel("NEES over dof", consistent.whole)],
-        row_in=2.1,
-        dark=paper.blackouts_s(),
-    )
+    panel = mean_squared_panel("NEES over dof", consistent.whole)
+    dark = paper.blackouts_s()
+    return panels_figure("nees", consistent.time_s, [panel], row_in=2.1, dark=dark)
 
 
-def nees_table(matched: Sequence[JudgedRun], twice: Sequence[JudgedRun]) -> TextTable:
+def nees_table(consistent: Consistency, twice: Consistency) -> TextTable:
     """At some times, and what using the pixels twice does to it."""
-    consistent, printed = Consistency.of(matched), Consistency.of(twice)
     return table_of(
         "nees",
-        "Mean NEES per degree of freedom (95 % bounds)",
         _TABLE_TIMES_S,
         {
             "time": lambda t: f"{t:g} s",
             "whole state": lambda t: consistent.at(t)[0],
             "motion and inertia": lambda t: consistent.at(t)[1],
-            "pixels used twice": lambda t: printed.at(t)[0].mean,
+            "pixels used twice": lambda t: twice.at(t)[0].mean,
         },
-        f"{len(matched)} runs; {len(twice)} with the pixels used twice, as printed.",
     )
 
 
@@ -280,5 +254,4 @@ def match_table(runs: Sequence[JudgedRun]) -> TextTable:
         ("mean NEES of the whole state, last frame", Consistency.of(runs).whole[-1]),
         ("runs that lost the target", sum("lost" in run.status for run in runs)),
     )
-    note = f"{len(runs)} runs. Half of the wrong matches are another feature's pixels."
-    return table("matches", "10 points, 10 % wrong matches", ("what", "ours"), rows, note)
+    return table("matches", ("what", "ours"), rows)

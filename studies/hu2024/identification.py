@@ -1,5 +1,6 @@
 """Fig. 5: the attitude of the principal axes as it is identified, many runs at once."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -22,8 +23,12 @@ from pcnav.estimators.principal_axes.inertia_identification import (
     solve_normal,
 )
 from pcnav.estimators.principal_axes.principal_frame import clearest_order, principal_axes
+from pcnav.files.text_table import TextTable
 from pcnav.simulation.stereo import draw_points, simulate_motion
 
+from ..folder import StudyFigure
+from ..panels import Curve, Panel, Scale, panels_figure
+from ..tables import table
 from . import paper
 
 REPORT_S = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0)
@@ -238,3 +243,50 @@ def _squared(
     true = truth[ATTITUDE][frame] @ R_body_g @ axes
     error = log_rotation(np.swapaxes(R_world_t, -1, -2) @ true)
     return np.asarray(np.sum(error * error, axis=-1))
+
+
+Rmse = Mapping[str, Mapping[Method, FloatArray]]
+"""(report times,) in degrees by resolution, the finest first, and method."""
+
+
+def rmse_of(by_level: Mapping[str, Sequence[Squared]]) -> Rmse:
+    """RMSE (45) over all runs of each level."""
+    return {
+        level: {
+            method: np.degrees(
+                np.sqrt(np.concatenate([each[method] for each in batches]).mean(axis=0))
+            )
+            for method in Method
+        }
+        for level, batches in by_level.items()
+    }
+
+
+def falls(rmse: Rmse, method: Method) -> bool:
+    """Whether every level falls from its first report to its last."""
+    return all(bool(curves[method][-1] < curves[method][0]) for curves in rmse.values())
+
+
+def rises_with_noise(rmse: Rmse, method: Method) -> bool:
+    """Whether at the last report more noise is a larger error."""
+    return bool(np.all(np.diff([curves[method][-1] for curves in rmse.values()]) > 0.0))
+
+
+def rmse_table(key: str, rmse: Rmse, method: Method) -> TextTable:
+    """Over the length of the arc."""
+    paper_says = "falls within a few seconds, before the first occlusion; more noise, larger error"
+    rows = []
+    for level, curves in rmse.items():
+        values = curves[method]
+        ours = "falls" if values[-1] < values[0] else "does not fall"
+        rows.append((level, *values, ours, paper_says))
+    header = ("resolution", *(f"{t:g} s" for t in REPORT_S), "ours over time", "paper (Fig. 5)")
+    return table(key, header, rows)
+
+
+def rmse_figure(key: str, rmse: Rmse, method: Method) -> StudyFigure:
+    """Over the length of the arc."""
+    curves = [Curve(level, by[method], style=".-") for level, by in rmse.items()]
+    panel, label = Panel("RMSE, deg", curves, Scale.LOG), "length of the arc, s"
+    at = np.array(REPORT_S)
+    return panels_figure(key, at, [panel], row_in=2.5, at_label=label, log_at=True)

@@ -9,27 +9,13 @@ from pcnav.batch.monte_carlo import Case, Run, RunBatch, batches, runs_of
 from pcnav.files.text_table import TextTable
 
 from ..folder import Study
-from ..tables import Claim, cell, verdict
-from ..text import study_text
+from ..tables import cell, table
+from ..text import study_of
 from ..work import Work
-from . import paper
-from .errors import (
-    ATTITUDE,
-    QUANTITIES,
-    TURNING,
-    Consistency,
-    blackout_table,
-    error_figures,
-    inside_table,
-    last_table,
-    match_table,
-    nees_figure,
-    nees_table,
-    percent,
-)
+from . import errors, identification, paper
+from .errors import Consistency, percent
 from .following import Following, JudgedRun, cases, run_case
-from .identification import Method, run_identification
-from .rmse import Rmse, falls, rises_with_noise, rmse_figures, rmse_of, rmse_tables
+from .identification import Method, Rmse
 
 RUNS = paper.IDENTIFICATION_RUNS
 """Of every noise level of Fig. 5; a fifth of them test the filter's consistency."""
@@ -47,57 +33,48 @@ def study(runs: int, work: Work) -> Study:
     Raises `InputError` when the shipped pipeline is missing or bad, `RunError` when a run fails.
     """
     # The longest work first, so that no core waits for the last of it.
-    identified = work.plan(run_identification, identification_batches(runs))
+    identified = work.plan(identification.run_identification, identification_batches(runs))
     followed = work.plan(run_case, filter_runs(runs))
     work.run()
-    rmse, by_case = rmse_of(identified.by_case), followed.by_case
-    matched, unique, free = (by_case[name] for name in ("matched", "unique axes", "free axes"))
-    wrong, last = by_case["wrong matches"], "Errors over the last 50 s"
-    dark = ", ".join(f"{start:g} to {end:g} s" for start, end in paper.blackouts_s())
-    text = study_text(Path(__file__).parent)
-    settings = text.table(
-        "settings",
-        "Settings that are open or changed",
-        text_columns=3,
+    rmse, by_case = identification.rmse_of(identified.by_case), followed.by_case
+    unique, free, wrong = (by_case[name] for name in ("unique axes", "free axes", "wrong matches"))
+    matched, twice = (Consistency.of(by_case[name]) for name in ("matched", "pixels used twice"))
+    ends = [cell(curves[Method.ARC][-1]) for curves in rmse.values()]
+    return study_of(
+        Path(__file__).parent,
+        runs,
+        [
+            _verdict(rmse, by_case, matched),
+            identification.rmse_table("fig05", rmse, Method.ARC),
+            identification.rmse_table("fig05_printed", rmse, Method.PRINTED),
+            errors.comparison_table("fig06_11", unique, free),
+            errors.blackout_table(unique),
+            errors.inside_table(unique, free),
+            errors.nees_table(matched, twice),
+            errors.last_table("matched", by_case["matched"]),
+            errors.match_table(wrong),
+            errors.last_table("wrong_matches", wrong),
+        ],
+        [
+            identification.rmse_figure("fig05_arc", rmse, Method.ARC),
+            identification.rmse_figure("fig05_printed", rmse, Method.PRINTED),
+            *errors.error_figures(unique[0], free[0]),
+            errors.nees_figure(matched),
+        ],
+        shown=("verdict", "fig06_11"),
+        pipelines={paper.NAME: paper.pipeline()},
+        best=ends[0],
+        worst=ends[-1],
+        attitude_inside=percent(errors.ATTITUDE.share_inside(unique)),
+        nees=matched.whole[-1],
         stereo=paper.pipeline().stereo,
         resolution_rad=paper.resolution_rad(),
-        dark=dark,
-    )
-    return Study(
-        title=text.title,
-        lead=text.lead,
-        headline=_headline(rmse, unique, Consistency.of(matched)),
-        chapters=(
-            text.chapter("What is shown", [_verdict(rmse, by_case), settings]),
-            text.chapter(
-                "Identification of the principal axes (Fig. 5)",
-                rmse_tables(rmse, runs),
-                rmse_figures(rmse, runs),
-            ),
-            text.chapter(
-                "The filter with and without unique axes (Figs. 6-11)",
-                [
-                    last_table("fig06_11", f"{last}, with and without unique axes", unique, free),
-                    blackout_table(unique),
-                    inside_table(unique, free),
-                ],
-                error_figures(unique[0], free[0]),
-            ),
-            text.chapter(
-                "Beyond the paper: consistency, wrong matches",
-                [
-                    nees_table(matched, by_case["pixels used twice"]),
-                    last_table("matched", f"{last}, matched disturbances", matched),
-                    match_table(wrong),
-                    last_table("wrong_matches", f"{last}, 10 points, 10 % wrong matches", wrong),
-                ],
-                [nees_figure(matched)],
-                calm=paper.CALM,
-            ),
-        ),
-        summary_keys=("verdict", "fig06_11"),
-        pipelines={paper.NAME: paper.pipeline()},
-        runs=runs,
+        dark=", ".join(f"{start:g} to {end:g} s" for start, end in paper.blackouts_s()),
+        paper=paper,
+        shown_runs=len(unique),
+        matched_runs=len(by_case["matched"]),
+        fault_runs=len(wrong),
+        last_from_s=errors.last_from_s(unique[0]),
     )
 
 
@@ -121,26 +98,16 @@ def filter_runs(count: int) -> list[Run[Following]]:
     ]
 
 
-def _headline(
-    rmse: Rmse, unique: Sequence[JudgedRun], consistent: Consistency
-) -> tuple[tuple[str, str], ...]:
-    ends = [cell(curves[Method.ARC][-1]) for curves in rmse.values()]
-    return (
-        ("RMSE of the axes after 30 s, deg", f"{ends[0]} to {ends[-1]}"),
-        ("attitude inside 3 sd, unique axes", percent(ATTITUDE.share_inside(unique))),
-        ("NEES at the end", str(consistent.whole[-1])),
-    )
-
-
-def _verdict(rmse: Rmse, by_case: Mapping[str, Sequence[JudgedRun]]) -> TextTable:
-    unique, free = by_case["unique axes"], by_case["free axes"]
-    least = min(q.share_inside(unique) for q in QUANTITIES)
-    most = max(q.share_inside(free) for q in TURNING)
+def _verdict(
+    rmse: Rmse, by_case: Mapping[str, Sequence[JudgedRun]], matched: Consistency
+) -> TextTable:
+    least = min(q.share_inside(by_case["unique axes"]) for q in errors.QUANTITIES)
+    most = max(q.share_inside(by_case["free axes"]) for q in errors.TURNING)
     _, wrong_used, _, wrong = np.sum([run.matches for run in by_case["wrong matches"]], axis=0)
     used = wrong_used / max(wrong, 1)
-    consistent = Consistency.of(by_case["matched"])
-    whole, motion, inside = consistent.whole[-1], consistent.motion[-1], consistent.share_inside
-    fall, rise = falls(rmse, Method.ARC), rises_with_noise(rmse, Method.ARC)
+    whole, motion, inside = matched.whole[-1], matched.motion[-1], matched.share_inside
+    fall = identification.falls(rmse, Method.ARC)
+    rise = identification.rises_with_noise(rmse, Method.ARC)
     unprinted, levels = "not printed", "all four levels"
     rows = (
         ("RMSE of the axes falls with time", levels, fall, fall),
@@ -162,6 +129,4 @@ def _verdict(rmse: Rmse, by_case: Mapping[str, Sequence[JudgedRun]]) -> TextTabl
         ("times with the NEES inside", unprinted, f"{100.0 * inside:.0f} %", inside >= 0.9),
         ("wrong matches used", unprinted, f"{100.0 * used:.2f} %", used < 0.01),
     )
-    title = "What the paper claims, and what was asked beyond"
-    claims = [Claim("", *row) for row in rows]
-    return verdict(title, claims, None, "paper", text_columns=4)
+    return table("verdict", ("quantity", "paper", "ours", "met"), rows, text_columns=4)

@@ -16,10 +16,8 @@ from .runs import QUANTITIES, Found
 PLAIN, BANK = (50, 70, 90), (45, 50, 70, 90, 95)
 """Percentiles of Figs. 2, 3, 5, 6 and of Fig. 4."""
 ATTITUDE = 2
-_CURVES_ONLY = "The paper shows curves and prints no number; its axes are not in the text."
 _DRAWN: IntArray = np.arange(5)
 _NAMES = ("relative position", "translational velocity", "relative attitude", "angular velocity")
-_ROW_IN = 2.1
 
 
 @dataclass(frozen=True)
@@ -45,30 +43,16 @@ def plain_table(known: Filter, times_s: FloatArray) -> TextTable:
     for k in sorted(some):
         percentiles = np.percentile(known.errors[k], PLAIN, axis=0).T.ravel()
         rows.append((f"{times_s[k]:g}", *percentiles, known.nees[k].mean()))
-    return table(
-        "plain",
-        "Figs. 2 and 3: errors with the true inertia",
-        ("time, s", *(f"{name}: {p} %" for name in QUANTITIES for p in PLAIN), "mean NEES"),
-        rows,
-        f"{known.nees.shape[1]} runs. {_CURVES_ONLY} Errors of the points are root mean squares "
-        "over the ten. NEES is that of the 12 errors of the motion, 12 where the stated covariance "
-        "is right; it falls below because the filters allow for disturbances that the truth does "
-        "not have.",
-    )
+    columns = [f"{name}: {p} %" for name in QUANTITIES for p in PLAIN]
+    return table("plain", ("time, s", *columns, "mean NEES"), rows)
 
 
 def plain_figures(known: Filter, times_s: FloatArray) -> list[StudyFigure]:
     """Figs. 2 and 3."""
     names = (f"({letter}) {name}" for letter, name in zip("abcd", _NAMES, strict=True))
     motion = [_panel(name, known.errors, q, PLAIN) for q, name in enumerate(names)]
-    norms = f"Norms of the errors, percentiles over {known.nees.shape[1]} runs. {_CURVES_ONLY}"
-    points = f"Root mean square error of the ten points. {_CURVES_ONLY}"
-    return [
-        _figure("figure2", "Fig. 2", norms, times_s, motion, 2),
-        _figure(
-            "figure3", "Fig. 3", points, times_s, [_panel("feature points", known.errors, 4, PLAIN)]
-        ),
-    ]
+    points = [_panel("feature points", known.errors, 4, PLAIN)]
+    return [_figure("figure2", times_s, motion, 2), _figure("figure3", times_s, points)]
 
 
 def estimates_of(found: Found) -> dict[str, FloatArray]:
@@ -84,28 +68,20 @@ def estimates_of(found: Found) -> dict[str, FloatArray]:
     }
 
 
-def bank_table(key: str, draws: str, found: Found) -> TextTable:
+def bank_table(key: str, found: Found) -> TextTable:
     """Fig. 4: five hypotheses against one of them chosen at random, at the end."""
-    return table(
-        key,
-        f"Fig. 4: errors at the end of the arc, hypotheses drawn {draws}",
-        ("estimate", "quantity", *(f"{p} %" for p in BANK)),
-        _at_end(estimates_of(found), BANK),
-        f"{found.runs} runs. The paper shows the attitude and states that the bank improves it; "
-        "it prints no number.",
-        text_columns=2,
-    )
+    header = ("estimate", "quantity", *(f"{p} %" for p in BANK))
+    return table(key, header, _at_end(estimates_of(found), BANK), text_columns=2)
 
 
-def bank_figure(key: str, title: str, what: str, found: Found, times_s: FloatArray) -> StudyFigure:
+def bank_figure(key: str, found: Found, times_s: FloatArray) -> StudyFigure:
     """Fig. 4 over time."""
     estimates = estimates_of(found)
     panels = [
         _panel("(a) random inertia", estimates["random inertia"], ATTITUDE, BANK),
         _panel("(b) bank", estimates["bank, most probable"], ATTITUDE, BANK),
     ]
-    caption = f"Relative attitude over {found.runs} runs{what}. {_CURVES_ONLY}"
-    return _figure(key, title, caption, times_s, panels, 2)
+    return _figure(key, times_s, panels, 2)
 
 
 def coupling_table(filters: Mapping[str, Filter]) -> TextTable:
@@ -114,15 +90,8 @@ def coupling_table(filters: Mapping[str, Filter]) -> TextTable:
     for name, each in filters.items():
         rows += [tuple(map(cell, row)) for row in _at_end({name: each.errors}, PLAIN)]
         rows.append((name, "mean NEES (12 expected)", cell(each.nees[-1].mean()), "", ""))
-    return TextTable(
-        "coupling",
-        "Figs. 5 and 6: errors at the end of the arc with and without the coupling",
-        ("filter", "quantity", *(f"{p} %" for p in PLAIN)),
-        tuple(rows),
-        "The paper shows curves and states that the coupling improves the position; it prints no "
-        "number.",
-        text_columns=2,
-    )
+    header = ("filter", "quantity", *(f"{p} %" for p in PLAIN))
+    return TextTable("coupling", "", header, tuple(rows), text_columns=2)
 
 
 def coupling_figures(filters: Mapping[str, Filter], times_s: FloatArray) -> list[StudyFigure]:
@@ -130,10 +99,7 @@ def coupling_figures(filters: Mapping[str, Filter], times_s: FloatArray) -> list
     found = []
     for q, number in enumerate(("5a", "5b", "5c", "5d", "6")):
         panels = [_panel(name, each.errors, q, PLAIN) for name, each in filters.items()]
-        runs = next(iter(filters.values())).nees.shape[1]
-        caption = f"Percentiles over {runs} runs. {_CURVES_ONLY}"
-        key, title = f"figure{number}", f"Fig. {number}"
-        found.append(_figure(key, title, caption, times_s, panels, len(panels)))
+        found.append(_figure(f"figure{number}", times_s, panels, len(panels)))
     return found
 
 
@@ -154,11 +120,6 @@ def _panel(title: str, errors: FloatArray, quantity: int, percentiles: Sequence[
 
 
 def _figure(
-    key: str,
-    title: str,
-    caption: str,
-    times_s: FloatArray,
-    panels: Sequence[Panel],
-    columns: int = 1,
+    key: str, times_s: FloatArray, panels: Sequence[Panel], columns: int = 1
 ) -> StudyFigure:
-    return panels_figure(key, title, caption, times_s, panels, columns=columns, row_in=_ROW_IN)
+    return panels_figure(key, times_s, panels, columns=columns, row_in=2.1)

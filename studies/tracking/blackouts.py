@@ -13,11 +13,10 @@ from pcnav.files.text_table import TextTable, number
 from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, ShownBlock
-from ..folder import Chapter, StudyFigure
+from ..folder import StudyFigure
 from ..following import JudgedRun, follow, status_sequence
 from ..panels import error_panel, panels_figure
 from ..tables import Claim, always, at_most, table, table_of
-from ..text import StudyText
 from .starts import RIGHT_FRACTION, RIGHT_RAD
 from .tumbles import FRAME_RATE_HZ, boxsat, tumble
 
@@ -121,16 +120,14 @@ def run_blackout(duration_s: int, seed: int, phases: Phases | None = None) -> Bl
     return Blackout(duration_s, seed, phases, run)
 
 
-def chapter(text: StudyText, found: Blackouts, phases: Phases) -> Chapter:
-    """All blackouts."""
-    return text.chapter(
-        "Blackouts",
-        [_summary_table(found), _run_table([b for own in found.values() for b in own])],
-        [_figure(own[0]) for own in found.values()],
-        rate_hz=FRAME_RATE_HZ,
-        before=phases.before,
-        after=phases.after,
-    )
+def tables(found: Blackouts) -> list[TextTable]:
+    """By duration, and every blackout."""
+    return [_summary_table(found), _run_table([b for own in found.values() for b in own])]
+
+
+def figures(found: Blackouts) -> list[StudyFigure]:
+    """The first run of every duration."""
+    return [_figure(own[0]) for own in found.values()]
 
 
 def claims(found: Blackouts) -> list[Claim]:
@@ -173,18 +170,11 @@ def _summary_table(found: Blackouts) -> TextTable:
         )
     return table(
         "blackouts",
-        "Coasting through blackouts",
         (
             *("blackout", "runs", "pose NEES over dof (95 % bounds)"),
             *("position, mm", "attitude, deg", "right again", "frames", "sd after over before"),
         ),
         rows,
-        "NEES and errors in the last frame without returns. Position and attitude: error / 3 "
-        "stated deviations, medians over the runs of the norms. Right again: runs that come to be "
-        "called locked or ambiguous within 5 degrees and 5 % of the diameter, and the frames with "
-        "returns that the slowest of them took. The last column, the largest of all runs, "
-        "compares the deviations of mass centre and inertia ratios at that frame with those just "
-        "before the blackout: a restart from zero would bring the prior's back.",
     )
 
 
@@ -195,7 +185,6 @@ def _run_table(blackouts: Sequence[Blackout]) -> TextTable:
 
     return table_of(
         "blackout_runs",
-        "Every blackout",
         blackouts,
         {
             "blackout": lambda b: f"{b.duration_s} s",
@@ -208,9 +197,6 @@ def _run_table(blackouts: Sequence[Blackout]) -> TextTable:
             "ratios": partial(mass, _RATIOS),
             "statuses": lambda b: status_sequence(b.run.status),
         },
-        "Position and attitude: error / 3 sd at the end of coasting. Frames: with returns until "
-        "right again. Mass centre and ratios: stated deviation (norm) before / then. One run "
-        "alone: studies.tracking.blackouts.run_blackout(duration_s, seed).",
         text_columns=2,
     )
 
@@ -223,8 +209,6 @@ def _figure(blackout: Blackout) -> StudyFigure:
     panels = [error_panel(*line) for line in zip(labels, errors, sds, strict=True)]
     return panels_figure(
         f"blackout_{blackout.duration_s:02d}s",
-        f"Pose error through a blackout of {blackout.duration_s} s",
-        "Model origin (camera axes) and attitude (body axes), first run. Grey: no returns.",
         run.time_s,
         panels,
         row_in=0.95,

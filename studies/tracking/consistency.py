@@ -14,30 +14,22 @@ from pcnav.recordings.sequence import Frame
 from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
-from ..folder import Chapter, StudyFigure
+from ..folder import StudyFigure
 from ..following import JudgedRun, follow
 from ..panels import mean_squared_panel, panels_figure
 from ..tables import Claim, always, inside, table, table_of
-from ..text import StudyText
-from .tumbles import FRAME_RATE_HZ, boxsat, tumble
+from .tumbles import boxsat, tumble
 
 NAME = "consistency"
 FRAMES = 100
-_NOISE_M = 0.02
+NOISE_M = 0.02
 _WORST_SHOWN = 8
 _NIS = "NIS"
-_FIGURES = (
-    (
-        "nees_orbit",
-        "NEES over dof: orbit and mass centre",
-        ("position", "velocity", "mass centre", WHOLE.name),
-    ),
-    (
-        "nees_rotation",
-        "NEES over dof: rotation and inertia, and NIS",
-        ("attitude", "rate", "inertia ratios", _NIS),
-    ),
-)
+_FIGURES = {
+    "nees_orbit": ("position", "velocity", "mass centre", WHOLE.name),
+    "nees_rotation": ("attitude", "rate", "inertia ratios", _NIS),
+}
+"""Blocks by the key of their figure."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +55,7 @@ def track(run: Run[int]) -> ConsistencyRun:
 def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:
     """One track of boxsat with its bound: truth and noise are the seed's."""
     truth, target = tumble(seed, frames), boxsat().target
-    noise = truth.noise.model_copy(update={"range_sigma_m": _NOISE_M})
+    noise = truth.noise.model_copy(update={"range_sigma_m": NOISE_M})
     scene = Scene.of(truth.model_copy(update={"noise": noise}), target.mesh)
     shown: list[Frame] = []
     run = follow(scene, target, on_frame=shown.append)
@@ -109,6 +101,20 @@ class Judged:
         return [means[k] for k in self.times.values()]
 
     @property
+    def estimated(self) -> int:
+        """Runs with an estimate where they are judged."""
+        return max(int(self.means[WHOLE.name].values[k]) for k in self.times.values())
+
+    @property
+    def beyond(self) -> list[int]:
+        """Runs, the worst first, that end without an estimate or with a NEES of the whole state
+        above its 97.5 % point."""
+        _, limit = chi_square_bounds(WHOLE.size)
+        last = np.array([each.run.nees(WHOLE)[-1] for each in self.runs])
+        last = np.where(np.isfinite(last), last, np.inf)
+        return [k for k in np.argsort(-last).tolist() if last[k] > limit]
+
+    @property
     def mean_claims(self) -> list[Claim]:
         """One for every mean that is judged."""
         return [
@@ -128,19 +134,9 @@ def claims(judged: Judged) -> list[Claim]:
     return [*judged.mean_claims, always(NAME, "runs with an estimate at the end", ended)]
 
 
-def chapter(text: StudyText, judged: Judged) -> Chapter:
-    """Tables and figures of all runs."""
-    count = len(judged.mean_claims)
-    return text.chapter(
-        "Consistency",
-        [_nees_table(judged), _bound_table(judged), _worst_table(judged)],
-        _figures(judged),
-        frames=len(judged.runs[0].run),
-        rate_hz=FRAME_RATE_HZ,
-        noise_m=_NOISE_M,
-        judged=count,
-        outside=0.05 * count,
-    )
+def tables(judged: Judged) -> list[TextTable]:
+    """NEES and NIS, errors beside their bound, and the worst runs."""
+    return [_nees_table(judged), _bound_table(judged), _worst_table(judged)]
 
 
 def _nees_table(judged: Judged) -> TextTable:
@@ -153,17 +149,10 @@ def _nees_table(judged: Judged) -> TextTable:
         [_NIS, "varies", *judged.at_times(judged.means[_NIS])],
         ["NIS over all frames", "varies", None, None, judged.nis],
     ]
-    estimated = max(int(judged.means[WHOLE.name].values[k]) for k in judged.times.values())
     return table(
         "consistency",
-        "NEES and NIS over dof (95 % bounds): 1 where the stated covariance is right",
         ("", "dof", *judged.times),
         rows,
-        f"Mean over {estimated} runs, those with an estimate at that frame. Above: the covariance "
-        "promises too much; below: it promises less than is true. The bounds hold one mean in 20 "
-        "out by chance. The filter's own parameters of the inertia are a curved function of the "
-        "ratios: where they are poorly known, a covariance that is right in the one is not in the "
-        "other.",
     )
 
 
@@ -183,30 +172,19 @@ def _bound_table(judged: Judged) -> TextTable:
     columns = [name for when in judged.times for name in (f"RMSE {when}", "bound", "ratio")]
     return table(
         "cramer_rao",
-        "Errors beside the posterior Cramer-Rao bound",
         ("block", "unit", *columns),
         [
             (name, block.unit, *(x for k in judged.times.values() for x in compared(block, k)))
             for name, block in BLOCKS.items()
         ],
-        "RMSE and bound are those of the whole block (root of the summed variances), over the "
-        "same runs. The bound carries the information of each frame at the true pose along the "
-        "true motion, from the prior of the mass properties on and with the filter's process "
-        "noise; it is what the measurements as modelled allow, not a limit of the sensor.",
         text_columns=2,
     )
 
 
 def _worst_table(judged: Judged) -> TextTable:
-    _, limit = chi_square_bounds(WHOLE.size)
-    last = np.array([each.run.nees(WHOLE)[-1] for each in judged.runs])
-    last = np.where(np.isfinite(last), last, np.inf)
-    order = [k for k in np.argsort(-last).tolist() if last[k] > limit][:_WORST_SHOWN]
-    outside = int(np.count_nonzero(last > limit))
     return table_of(
         "consistency_worst",
-        "Runs that end beyond their own bound",
-        [judged.runs[k] for k in order],
+        [judged.runs[k] for k in judged.beyond[:_WORST_SHOWN]],
         {
             "seed": lambda each: each.seed,
             "status": lambda each: each.run.status[-1],
@@ -214,23 +192,19 @@ def _worst_table(judged: Judged) -> TextTable:
             "position error, mm": lambda each: 1e3 * each.run.position_m[-1],
             "attitude error, deg": lambda each: np.rad2deg(each.run.attitude_rad[-1]),
         },
-        f"{outside} of {len(judged.runs)} runs have no estimate at the end, or a NEES of the whole "
-        "state above its 97.5 % point; 1 in 40 does by chance. The worst are listed. One of them "
-        "alone: studies.tracking.consistency.run_consistency(seed).",
         text_columns=2,
     )
 
 
-def _figures(judged: Judged) -> list[StudyFigure]:
-    caption = "In the band nineteen times of twenty where the stated covariances are right."
+def figures(judged: Judged) -> list[StudyFigure]:
+    """Means over time by block."""
+    times_s = judged.runs[0].run.time_s
     return [
         panels_figure(
             key,
-            title,
-            caption,
-            judged.runs[0].run.time_s,
+            times_s,
             [mean_squared_panel(name, judged.means[name]) for name in names],
             row_in=0.95,
         )
-        for key, title, names in _FIGURES
+        for key, names in _FIGURES.items()
     ]

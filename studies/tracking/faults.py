@@ -17,10 +17,8 @@ from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import satellite
 from pcnav.target.satellite import Rectangle, Target
 
-from ..folder import Chapter
 from ..following import JudgedRun, follow, status_shares
 from ..tables import Claim, at_most, never, table, table_of
-from ..text import StudyText
 from .tumbles import boxsat, tumble
 
 NAME = "faults"
@@ -163,10 +161,10 @@ def run_fault(fault: str, seed: int, frames: int = FRAMES) -> FaultRun:
     return FaultRun(fault, seed, follow(scene, target))
 
 
-def chapter(text: StudyText, found: FaultRuns) -> Chapter:
-    """All faults."""
+def tables(found: FaultRuns) -> list[TextTable]:
+    """All faults, and the runs with silent wrong frames."""
     silent = [run for own in found.values() for run in own if run.silent.any()]
-    return text.chapter("Faults", [_table(found), _silent_table(silent)])
+    return [_table(found), _silent_table(silent)]
 
 
 def silent_frames(runs: Sequence[FaultRun]) -> int:
@@ -209,16 +207,11 @@ def _table(found: FaultRuns) -> TextTable:
         )
     return table(
         "faults",
-        "The tracker under faults it is not told of",
         (
             *("fault", "status", "runs", "position, mm", "attitude, deg", "pose NEES"),
             *("inlier ratio", "silent wrong", "in a row"),
         ),
         rows,
-        "Errors (median / 95 %), mean NEES over its degrees of freedom and mean inlier ratio "
-        "over the second half of the runs; status and silent wrong frames over all of them. Silent "
-        "wrong: called locked or ambiguous while more than 2 degrees or 3 % of the diameter off; "
-        "any frame so called of another satellite. In a row: the longest stretch of them.",
         text_columns=2,
     )
 
@@ -226,7 +219,6 @@ def _table(found: FaultRuns) -> TextTable:
 def _silent_table(runs: Sequence[FaultRun]) -> TextTable:
     return table_of(
         "silent_wrong",
-        "Runs with silent wrong frames",
         runs,
         {
             "fault": lambda each: each.fault,
@@ -235,7 +227,6 @@ def _silent_table(runs: Sequence[FaultRun]) -> TextTable:
             "first": lambda each: np.flatnonzero(each.silent)[0],
             "last": lambda each: np.flatnonzero(each.silent)[-1],
         },
-        "One of them alone: studies.tracking.faults.run_fault(fault, seed).",
     )
 
 

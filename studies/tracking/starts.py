@@ -15,16 +15,15 @@ from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
 from pcnav.target.symmetry import group_name
 
-from ..folder import Chapter, StudyFigure
+from ..folder import StudyFigure
 from ..following import follow
 from ..panels import Curve, Panel, Scale, bars_figure, panels_figure
 from ..tables import Claim, always, below, never, table_of
-from ..text import StudyText
 
 NAME = "cold starts"
 SATELLITES = ("boxsat", "cubesat6u", "twinwing")
 FRAMES = 5
-_FRAME_RATE_HZ = 5.0
+FRAME_RATE_HZ = 5.0
 _SPREAD = Spread(range_m=(10.0, 30.0), rate_deg_s=(0.0, 20.0), speed_m_s=0.02)
 """Of `boxsat`; lengths go with the diameter for the others."""
 RIGHT_RAD = float(np.deg2rad(5.0))
@@ -81,7 +80,7 @@ def run_start(name: str, seed: int) -> Start:
     """One cold start of a shipped satellite: truth and noise are the seed's."""
     of = satellite(name)
     spread = _SPREAD.scaled(of.target.diameter_m / satellite("boxsat").target.diameter_m)
-    truth = random_truth(of, spread, seed, frames=FRAMES, frame_rate_hz=_FRAME_RATE_HZ)
+    truth = random_truth(of, spread, seed, frames=FRAMES, frame_rate_hz=FRAME_RATE_HZ)
     run = follow(Scene.of(truth, of.target.mesh), of.target, until_lock=True)
     outcome, attitude, position = Outcome.NOT_YET, np.nan, np.nan
     if run.lock is not None:
@@ -102,11 +101,10 @@ def run_start(name: str, seed: int) -> Start:
     )
 
 
-def chapter(text: StudyText, found: Starts) -> Chapter:
-    """All starts."""
+def tables(found: Starts) -> list[TextTable]:
+    """All starts, and those that were not right."""
     everything = [start for starts in found.values() for start in starts]
-    tables = [_share_table(found), _failure_table(everything)]
-    return text.chapter("Cold starts", tables, start_figures(found))
+    return [_share_table(found), _failure_table(everything)]
 
 
 def count(starts: Sequence[Start], outcome: Outcome) -> int:
@@ -144,7 +142,6 @@ def _claims(name: str, starts: Sequence[Start]) -> list[Claim]:
 def _share_table(found: Starts) -> TextTable:
     return table_of(
         "cold_starts",
-        f"Locks within {FRAMES} frames at {_FRAME_RATE_HZ:g} Hz",
         found.values(),
         {
             "satellite": lambda starts: starts[0].satellite,
@@ -164,10 +161,6 @@ def _share_table(found: Starts) -> TextTable:
                 percentile([s.seconds for s in starts], percent) for percent in (50, 95, 100)
             ],
         },
-        "Shares with Wilson's 95 % interval in per cent. Right: attitude within 5 degrees of one "
-        "of the equivalent attitudes of the symmetry group, and model origin within 5 % of the "
-        "diameter, at the first frame called locked or ambiguous. Frames: mean until then. "
-        "Seconds: median / 95 % / largest processor time of the tracker, on one thread.",
         text_columns=3,
     )
 
@@ -175,7 +168,6 @@ def _share_table(found: Starts) -> TextTable:
 def _failure_table(starts: Sequence[Start]) -> TextTable:
     return table_of(
         "cold_start_failures",
-        "Starts that were not right",
         [start for start in starts if start.outcome is not Outcome.RIGHT],
         {
             "satellite": lambda s: s.satellite,
@@ -188,7 +180,6 @@ def _failure_table(starts: Sequence[Start]) -> TextTable:
             "range, m": lambda s: s.range_m,
             "rate, deg/s": lambda s: s.rate_deg_s,
         },
-        "One of them alone: studies.tracking.starts.run_start(satellite, seed).",
         text_columns=3,
     )
 
@@ -203,15 +194,12 @@ def start_figures(found: Starts) -> list[StudyFigure]:
         reached = 100.0 * np.arange(1, len(locks) + 1) / len(starts)
         degrees = np.sort(np.rad2deg([s.attitude_rad for s in locks]))
         curves.append(Curve(name, reached, degrees, width=1.2, steps=True))
-    caption = "Locks, right or wrong, by the frame that was first called locked or ambiguous."
     names = [*(str(k + 1) for k in range(FRAMES)), "not yet"]
     labels = ("frames to lock", "starts, %")
     return [
-        bars_figure("start_frames", "Frames to lock", caption, shares, names, labels),
+        bars_figure("start_frames", shares, names, labels),
         panels_figure(
             "start_errors",
-            "How far off the locks are",
-            "Dashed: 5 degrees, beyond which a lock is wrong.",
             np.empty(0),
             [Panel("starts below, %", curves, Scale.FROM_ZERO, limits=(0.0, 105.0))],
             row_in=2.3,

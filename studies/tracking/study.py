@@ -7,7 +7,7 @@ from pcnav.simulation.random_truth import satellite
 
 from ..folder import Study
 from ..tables import verdict
-from ..text import study_text
+from ..text import study_of
 from ..work import Work
 from . import blackouts, consistency, faults, starts
 from .blackouts import Phases
@@ -30,6 +30,10 @@ class Lengths:
 
 _QUICK = Lengths(consistency=16, faults=8, blackout=Phases(before=8, after=6))
 """With fewer runs than `_QUICK_RUNS`: a look at the machinery."""
+_CUT = (
+    "Because of the few runs asked for, sequences were cut to a few frames: this shows that the "
+    "study works, not how good the tracker is."
+)
 
 
 def study(runs: int, work: Work) -> Study:
@@ -53,45 +57,44 @@ def study(runs: int, work: Work) -> Study:
         *consistency.claims(judged),
         *faults.claims(disturbed.by_case),
     ]
-    text = study_text(Path(__file__).parent)
-    cut = (
-        "Because of the few runs asked for, sequences were cut to a few frames: this shows that "
-        "the study works, not how good the tracker is."
-    )
-    right, wrong = (
-        starts.count(cold.results, each) for each in (starts.Outcome.RIGHT, starts.Outcome.WRONG)
-    )
     relocked = [each.relocked for each in dark.results]
     missed = relocked.count(None)
     slowest = max((frames for frames in relocked if frames is not None), default=0)
     means = judged.mean_claims
     silent = [run for run in disturbed.results if run.fault != faults.WRONG_TARGET]
-    return Study(
-        title=text.title,
-        lead=text.lead,
-        headline=(
-            ("bars met", f"{sum(claim.met for claim in claims)} of {len(claims)}"),
-            ("cold starts right", f"{right} of {len(cold.results)}"),
-            ("cold starts locked wrong", str(wrong)),
-            (
-                "frames to lock again after a blackout",
-                f"{missed} never" if missed else f"{slowest} at most",
-            ),
-            ("NEES and NIS means inside", f"{sum(m.met for m in means)} of {len(means)}"),
-            ("frames of silent wrong lock", str(faults.silent_frames(silent))),
-        ),
-        chapters=(
-            text.chapter(
-                "Bars",
-                [verdict("Every bar", claims, "chapter", "bar")],
-                cut=cut if lengths == _QUICK else "",
-            ),
-            starts.chapter(text, cold.by_case),
-            blackouts.chapter(text, dark.by_case, phases),
-            consistency.chapter(text, judged),
-            faults.chapter(text, disturbed.by_case),
-        ),
-        summary_keys=("verdict",),
+    return study_of(
+        Path(__file__).parent,
+        runs,
+        [
+            verdict(claims, "chapter", "bar"),
+            *starts.tables(cold.by_case),
+            *blackouts.tables(dark.by_case),
+            *consistency.tables(judged),
+            *faults.tables(disturbed.by_case),
+        ],
+        [
+            *starts.start_figures(cold.by_case),
+            *blackouts.figures(dark.by_case),
+            *consistency.figures(judged),
+        ],
+        shown=("verdict",),
         pipelines={name: satellite(name).pipeline for name in starts.SATELLITES},
-        runs=runs,
+        met=sum(claim.met for claim in claims),
+        claims=len(claims),
+        right=starts.count(cold.results, starts.Outcome.RIGHT),
+        starts=len(cold.results),
+        wrong=starts.count(cold.results, starts.Outcome.WRONG),
+        relocked=f"{missed} never" if missed else f"{slowest} at most",
+        inside=sum(claim.met for claim in means),
+        judged=len(means),
+        outside=0.05 * len(means),
+        silent=faults.silent_frames(silent),
+        cut=_CUT if lengths == _QUICK else "",
+        start=starts,
+        blackout=blackouts,
+        phases=phases,
+        consistency=consistency,
+        frames=lengths.consistency,
+        estimated=judged.estimated,
+        beyond=len(judged.beyond),
     )

@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-from scipy.stats import binom
 
 from pcnav.core.arrays import FloatArray
 from pcnav.files.text_table import TextTable
 from pcnav.perception.planes import ransac_plane
 from pcnav.perception.rectangles import distribution
 
-from ..folder import Chapter
 from ..tables import Claim, table_of
-from ..text import StudyText
 from . import paper
 from .clouds import Spread, rectangle_cloud
 
@@ -155,24 +152,15 @@ def random_numbers(moments: Sequence[Sequence[Comparison]]) -> list[Comparison]:
     return [c for c in [*second, *third[len(_NAMES) :]] if c.is_random]
 
 
-def chapter(
-    text: StudyText, extracted: Sequence[Extraction], moments: Sequence[Sequence[Comparison]]
-) -> Chapter:
+def tables(
+    extracted: Sequence[Extraction], moments: Sequence[Sequence[Comparison]]
+) -> list[TextTable]:
     """Tables 1-4."""
-    compared = random_numbers(moments)
-    low, high = np.asarray(binom.ppf([0.025, 0.975], len(compared), 0.95))
-    return text.chapter(
-        "Tables 1-4: extraction and recognition of the rectangle",
-        [
-            _extraction_table(extracted),
-            _table("table_2", "Table 2: against the number of points, no noise", moments[0]),
-            _table("tables_3_4", "Tables 3 and 4: against noise", moments[1]),
-        ],
-        low=low,
-        high=high,
-        compared=len(compared),
-        inside=sum(c.inside for c in compared),
-    )
+    return [
+        _extraction_table(extracted),
+        _table("table_2", moments[0]),
+        _table("tables_3_4", moments[1]),
+    ]
 
 
 def claims(extracted: Sequence[Extraction], moments: Sequence[Sequence[Comparison]]) -> list[Claim]:
@@ -230,7 +218,6 @@ def _draw(row: paper.MomentsRow, spread: Spread, generator: np.random.Generator)
 def _extraction_table(extracted: Sequence[Extraction]) -> TextTable:
     return table_of(
         "table_1",
-        "Table 1: points extracted with a threshold of 0.005 cm",
         extracted,
         {
             "outliers": lambda e: e.printed.outliers,
@@ -241,16 +228,12 @@ def _extraction_table(extracted: Sequence[Extraction]) -> TextTable:
             "printed time, ms": lambda e: f"{e.printed.time_ms:.0f}",
             "our time, ms": lambda e: np.median(e.time_ms),
         },
-        "2500 points, the outliers among them; 300 RANSAC trials. Outliers are uniform in the "
-        "box over the rectangle from z = 0 to 13 cm. The time is the median of our runs on the "
-        "machine that made this page; the paper names none.",
     )
 
 
-def _table(key: str, title: str, comparisons: Sequence[Comparison]) -> TextTable:
+def _table(key: str, comparisons: Sequence[Comparison]) -> TextTable:
     return table_of(
         key,
-        title,
         [c for c in comparisons if c.is_random],
         {
             "points": lambda c: c.row.points,
@@ -265,9 +248,5 @@ def _table(key: str, title: str, comparisons: Sequence[Comparison]) -> TextTable
             "median, draws": lambda c: f"{c.error(c.drawn):.4f}",
             "median, grid": lambda c: f"{c.error(c.even):.4f}",
         },
-        "x, y, z in cm, eigenvalues lambda in cm2: theory is a2/12 + sigma2 (17). Inside: "
-        "whether the printed number lies in the range of our draws. Last three columns: size of "
-        "the error, printed, of our draws and of even grids. Without noise z and lambda 3 are "
-        "exact and left out.",
         text_columns=3,
     )

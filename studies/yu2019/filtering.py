@@ -13,11 +13,10 @@ from pcnav.files.text_table import TextTable
 from pcnav.simulation.motion import true_motion
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
-from ..folder import Chapter, StudyFigure
+from ..folder import StudyFigure
 from ..panels import Panel, error_panel, mean_squared_panel, panels_figure
 from ..pipelines import shortened, with_scenario
 from ..tables import Claim, as_printed, table
-from ..text import StudyText
 from . import paper
 from .filter_run import FilterRun, disturbed_motion, model_of, run_filter
 
@@ -119,16 +118,14 @@ def _at_1_hz(pipeline: Pipeline) -> Pipeline:
     return slow.model_copy(update={"filter": filtering})
 
 
-def chapter(text: StudyText, pipeline: Pipeline, runs: FilterRuns) -> Chapter:
-    """Figs. 11-16."""
-    rate_hz = pipeline.scenario.frame_rate_hz
-    return text.chapter(
-        "Figs. 11-16: the filter on idealised clouds",
-        [_error_table(runs), _ratio_table(runs), _nees_table(runs)],
-        [*_spin_figures(runs.spin), _tumble_figure(runs.tumble), _nees_figure(runs.disturbed)],
-        rate_hz=rate_hz,
-        minutes=pipeline.scenario.frames / rate_hz / 60.0,
-    )
+def tables(runs: FilterRuns) -> list[TextTable]:
+    """Errors, inertia ratios and NEES."""
+    return [_error_table(runs), _ratio_table(runs), _nees_table(runs)]
+
+
+def figures(runs: FilterRuns) -> list[StudyFigure]:
+    """Figs. 11-16, the ratios in a tumble, and the NEES."""
+    return [*_spin_figures(runs.spin), _tumble_figure(runs.tumble), _nees_figure(runs.disturbed)]
 
 
 def claims(runs: FilterRuns) -> list[Claim]:
@@ -163,22 +160,13 @@ def _error_table(runs: FilterRuns) -> TextTable:
             rows.append(
                 (each.figure, quantity, each.values[k], ours[k], met, sd[k], slow[k], tumble[k])
             )
-    frames = [len(run.time_s) for run in columns]
-    flips, rejected = (
-        ", ".join(str(getattr(run, name)) for run in columns) for name in ("flips", "rejected")
-    )
     return table(
         "figs_11_15",
-        "Figs. 11-15: largest errors after convergence",
         (
             *("figure", "quantity", "printed", "ours, 4 Hz", "at most printed"),
             *("stated sd at the end", "ours, 1 Hz", "ours, tumble"),
         ),
         rows,
-        "Largest error over the last third of the run. Position and velocity in Hill axes, the "
-        f"rest in body axes. Frames: {frames[0]} at 4 Hz, {frames[1]} at 1 Hz, {frames[2]} at 4 "
-        f"Hz in the tumble; measurements in a wrong case: {flips}; outside the 99.99 % gate: "
-        f"{rejected}.",
         text_columns=2,
     )
 
@@ -192,11 +180,8 @@ def _ratio_table(runs: FilterRuns) -> TextTable:
     columns = ("first error", "last error", "stated sd over prior", "converged")
     return table(
         "fig_16",
-        "Fig. 16: what becomes of the inertia ratios",
         ("ratio", *(f"{motion}: {c}" for motion in ("spin", "tumble") for c in columns)),
         rows,
-        "Converged: the filter claims less than a tenth of the prior's deviation. The paper says "
-        "that the ratios converge to their true values.",
     )
 
 
@@ -210,12 +195,8 @@ def _nees_table(runs: FilterRuns) -> TextTable:
         rows.append((name, *settled, judged.mean, judged.bounds))
     return table(
         "nees",
-        "NEES per degree of freedom: 1 where the stated covariance is right",
         ("block", "printed spin", "tumble", f"disturbed tumble, {count} runs", "95 %"),
         rows,
-        "Spin and tumble: mean over the last third of one run, whose true motion has no "
-        "disturbance, so less than 1 is expected. Disturbed: mean over runs at their end, the "
-        "true motion disturbed as the filter's process noise says; the bounds are of that mean.",
     )
 
 
@@ -231,21 +212,14 @@ def _spin_figures(run: FilterRun) -> list[StudyFigure]:
             for k, axis in enumerate("xyz")
         ]
         key = each.figure.lower().replace(". ", "_")
-        title = f"{each.figure}: {each.block.name} errors, printed spin"
-        caption = "The axes span the last two thirds of the run; dashed: printed maxima."
-        figures.append(panels_figure(key, title, caption, run.time_s, panels))
-    title = "Fig. 16: inertia ratio errors, printed spin"
-    caption = "Iyy, Izz and Ixy cannot be observed in this spin; what moves them is noise."
+        figures.append(panels_figure(key, run.time_s, panels))
     panels = _ratio_panels(run, settled // 5)
-    return [*figures, panels_figure("fig_16_spin", title, caption, run.time_s, panels)]
+    return [*figures, panels_figure("fig_16_spin", run.time_s, panels)]
 
 
 def _tumble_figure(run: FilterRun) -> StudyFigure:
-    title = "Fig. 16 in a tumble: inertia ratio errors"
-    caption = "The same satellite at (0.5, -0.8, 1) deg/s; the axes span the time after 100 s."
     settled = int(np.searchsorted(run.time_s, min(100.0, 0.3 * float(run.time_s[-1]))))
-    panels = _ratio_panels(run, settled)
-    return panels_figure("fig_16_tumble", title, caption, run.time_s, panels)
+    return panels_figure("fig_16_tumble", run.time_s, _ratio_panels(run, settled))
 
 
 def _ratio_panels(run: FilterRun, settled_from: int) -> list[Panel]:
@@ -259,13 +233,5 @@ def _ratio_panels(run: FilterRun, settled_from: int) -> list[Panel]:
 def _nees_figure(runs: Sequence[FilterRun]) -> StudyFigure:
     nees = np.stack([run.nees[WHOLE.name][1:] for run in runs])
     judged = mean_squared(WHOLE.size * nees, WHOLE.size)
-    return panels_figure(
-        "nees",
-        "Consistency of the filter, disturbed tumble",
-        f"Mean over {len(runs)} runs of the whole state's NEES per degree of freedom. It starts "
-        "too high: the first seconds are linearised at rates and ratios far from the truth, and "
-        "what they seemed to say of the ratios stays in the covariance.",
-        runs[0].nees_time_s[1:],
-        [mean_squared_panel("NEES per degree of freedom", judged)],
-        row_in=2.3,
-    )
+    panel = mean_squared_panel("NEES per degree of freedom", judged)
+    return panels_figure("nees", runs[0].nees_time_s[1:], [panel], row_in=2.3)

@@ -28,11 +28,10 @@ from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 
 from ..blocks import BLOCKS, WHOLE
-from ..folder import Chapter, StudyFigure
+from ..folder import StudyFigure
 from ..following import JudgedRun, follow
 from ..panels import error_panel, panels_figure
 from ..tables import Claim, as_printed, table, table_of
-from ..text import StudyText
 
 _NOISES_M = (0.1, 0.02)
 _MODES = (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)
@@ -40,7 +39,7 @@ _POSITION_GOAL_MM, _ATTITUDE_GOAL_DEG = 10.0, 0.2
 _PANEL_FRAMES_PER_RUN, _RUNS_PER_SATELLITE_FRAME = 3, 2
 _PANEL_WORK, _SATELLITE_WORK, _SEQUENCE_WORK = 0.03, 0.8, 0.08
 """Of a frame."""
-_MAX_INCIDENCE_DEG = 70.0
+MAX_INCIDENCE_DEG = 70.0
 _PANEL_OFF_AXIS_M, _SATELLITE_OFF_AXIS_M = 1.0, 0.5
 _GUESS_RAD = (0.1, -0.05, 0.08)
 """How far the prediction that solves the ambiguity of the panel is off."""
@@ -214,7 +213,7 @@ def _sheet() -> trimesh.Trimesh:
 def _panel_poses(setting: Setting) -> list[FloatArray]:
     """Random attitudes under the largest incidence, centres up to a metre off the boresight."""
     generator = np.random.default_rng(setting.pipeline.seed)
-    least = np.cos(np.deg2rad(_MAX_INCIDENCE_DEG))
+    least = np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
     range_m = float(np.linalg.norm(setting.pipeline.orbit.r_hill_m))
     poses: list[FloatArray] = []
     while len(poses) < setting.frames:
@@ -251,21 +250,22 @@ class RayCast:
         return self.panel[_MODES.index(PerceptionMode.AREA_WEIGHTED)]
 
 
-def chapter(text: StudyText, found: RayCast) -> Chapter:
+def tables(found: RayCast) -> list[TextTable]:
     """Single frames of a panel and of a satellite, and the filter on a sequence of the latter."""
-    return text.chapter(
-        "Ray-cast depth frames: what a depth camera would give",
-        [
-            _panel_table(found.panel),
-            _satellite_table(found.satellite),
-            _sequence_table(found.sequences),
-        ],
-        [
-            _figure(setting, run)
-            for setting, run in found.sequences
-            if setting.mode is PerceptionMode.AREA_WEIGHTED and np.isfinite(run.position_m).any()
-        ],
-    )
+    return [
+        _panel_table(found.panel),
+        _satellite_table(found.satellite),
+        _sequence_table(found.sequences),
+    ]
+
+
+def figures(found: RayCast) -> list[StudyFigure]:
+    """The sequences with an estimate, area-weighted."""
+    return [
+        _figure(setting, run)
+        for setting, run in found.sequences
+        if setting.mode is PerceptionMode.AREA_WEIGHTED and np.isfinite(run.position_m).any()
+    ]
 
 
 def claims(found: RayCast) -> list[Claim]:
@@ -286,7 +286,6 @@ def claims(found: RayCast) -> list[Claim]:
 def _panel_table(errors: Sequence[PoseErrors]) -> TextTable:
     return table_of(
         "panel",
-        "An isolated panel of 4.0 x 1.5 m at 25 m, one ray-cast frame",
         errors,
         {
             "noise, m": lambda e: e.setting.noise_m,
@@ -300,9 +299,6 @@ def _panel_table(errors: Sequence[PoseErrors]) -> TextTable:
             "wrong case": lambda e: np.count_nonzero(e.angle_rad > _FLIPPED_RAD),
             "missed": lambda e: e.none,
         },
-        f"Random attitudes with less than {_MAX_INCIDENCE_DEG:.0f} degrees between normal and "
-        "line of sight, 256 x 256 pixels over 25 degrees. The paper prints 10 mm and 0.2 degrees "
-        "for its idealised cloud.",
         text_columns=2,
     )
 
@@ -327,15 +323,12 @@ def _satellite_table(errors: Sequence[PoseErrors]) -> TextTable:
         )
     return table(
         "boxsat_single_frame",
-        "The whole satellite at 25 m, one ray-cast frame, no prediction",
         (
             *("noise, m", "mode", "frames", "no pose", "wrong hypothesis"),
             *("position median, mm", "position RMS, mm"),
             *("attitude median, deg", "attitude RMS, deg", "faces used"),
         ),
         rows,
-        "Random attitudes. Errors are those of the frames with the right hypothesis (within 20 "
-        "degrees); the others are counted. Position is that of the model's origin.",
         text_columns=2,
     )
 
@@ -357,17 +350,13 @@ def _sequence_table(sequences: Sequence[tuple[Setting, JudgedRun]]) -> TextTable
                 percentile(run.nees(WHOLE)[last] / WHOLE.size, 50),
             )
         )
-    time_s = sequences[0][1].time_s
     return table(
         "boxsat_filter",
-        "The filter on ray-cast frames of the whole satellite: median error, last third",
         (
             *("noise, m", "mode", "first estimate, s", "frames locked", "rectangles"),
             *("model origin, mm", *(block.label for block in BLOCKS.values()), "NEES"),
         ),
         rows,
-        f"{len(time_s)} frames at {1.0 / (time_s[1] - time_s[0]):g} Hz. NEES per degree of "
-        "freedom, median.",
         text_columns=2,
     )
 
@@ -381,10 +370,4 @@ def _figure(setting: Setting, run: JudgedRun) -> StudyFigure:
         error_panel(f"mass centre {axis}, mm", centre[:, k], settled_from=half)
         for k, axis in enumerate("xyz")
     ]
-    return panels_figure(
-        f"boxsat_{1e3 * setting.noise_m:03.0f}mm",
-        f"Whole satellite, range noise {setting.noise_m:g} m, area-weighted",
-        "Pose in the camera (norm of the error) and mass centre; the second half sets the axes.",
-        run.time_s[found],
-        panels,
-    )
+    return panels_figure(f"boxsat_{1e3 * setting.noise_m:03.0f}mm", run.time_s[found], panels)

@@ -12,11 +12,10 @@ from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.files.text_table import TextTable
 from pcnav.simulation.motion import TrueMotion, true_motion
 
-from ..folder import Chapter, StudyFigure
+from ..folder import StudyFigure
 from ..panels import Curve, Panel, Scale, error_panel, panels_figure
 from ..pipelines import with_scenario
 from ..tables import Claim, as_printed, cell, table
-from ..text import StudyText
 from . import paper
 from .clouds import CloudSensor, Spread, centroid_sd, resolved, rotation_sd
 
@@ -151,16 +150,9 @@ def frame_errors(motion: TrueMotion, sensor: CloudSensor) -> FrameErrors:
     return FrameErrors(position, attitude, raw)
 
 
-def chapter(
-    text: StudyText, pipeline: Pipeline, found: Mapping[str, Sequence[FrameErrors]]
-) -> Chapter:
+def tables(found: Mapping[str, Sequence[FrameErrors]]) -> list[TextTable]:
     """Figs. 8-10 over the repetitions with every kind of cloud."""
-    even = found[Spread.EVEN]
-    return text.chapter(
-        "Figs. 8-10: pose from single frames of an idealised cloud",
-        [_error_table(found), _flip_table(even), _bound_table()],
-        _figures(one_turn(pipeline).truth.time_s, even[0]),
-    )
+    return [_error_table(found), _flip_table(found[Spread.EVEN]), _bound_table()]
 
 
 def claims(even: Sequence[FrameErrors]) -> list[Claim]:
@@ -203,13 +195,8 @@ def _error_table(found: Mapping[str, Sequence[FrameErrors]]) -> TextTable:
     )
     return table(
         "figs_8_10",
-        "Figs. 8 and 10: largest error on each axis over half a turn (180 frames)",
         header,
         rows,
-        f"{len(found[Spread.EVEN])} runs at one frame a second; largest: median over the runs. "
-        "Axes of the first frame's camera: z along the line of sight, the normal of the rectangle "
-        "and the spin axis. The closed-form sd of the attitude about x and y is the root mean "
-        "square of the two tilts, which the spin mixes.",
         text_columns=2,
     )
 
@@ -222,11 +209,8 @@ def _flip_table(even: Sequence[FrameErrors]) -> TextTable:
     )
     return table(
         "fig_9",
-        "Figs. 9 and 10: attitudes wrong by 180 degrees (even clouds)",
         ("ambiguity", "frames", "wrong case", "share"),
         [(name, frames, flips, f"{flips / frames:.1%}") for name, flips in cases],
-        "The attitude of the frame before, 1 degree back, predicts the case. Before the first "
-        "frame the attitude is known to 15 degrees: one rectangle alone cannot tell its own case.",
     )
 
 
@@ -241,19 +225,18 @@ def _bound_table() -> TextTable:
         rows.append(row)
     return table(
         "cloud_bound",
-        "What 1800 points with 0.1 m noise can give, by the size of the rectangle (closed form)",
         (
             "rectangle, m",
             *("even: position sd, mm", "even: attitude sd, deg"),
             *("independent: position sd, mm", "independent: attitude sd, deg"),
         ),
         rows,
-        "Worst axis, one standard deviation; the largest of some hundred errors is about three "
-        "times that. Printed: 10 mm and 0.16 deg at most, so about 3 mm and 0.05 deg.",
     )
 
 
-def _figures(time_s: FloatArray, errors: FrameErrors) -> list[StudyFigure]:
+def figures(pipeline: Pipeline, errors: FrameErrors) -> list[StudyFigure]:
+    """Figs. 8-10 of one turn."""
+    time_s = one_turn(pipeline).truth.time_s
     position, attitude = (
         [
             error_panel(f"{axis}, {each.unit}", each.of(errors)[:, k], printed=each.printed[k])
@@ -266,25 +249,7 @@ def _figures(time_s: FloatArray, errors: FrameErrors) -> list[StudyFigure]:
         for axis, column in zip("xyz", np.rad2deg(errors.raw_attitude_rad).T, strict=True)
     ]
     return [
-        panels_figure(
-            "fig_08",
-            "Fig. 8: position errors",
-            "Single frames, even cloud. Dashed: printed maxima.",
-            time_s,
-            position,
-        ),
-        panels_figure(
-            "fig_09",
-            "Fig. 9: attitude errors, ambiguity not solved",
-            "Rotation vector in camera axes. A wrong case is a turn by 180 degrees.",
-            time_s,
-            raw,
-        ),
-        panels_figure(
-            "fig_10",
-            "Fig. 10: attitude errors, ambiguity solved",
-            "The same frames. Dashed: printed maxima.",
-            time_s,
-            attitude,
-        ),
+        panels_figure("fig_08", time_s, position),
+        panels_figure("fig_09", time_s, raw),
+        panels_figure("fig_10", time_s, attitude),
     ]

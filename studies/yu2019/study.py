@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
+from scipy.stats import binom
+
 from pcnav.core.statistics import root_mean_square
 
 from ..folder import Study
 from ..pipelines import shipped, shortened
 from ..tables import cell, verdict
-from ..text import study_text
+from ..text import study_of
 from ..work import Work
 from . import extraction, filtering, ray_cast, single_frame
 from .clouds import Spread
@@ -18,6 +21,8 @@ _RUNS_PER_DISTURBED = 5
 _QUICK_RUNS = 5
 _QUICK_FRAMES, _QUICK_BOXSAT_FRAMES = 100, 2
 """With fewer runs than `_QUICK_RUNS` motions are cut to so many frames: a look at the machinery."""
+_CUT = f"Motions were cut to {_QUICK_FRAMES} frames because of the few runs asked for."
+_NOT_CONVERGED = "A quick look with cut motions: the filter has not converged."
 _PIPELINES = ("yu2019", "yu2019_tumble", "yu2019_boxsat")
 
 
@@ -55,37 +60,43 @@ def study(runs: int, work: Work) -> Study:
         *filtering.claims(filters),
         *ray_cast.claims(rays),
     ]
-    text = study_text(Path(__file__).parent)
-    cut = f"Motions were cut to {_QUICK_FRAMES} frames because of the few runs asked for."
-    note = "A quick look with cut motions: the filter has not converged." if quick else ""
+    compared = extraction.random_numbers(moments.results)
+    low, high = np.asarray(binom.ppf([0.025, 0.975], len(compared), 0.95))
     best = rays.best_panel
-    centre = filtering.PRINTED[2].block.shown(filters.spin.last_third).max()
-    flips = sum(int(errors.flipped.sum()) for errors in even)
-    return Study(
-        title=text.title,
-        lead=text.lead,
-        headline=(
-            ("figures met", f"{sum(claim.met for claim in claims)} of {len(claims)}"),
-            (
-                "frames flipped after the ambiguity is solved",
-                f"{flips} of {single_frame.FRAMES * runs}",
-            ),
-            ("largest mass-centre error, last third", f"{cell(centre)} mm"),
-            ("ray-cast panel, position RMS", f"{cell(root_mean_square(best.position_mm))} mm"),
-            ("ray-cast panel, attitude RMS", f"{cell(root_mean_square(best.angle_deg))} deg"),
-        ),
-        chapters=(
-            text.chapter(
-                "Printed against ours",
-                [verdict("Every printed figure and ours", claims, "figure", "printed", note)],
-                cut=cut if quick else "",
-            ),
-            extraction.chapter(text, extracted, moments.results),
-            single_frame.chapter(text, spin, turns.by_case),
-            filtering.chapter(text, spin, filters),
-            ray_cast.chapter(text, rays),
-        ),
-        summary_keys=("verdict",),
+    return study_of(
+        Path(__file__).parent,
+        runs,
+        [
+            verdict(claims, "figure", "printed"),
+            *extraction.tables(extracted, moments.results),
+            *single_frame.tables(turns.by_case),
+            *filtering.tables(filters),
+            *ray_cast.tables(rays),
+        ],
+        [
+            *single_frame.figures(spin, even[0]),
+            *filtering.figures(filters),
+            *ray_cast.figures(rays),
+        ],
+        shown=("verdict",),
         pipelines=dict(zip(_PIPELINES, (*shown[:2], boxsat), strict=True)),
-        runs=runs,
+        met=sum(claim.met for claim in claims),
+        claims=len(claims),
+        flips=sum(int(errors.flipped.sum()) for errors in even),
+        turned_frames=single_frame.FRAMES * runs,
+        centre_mm=cell(filtering.PRINTED[2].block.shown(filters.spin.last_third).max()),
+        panel_mm=cell(root_mean_square(best.position_mm)),
+        panel_deg=cell(root_mean_square(best.angle_deg)),
+        cut=_CUT if quick else "",
+        not_converged=_NOT_CONVERGED if quick else "",
+        low=low,
+        high=high,
+        compared=len(compared),
+        inside_ranges=sum(number.inside for number in compared),
+        spin=spin.scenario,
+        minutes=spin.scenario.frames / spin.scenario.frame_rate_hz / 60.0,
+        filters=filters,
+        disturbed=disturbed,
+        ray_cast=ray_cast,
+        boxsat=boxsat.scenario,
     )

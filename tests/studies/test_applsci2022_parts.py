@@ -56,7 +56,7 @@ def test_the_printed_chain_is_exact_without_noise_and_lost_with_wrong_matches() 
     both = CaseErrors.of(case, [lost, kept])
     last = np.rad2deg(np.linalg.norm([lost.attitude[10:], kept.attitude[10:]], axis=-1))
     assert both.error_at_end == pytest.approx(np.sqrt(np.nanmean(last**2)))
-    assert float(errors_table("key", "title", [both]).rows[0][5]) == pytest.approx(
+    assert float(errors_table("key", [both]).rows[0][5]) == pytest.approx(
         both.error_at_end, rel=5e-3
     )
     counts = outcomes_table("key", [both]).rows[0][1:]

@@ -1,5 +1,6 @@
 """What all studies are made of: cells and verdicts, panels, texts, planned runs."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import RunError
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.statistics import mean_squared
+from studies.folder import Study, StudyFigure
 from studies.panels import (
     Curve,
     Panel,
@@ -19,7 +21,7 @@ from studies.panels import (
     panels_figure,
 )
 from studies.tables import always, at_most, below, cell, inside, never, table, table_of, verdict
-from studies.text import study_text
+from studies.text import study_of
 from studies.work import Work
 
 
@@ -32,9 +34,9 @@ def test_cells_show_values_by_their_kind() -> None:
 
 def test_tables_of_records_and_tables_without_any() -> None:
     columns = {"name": lambda word: word, "letters": len}
-    found = table_of("key", "Title", ["a", "bcd"], columns, "Note.")
+    found = table_of("key", ["a", "bcd"], columns)
     assert found.header == ("name", "letters") and found.rows == (("a", "1"), ("bcd", "3"))
-    assert table("key", "Title", ("a", "b"), []).rows == (("none", "-"),)
+    assert table("key", ("a", "b"), []).rows == (("none", "-"),)
 
 
 def test_claims_are_met_up_to_their_bound() -> None:
@@ -48,9 +50,8 @@ def test_claims_are_met_up_to_their_bound() -> None:
         inside("c", "fair", mean_squared(squared, 3)),
         inside("c", "far", mean_squared(2.0 * squared, 3)),
     ]
-    rows = verdict("Every bar", claims, "chapter", "bar").rows
+    rows = verdict(claims, "chapter", "bar").rows
     assert [row[-1] for row in rows] == ["yes", "no"] and rows[0][0] == "c"
-    assert verdict("Every bar", claims, None, "bar", text_columns=4).header[0] == "quantity"
 
 
 def test_panels_stand_gaps_and_long_series() -> None:
@@ -67,21 +68,72 @@ def test_panels_stand_gaps_and_long_series() -> None:
         mean_squared_panel("none", unknown),
     ]
     assert panels[0].limits is not None and panels[0].limits[1] < 5.0, "not the start-up"
-    figure = panels_figure("key", "Title", "Caption", time_s, panels, dark=[(2000.0, 2600.0)])
+    figure = panels_figure("key", time_s, panels, dark=[(2000.0, 2600.0)])
     assert figure.svg.startswith(b"<?xml") and len(figure.svg) < 400_000
-    bars = bars_figure("b", "T", "C", {"a": np.ones(2), "b": np.ones(2)}, ("1", "2"), ("x", "y"))
+    bars = bars_figure("b", {"a": np.ones(2), "b": np.ones(2)}, ("1", "2"), ("x", "y"))
     assert bars.svg.startswith(b"<?xml")
 
 
-def test_texts_fill_in_their_fields_and_drop_what_is_then_empty(tmp_path: Path) -> None:
-    lines = "# Title\nThe line\nbelow.\n\n## First\nMade of {runs} runs.\n\n{cut}\n\n## Settings\n"
-    (tmp_path / "text.md").write_text(lines + "| a | b |\n| --- | --- |\n| {runs} | 2 |\n")
-    text = study_text(tmp_path)
-    assert (text.title, text.lead) == ("Title", "The line below.")
-    assert text.chapter("First", runs=3, cut="").text == ("Made of 3 runs.",)
-    assert text.table("settings", "Settings", 2, runs=5).rows == (("5", "2"),)
-    with pytest.raises(KeyError):
-        text.chapter("First", runs=3)
+PAGE = """# Title
+The line
+below.
+
+- best: {best:g} deg: at 1 %: {runs}
+- worst: 3
+
+## First
+Made of {runs} runs.
+
+{cut}
+
+### table settings: Settings
+| a | b |
+| --- | --- |
+| {runs} | 2 |
+
+Below it.
+
+## Second
+
+### table errors: Errors of {runs} runs
+A
+note.
+
+### figure? never: Not drawn
+
+### figure errors: Drawn: once
+Its caption.
+"""
+
+
+def page(folder: Path, figures: Sequence[StudyFigure], **fields: object) -> Study:
+    (folder / "text.md").write_text(PAGE)
+    errors = table("errors", ("a", "b"), [(1, 2)])
+    return study_of(folder, 4, [errors], figures, shown=("errors",), pipelines={}, **fields)
+
+
+def test_the_text_lays_out_the_page(tmp_path: Path) -> None:
+    made = page(tmp_path, [StudyFigure("errors", b"svg")], best=0.5, cut="")
+    assert (made.title, made.lead, made.runs) == ("Title", "The line below.", 4)
+    assert made.headline == (("best: 0.5 deg: at 1 %", "4"), ("worst", "3"))
+    first, second = made.chapters
+    assert (first.title, first.text) == ("First", ("Made of 4 runs.",))
+    settings, errors = first.tables[0], second.tables[0]
+    assert (settings.header, settings.rows) == (("a", "b"), (("4", "2"),))
+    assert (settings.note, settings.text_columns) == ("Below it.", 2)
+    assert (errors.title, errors.note) == ("Errors of 4 runs", "A note.")
+    assert errors.rows == (("1", "2"),)
+    assert second.figures == (StudyFigure("errors", b"svg", "Drawn: once", "Its caption."),)
+
+
+def test_a_page_without_a_field_or_a_piece_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(KeyError, match="cut"):
+        page(tmp_path, [StudyFigure("errors", b"svg")], best=0.5)
+    with pytest.raises(KeyError, match="errors"):
+        page(tmp_path, [], best=0.5, cut="")
+    two = [StudyFigure("errors", b"svg"), StudyFigure("another", b"svg")]
+    with pytest.raises(ValueError, match=r"no place for .*another"):
+        page(tmp_path, two, best=0.5, cut="")
 
 
 def twice(run: Run[int]) -> int:

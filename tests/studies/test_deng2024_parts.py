@@ -18,7 +18,7 @@ def study():
 
 def test_the_printed_motions():
     nutation, spin = paper.nutation(20.0), paper.spin(20.0)
-    assert np.allclose(nutation.start.printed_ratios, paper.NUTATION_RATIOS)
+    assert np.allclose(nutation.truth.printed_ratios, paper.NUTATION.ratios)
     np.testing.assert_allclose(np.degrees(spin.truth.omega_body), [[0.0, 2.3, 0.0]] * 41, atol=1e-9)
     assert np.ptp(nutation.truth.omega_body, axis=0).min() > 1e-3
 
@@ -65,8 +65,8 @@ def test_consistency_is_told_against_its_bounds():
     result = consistency.run_case(case)
     low, high = (float(word) for word in result.bounds.split(" to "))
     assert low < 1.0 < high
-    assert result.nees.shape == (21, 3)
-    assert result.judged.mean == pytest.approx(np.mean(result.nees, axis=1) / 11.0)
+    assert result.found.nees.shape == (21, 3)
+    assert result.judged.mean == pytest.approx(np.mean(result.found.nees, axis=1) / 11.0)
     row = nees_table([result]).rows[0]
     assert row[0] == case.name
     inside = np.mean(result.judged.inside[result.settled])

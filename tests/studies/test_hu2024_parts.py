@@ -19,8 +19,16 @@ from studies.hu2024.errors import (
     last_table,
 )
 from studies.hu2024.following import cases, disturbed_truth, judge
-from studies.hu2024.identification import REPORT_S, Method, run_identification
-from studies.hu2024.rmse import falls, rises_with_noise, rmse_figures, rmse_of, rmse_tables
+from studies.hu2024.identification import (
+    REPORT_S,
+    Method,
+    falls,
+    rises_with_noise,
+    rmse_figure,
+    rmse_of,
+    rmse_table,
+    run_identification,
+)
 from studies.hu2024.study import filter_runs, identification_batches, study
 from studies.work import Work
 
@@ -88,8 +96,9 @@ def test_rmse_with_its_tables_and_figures():
     assert rises_with_noise(rmse, Method.ARC)
     swapped = {name: rmse[name] for name in ("coarse", "fine")}
     assert not rises_with_noise(swapped, Method.ARC)
-    assert [table.key for table in rmse_tables(rmse, 8)] == ["fig05", "fig05_printed"]
-    assert b"<svg" in rmse_figures(rmse, 8)[0].svg
+    row = rmse_table("fig05", rmse, Method.ARC).rows[1]
+    assert (row[0], row[1], row[-2]) == ("coarse", "11.5", "falls")
+    assert b"<svg" in rmse_figure("fig05", rmse, Method.ARC).svg
 
 
 @pytest.fixture(scope="module")
@@ -127,10 +136,10 @@ def test_tables_of_the_filter(runs, monkeypatch):
     monkeypatch.setattr(paper, "LAST_S", 2.0)
     monkeypatch.setattr(paper, "blackouts_s", lambda: ((13.0, 15.0),))
     figures = error_figures(runs["unique axes"][0], runs["free axes"][0])
-    assert [figure.key for figure in figures] == [f"fig{k:02d}" for k in range(6, 12)]
-    table = last_table("matched", "title", runs["matched"])
+    assert {figure.key for figure in figures} == {f"fig{k:02d}" for k in range(6, 12)}
+    table = last_table("matched", runs["matched"])
     assert table.header == ("error norm", "RMS", "largest")
-    assert {row[0] for row in table.rows} >= {*(q.name for q in QUANTITIES), "points, m"}
+    assert {row[0] for row in table.rows} >= {*(q.label for q in QUANTITIES), "points, m"}
     assert len(blackout_table(runs["unique axes"]).rows) == 1
 
 

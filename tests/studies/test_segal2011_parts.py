@@ -17,8 +17,7 @@ from pcnav.simulation.motion import rotate_torque_free
 from studies import run_study
 from studies.segal2011 import paper
 from studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share
-from studies.segal2011.observability import arc_information
-from studies.segal2011.picking import picks_of
+from studies.segal2011.picking import arc_information, picks_of
 from studies.segal2011.runs import (
     QUANTITIES,
     Bank,
