@@ -23,7 +23,7 @@ class Agreement:
     """Returns at another depth or where space is predicted, and space where a surface is."""
 
     @property
-    def share(self) -> float:
+    def inlier_ratio(self) -> float:
         """Share of them that speak for it, 0 to 1; nan when the frame is silent."""
         either = self.agree + self.conflict
         return self.agree / either if either else float("nan")

@@ -50,7 +50,7 @@ def pose_hypotheses(
     for T_cam_model, rectangle in _distinct(_proposals(perceived), target):
         found = comparer.score(perceived.frame.depth_m, T_cam_model, tolerance)
         hypotheses.append(PoseHypothesis(T_cam_model, found, rectangle))
-    return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.agreement.share))
+    return tuple(sorted(hypotheses, key=lambda hypothesis: -hypothesis.agreement.inlier_ratio))
 
 
 def depth_tolerance(target: Target, range_sigma_m: float) -> float:

@@ -201,7 +201,7 @@ class FrameReader:
             perceived, expectation, self._settings.size_gate_sigma
         )
         tolerance = depth_tolerance(self._target, self._sigma_m)
-        share = agreement(perceived.frame.depth_m, expectation.rendered, tolerance).share
+        share = agreement(perceived.frame.depth_m, expectation.rendered, tolerance).inlier_ratio
         return View(perceived, faces, unused, share)
 
     @property

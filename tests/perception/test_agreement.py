@@ -35,7 +35,7 @@ def test_the_view_itself_agrees_everywhere() -> None:
     frame = image()
     frame[PART] = 5.0
     assert counts(frame) == (100, 0)
-    assert agreement(frame, view(), TOLERANCE).share == 1.0
+    assert agreement(frame, view(), TOLERANCE).inlier_ratio == 1.0
 
 
 def test_depths_count_by_the_tolerance() -> None:
@@ -92,16 +92,16 @@ def test_a_frame_beside_the_view_contradicts_it_twice() -> None:
     # Two columns fit, three are seen where space is, and of the eight missing columns the one
     # beside the returns has 40 % about it, but for its ends.
     assert counts(frame) == (20, 30 + 80 - 6)
-    assert agreement(frame, view(), TOLERANCE).share == pytest.approx(20 / 124)
+    assert agreement(frame, view(), TOLERANCE).inlier_ratio == pytest.approx(20 / 124)
 
 
 def test_share_is_nan_where_frame_and_view_are_silent() -> None:
     rendered = view((slice(0, 0), slice(0, 0)))
     rendered.triangle[:], rendered.depth_m[:] = -1, 0.0
     assert counts(image(), rendered) == (0, 0)
-    assert np.isnan(agreement(image(), rendered, TOLERANCE).share)
-    assert np.isnan(Agreement(0, 0).share)
-    assert Agreement(0, 3).share == 0.0
+    assert np.isnan(agreement(image(), rendered, TOLERANCE).inlier_ratio)
+    assert np.isnan(Agreement(0, 0).inlier_ratio)
+    assert Agreement(0, 3).inlier_ratio == 0.0
     # Where the view is empty, all returns speak against it.
     frame = image()
     frame[PART] = 5.0

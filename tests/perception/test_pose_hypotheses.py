@@ -26,7 +26,7 @@ def hypotheses_of(
 ) -> tuple[PoseHypothesis, ...]:
     perceived = perceive(frame, target.rectangles, SETTINGS, SIGMA, 0)
     found = pose_hypotheses(perceived, target, comparer, SIGMA)
-    shares = [h.agreement.share for h in found]
+    shares = [h.agreement.inlier_ratio for h in found]
     assert shares == sorted(shares, reverse=True)
     assert all(0.0 <= share <= 1.0 for share in shares)
     return found
@@ -55,7 +55,7 @@ def test_best_hypothesis_is_the_true_pose(
         if near and hypotheses[0] is near[0]:
             best += 1
             assert np.linalg.norm(hypotheses[0].T_cam_model[:3, 3] - T[:3, 3]) < 0.4
-            assert hypotheses[0].agreement.share > 0.7
+            assert hypotheses[0].agreement.inlier_ratio > 0.7
         # Distinct: no two within the angle and shift that make them one.
         for i, h in enumerate(hypotheses):
             for other in hypotheses[:i]:
@@ -81,7 +81,7 @@ def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
     assert len(twinwing.symmetry_transforms) == 2
     tolerance = depth_tolerance(twinwing, SIGMA)
     equal = [
-        comparer.score(frame.depth_m, pose, tolerance).share
+        comparer.score(frame.depth_m, pose, tolerance).inlier_ratio
         for pose in twinwing.equivalent_poses(T)
     ]
     assert equal[0] == pytest.approx(equal[1], abs=0.02)
@@ -91,9 +91,11 @@ def test_attitudes_that_the_symmetry_makes_equal_are_proposed_once(
         if twinwing.shows_alike(T, h.T_cam_model, angle_rad=0.1, shift_fraction=0.1)
     ]
     (best,) = right
-    assert best.agreement.share > 0.8
+    assert best.agreement.inlier_ratio > 0.8
     # The same attitude may be proposed elsewhere too, by a wing taken for the other one.
-    assert all(h.agreement.share < best.agreement.share for h in hypotheses if h is not best)
+    assert all(
+        h.agreement.inlier_ratio < best.agreement.inlier_ratio for h in hypotheses if h is not best
+    )
 
 
 def test_no_returns_no_hypotheses(boxsat: Target, camera: PinholeCamera) -> None:

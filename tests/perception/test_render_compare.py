@@ -295,7 +295,7 @@ def test_labels_show_the_pixels_of_each_face(
         half = 0.5 * np.array([face.rectangle.width_m, face.rectangle.length_m])
         assert np.all(np.abs(local[:, :2]) < half + 0.15)
         assert np.all(np.abs(local[:, 2]) < 5.0 * SIGMA)
-    assert comparison.agreement.share > 0.98
+    assert comparison.agreement.inlier_ratio > 0.98
     np.testing.assert_array_equal(comparison.rendered.depth_m, clean.depth_m)
 
 
@@ -354,4 +354,4 @@ def test_a_score_counts_returns_that_are_explained(
     assert right.conflict == 0
     turned = T.copy()
     turned[:3, :3] = T[:3, :3] @ exp_rotation(np.array([0.0, 0.8, 0.0]))
-    assert comparer.score(frame, turned, 0.01).share < 0.2
+    assert comparer.score(frame, turned, 0.01).inlier_ratio < 0.2

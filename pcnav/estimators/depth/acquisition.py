@@ -24,9 +24,9 @@ from pcnav.estimators.depth.motion_hypotheses import (
     first_state,
     start_covariance,
 )
+from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, joined
 from pcnav.estimators.depth.single_frame import (
-    SingleFramePose,
     agreeing_faces,
     best_first,
     compared_poses,
@@ -161,7 +161,7 @@ class Acquisition:
         if self._refined and best is not None:
             doubt = _DOUBT_WITHOUT_RATE if len(best.observations) == 1 else 1.0
             found = compared_poses(predicted, frame, self._reader, doubt)
-            followed = best_first(pose for pose in found if pose is not None)
+            followed = best_first(found)
             usual = max(observation.pose.inlier_ratio for observation in best.observations)
             enough = max(_WELL_EXPLAINED, usual - _MAX_DROP)
             if followed and followed[0].inlier_ratio >= enough:
@@ -189,12 +189,7 @@ class Acquisition:
             fit, views = self._fit_rectangles(arc, motion, frames, observers)
         if fit is None:
             return None
-        kalman = ErrorStateFilter(
-            fit.states[-1],
-            fit.covariance,
-            gate_probability=self._filtering.gate_probability,
-            max_iterations=self._filtering.iterations,
-        )
+        kalman = filter_from(fit, self._filtering)
         return Initialised(kalman, arc, decision.undecided, views[-1])
 
     def _compared(
@@ -251,6 +246,16 @@ class Acquisition:
         kept = {id(face) for face in faces}
         out = [Unused(f.seen, "contradicts the others") for f in view.faces if id(f) not in kept]
         return replace(view, faces=faces, unused=[*view.unused, *out])
+
+
+def filter_from(fit: ArcFit, table: FilterTable) -> Kalman:
+    """A filter that goes on from the end of a fitted arc."""
+    return ErrorStateFilter(
+        fit.states[-1],
+        fit.covariance,
+        gate_probability=table.gate_probability,
+        max_iterations=table.iterations,
+    )
 
 
 def condensed(timed: TimedMeasurements) -> TimedMeasurements:

@@ -11,7 +11,8 @@ from enum import Enum, auto
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD, NATS_PER_CONFLICT
-from pcnav.estimators.depth.single_frame import SingleFramePose, refined_hypotheses, refitted
+from pcnav.estimators.depth.pose_fit import SingleFramePose
+from pcnav.estimators.depth.single_frame import refined_hypotheses, refitted
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame

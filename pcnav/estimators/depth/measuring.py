@@ -1,10 +1,12 @@
-"""One update of the filter with one frame: expect a view, measure, update, and again if it moved.
+"""One update of the filter with one frame: predict a view, measure, update, and again if it moved.
 
-`RectangleUpdater` measures rectangles in the segmented frame, `RefinedUpdater` compares the frame
-with the rendered view. Both measure about the prediction first; the view is expected anew about
-the updated pose until that moves no more, and the filter always updates from the prediction.
+`update_by_rectangles` measures rectangles in the segmented frame, `update_by_comparison` compares
+the frame with the rendered view. Both measure about the prediction first; the view is predicted
+anew about the updated pose until that moves no more, and the filter always updates from the
+prediction.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -21,9 +23,11 @@ from pcnav.perception.reading import FrameReader, Trust
 from pcnav.recordings.sequence import Frame
 
 Kalman = ErrorStateFilter[NavigationState]
+UncertainPose = tuple[FloatArray, FloatArray]
+"""T_cam_model (4, 4) and the covariance (6, 6) of its error."""
 
-_MIN_EXPLAINED = 0.4
-"""Share of a frame that a prediction must explain for the frame to be believed of it."""
+_MIN_INLIER_RATIO = 0.4
+"""Of the view at a prediction, for the frame to be believed of it."""
 _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
 _SHARP_PX = 0.7
@@ -31,8 +35,9 @@ _SHARP_PX = 0.7
 _CHECK_PROBABILITY = 0.9999
 AGREES, CONTRADICTS = "check: agrees", "check: contradicts"
 """Outcomes of rectangles that RANSAC found, as a check on the track."""
+NOT_EXPLAINED = "frame not explained"
 _RECTANGLE_PASSES = 3
-_REFINED_PASSES = 6
+_COMPARISON_PASSES = 6
 
 
 @dataclass(frozen=True)
@@ -49,23 +54,21 @@ class Updated:
         return self.result is not None and any(self.result.accepted)
 
 
-class Updater(Protocol):
-    """A way to update the filter with a frame."""
+class Update(Protocol):
+    """A way to update the filter with a frame, or to leave it as predicted.
 
-    def __init__(self, reader: FrameReader) -> None: ...
+    ``start`` is a pose to measure about first, where the frame itself says where the target is
+    better than the prediction does.
+    """
 
-    def update(
+    def __call__(
         self,
+        reader: FrameReader,
         frame: Frame,
         kalman: Kalman,
         observer: ObserverPose,
-        start: tuple[FloatArray, FloatArray] | None = None,
-    ) -> Updated:
-        """Update the filter, or leave it as predicted.
-
-        ``start`` is a pose (4, 4) and its covariance (6, 6) to measure about first, where the frame
-        itself says where the target is better than the prediction does.
-        """
+        start: UncertainPose | None = None,
+    ) -> Updated: ...
 
 
 def pose_of(kalman: Kalman, observer: ObserverPose) -> FloatArray:
@@ -73,132 +76,107 @@ def pose_of(kalman: Kalman, observer: ObserverPose) -> FloatArray:
     return kalman.state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
 
 
-@dataclass(frozen=True)
-class RefinedUpdater:
-    """By comparison with the rendered view."""
+def predicted_pose(kalman: Kalman, observer: ObserverPose) -> UncertainPose:
+    """It, with its covariance."""
+    covariance = pose_covariance(kalman.state, kalman.covariance, observer)
+    return pose_of(kalman, observer), covariance
 
-    reader: FrameReader
 
-    def update(
-        self,
-        frame: Frame,
-        kalman: Kalman,
-        observer: ObserverPose,
-        start: tuple[FloatArray, FloatArray] | None = None,
-    ) -> Updated:
-        """See `Updater`.
+def update_by_comparison(
+    reader: FrameReader,
+    frame: Frame,
+    kalman: Kalman,
+    observer: ObserverPose,
+    start: UncertainPose | None = None,
+) -> Updated:
+    """By comparison with the rendered view, see `Update`.
 
-        A prediction that is sharp by the filter's own covariance takes one pass: the errors of the
-        comparison are then independent of those of the prediction.
-        """
-        prior = kalman.snapshot()
-        pose, spread = start or (
-            pose_of(kalman, observer),
-            pose_covariance(kalman.state, kalman.covariance, observer),
-        )
-        for _ in range(_REFINED_PASSES):
-            comparison = self.reader.compare(frame, pose, spread)
-            lever_m = 0.5 * self.reader.diameter_m
-            view = view_of_comparison(frame, comparison, lever_m, observer)
-            result = kalman.update(view.measurements)
-            if not any(result.accepted):
-                break
-            before, pose = pose, pose_of(kalman, observer)
-            if self.reader.moved_px(before, pose, frame) < _STILL_PX:
-                break
-            spread = pose_covariance(kalman.state, kalman.covariance, observer)
-            spread = spread + step_doubt(pose_error(before, pose))
-            after = kalman.snapshot()
-            kalman.restore(prior)
+    A prediction that is sharp by the filter's own covariance takes one pass: the errors of the
+    comparison are then independent of those of the prediction.
+    """
+    prior = kalman.snapshot()
+    pose, spread = start or predicted_pose(kalman, observer)
+    for _ in range(_COMPARISON_PASSES):
+        comparison = reader.compare(frame, pose, spread)
+        view = view_of_comparison(frame, comparison, 0.5 * reader.diameter_m, observer)
+        result = kalman.update(view.measurements)
+        if not any(result.accepted):
+            break
+        before, (pose, spread) = pose, predicted_pose(kalman, observer)
+        if reader.moved_px(before, pose, frame) < _STILL_PX:
+            break
+        spread = spread + step_doubt(pose_error(before, pose))
+        after = kalman.snapshot()
+        kalman.restore(prior)
+    else:
+        kalman.restore(after)
+    # A few returns can always be found where a wrong pose predicts a face.
+    if not view.inlier_ratio >= _MIN_INLIER_RATIO:
+        kalman.restore(prior)
+        return Updated(view.without_faces(NOT_EXPLAINED), None)
+    return Updated(view, result)
+
+
+def update_by_rectangles(
+    reader: FrameReader,
+    frame: Frame,
+    kalman: Kalman,
+    observer: ObserverPose,
+    start: UncertainPose | None = None,
+) -> Updated:
+    """By rectangles, see `Update`."""
+    prior = kalman.snapshot()
+    pose, spread = start or predicted_pose(kalman, observer)
+    shift, turn = (float(np.sqrt(np.trace(part))) for part in (spread[:3, :3], spread[3:, 3:]))
+    is_sharp = reader.pixels(shift, turn, pose, frame) < _SHARP_PX
+    view = reader.read(frame, pose, Trust.PIXELS if is_sharp else Trust.PLANES)
+    result = kalman.update(view_of_rectangles(view, observer).measurements)
+    for _ in range(_RECTANGLE_PASSES - 1):
+        before, pose = pose, pose_of(kalman, observer)
+        moved_px = reader.moved_px(before, pose, frame)
+        if moved_px < _STILL_PX or not reader.depends_on_pose:
+            break
+        if moved_px < _SHARP_PX:
+            view = reader.read_again(view, pose)
         else:
-            kalman.restore(after)
-        # A few returns can always be found where a wrong pose predicts a face.
-        if not view.inlier_ratio >= _MIN_EXPLAINED:
-            kalman.restore(prior)
-            return Updated(view.without_faces("frame not explained"), None)
-        return Updated(view, result)
-
-
-@dataclass(frozen=True)
-class RectangleUpdater:
-    """By rectangles."""
-
-    reader: FrameReader
-
-    def update(
-        self,
-        frame: Frame,
-        kalman: Kalman,
-        observer: ObserverPose,
-        start: tuple[FloatArray, FloatArray] | None = None,
-    ) -> Updated:
-        """See `Updater`."""
-        reader, prior = self.reader, kalman.snapshot()
-        if start is None:
-            pose = pose_of(kalman, observer)
-            spread = pose_covariance(kalman.state, kalman.covariance, observer)
-        else:
-            pose, spread = start
-        view = reader.read(frame, pose, self._trust(pose, spread, frame))
+            view = reader.read(frame, pose, Trust.PIXELS)
+        kalman.restore(prior)
         result = kalman.update(view_of_rectangles(view, observer).measurements)
-        for _ in range(_RECTANGLE_PASSES - 1):
-            before, pose = pose, pose_of(kalman, observer)
-            moved_px = reader.moved_px(before, pose, frame)
-            if moved_px < _STILL_PX or not reader.depends_on_pose:
-                break
-            if moved_px < _SHARP_PX:
-                view = reader.read_again(view, pose)
-            else:
-                view = reader.read(frame, pose, Trust.PIXELS)
-            kalman.restore(prior)
-            result = kalman.update(view_of_rectangles(view, observer).measurements)
-        seen = view_of_rectangles(view, observer)
-        if view.inlier_ratio < _MIN_EXPLAINED:
-            kalman.restore(prior)
-            return Updated(seen.without_faces("frame not explained"), None)
-        return Updated(seen, result)
-
-    def _trust(self, pose: FloatArray, spread: FloatArray, frame: Frame) -> Trust:
-        """How good a pose is, going by its covariance."""
-        shift = float(np.sqrt(np.trace(spread[:3, :3])))
-        turn = float(np.sqrt(np.trace(spread[3:, 3:])))
-        off_px = self.reader.pixels(shift, turn, pose, frame)
-        return Trust.PIXELS if off_px < _SHARP_PX else Trust.PLANES
+    seen = view_of_rectangles(view, observer)
+    if view.inlier_ratio < _MIN_INLIER_RATIO:
+        kalman.restore(prior)
+        return Updated(seen.without_faces(NOT_EXPLAINED), None)
+    return Updated(seen, result)
 
 
-@dataclass(frozen=True)
-class CheckedUpdater:
-    """By comparison; and rectangles of planes found by RANSAC say whether they agree with it."""
+def update_with_check(
+    reader: FrameReader,
+    frame: Frame,
+    kalman: Kalman,
+    observer: ObserverPose,
+    start: UncertainPose | None = None,
+) -> Updated:
+    """By comparison, see `Update`; and rectangles of planes found by RANSAC as a check.
 
-    reader: FrameReader
-
-    def update(
-        self,
-        frame: Frame,
-        kalman: Kalman,
-        observer: ObserverPose,
-        start: tuple[FloatArray, FloatArray] | None = None,
-    ) -> Updated:
-        """See `Updater`. The rectangles are recorded; the filter does not use the pixels twice."""
-        updated = RefinedUpdater(self.reader).update(frame, kalman, observer, start)
-        if not updated.is_good:
-            return updated
-        found = self.reader.read(frame, pose_of(kalman, observer), Trust.NONE)
-        view = view_of_rectangles(found, observer)
-        checks = []
-        for measurement, record in zip(view.measurements, view.records, strict=True):
-            squared, degrees = kalman.innovation(measurement)
-            agrees = squared <= innovation_gate(_CHECK_PROBABILITY, degrees)
-            checks.append(replace(record, outcome=AGREES if agrees else CONTRADICTS))
-        unused = (*updated.view.unused, *checks, *view.unused)
-        return replace(updated, view=replace(updated.view, unused=unused))
+    They are recorded; the filter does not use the pixels twice.
+    """
+    updated = update_by_comparison(reader, frame, kalman, observer, start)
+    if not updated.is_good:
+        return updated
+    found = reader.read(frame, pose_of(kalman, observer), Trust.NONE)
+    view = view_of_rectangles(found, observer)
+    checks = []
+    for measurement, record in zip(view.measurements, view.records, strict=True):
+        squared, degrees = kalman.innovation(measurement)
+        agrees = squared <= innovation_gate(_CHECK_PROBABILITY, degrees)
+        checks.append(replace(record, outcome=AGREES if agrees else CONTRADICTS))
+    unused = (*updated.view.unused, *checks, *view.unused)
+    return replace(updated, view=replace(updated.view, unused=unused))
 
 
-def updater_of(reader: FrameReader) -> Updater:
-    """The way to update that the settings ask for."""
-    ways: dict[Measurements, type[Updater]] = {
-        Measurements.REFINED: RefinedUpdater,
-        Measurements.RECTANGLES: RectangleUpdater,
-        Measurements.BOTH: CheckedUpdater,
-    }
-    return ways[reader.measured_by](reader)
+UPDATES: Mapping[Measurements, Update] = {
+    Measurements.REFINED: update_by_comparison,
+    Measurements.RECTANGLES: update_by_rectangles,
+    Measurements.BOTH: update_with_check,
+}
+"""The way to update that the settings ask for."""

@@ -18,7 +18,7 @@ from pcnav.dynamics.state import (
     V_HILL,
     NavigationState,
 )
-from pcnav.estimators.depth.single_frame import SingleFramePose
+from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.target.satellite import Target
 
 _MAX_STEP_RAD = 0.5

@@ -1,12 +1,15 @@
 """The pose that fits one frame: compared with its rendered view, moved, compared again."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, square_root
 from pcnav.filtering.error_state import innovation_gate
+from pcnav.perception.agreement import Agreement
 from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
 
 _MAX_PASSES = 8
@@ -14,23 +17,34 @@ _STEP_ERROR = 0.1
 """A step is right to this share of itself: the comparison is linear, the view is not."""
 _STILL_SHARE = 0.5
 """A step of less than this many standard deviations is the last."""
-_GATE_PROBABILITY = 0.9999
+GATE_PROBABILITY = 0.9999
+"""Of a face against the others of its frame."""
+
+F = TypeVar("F")
 
 
 @dataclass(frozen=True)
-class PoseFit:
-    """A pose fitted to one frame."""
+class SingleFramePose:
+    """A pose fitted to one frame, and what it rests on."""
 
     T_cam_model: FloatArray
     """(4, 4)"""
     covariance: FloatArray
     """(6, 6) of its error, as `pose_error`."""
-    comparison: Comparison
-    """The last one, at most a small step away from the pose."""
+    agreement: Agreement
+    """Of the frame with the target rendered at the pose, or at most a small step away."""
     used: tuple[str, ...]
     rejected: tuple[str, ...]
     """Names of the faces that agree, and of those that contradict the others."""
     converged: bool
+    """Whether a view predicted from it would move it no more."""
+    comparison: Comparison | None = None
+    """The last one, where the pose was fitted by comparison."""
+
+    @property
+    def inlier_ratio(self) -> float:
+        """Of the frame; nan where not rendered."""
+        return self.agreement.inlier_ratio
 
 
 def fit_pose(
@@ -40,7 +54,7 @@ def fit_pose(
     comparer: RenderComparer,
     *,
     spread: FloatArray | None = None,
-) -> PoseFit | None:
+) -> SingleFramePose | None:
     """Fit a pose to a frame, starting from a guess; None when nothing of the guess is seen.
 
     Args:
@@ -53,7 +67,7 @@ def fit_pose(
     prior = np.asarray(np.linalg.inv(covariance))
     guess, pose = T_cam_model, T_cam_model
     spread = covariance if spread is None else spread
-    fit: PoseFit | None = None
+    fit: SingleFramePose | None = None
     for _ in range(_MAX_PASSES):
         comparison = comparer.compare(depth_m, pose, spread)
         if not comparison.faces:
@@ -66,13 +80,14 @@ def fit_pose(
         pose = moved_pose(pose, step)
         converged = bool(step @ information @ step < _STILL_SHARE**2 * len(step))
         kept = {id(face) for face in faces}
-        fit = PoseFit(
+        fit = SingleFramePose(
             pose,
             posterior,
-            comparison,
+            comparison.agreement,
             tuple(face.name for face in faces),
             tuple(face.name for face in comparison.faces if id(face) not in kept),
             converged,
+            comparison,
         )
         if converged:
             break
@@ -86,34 +101,43 @@ def step_doubt(step: FloatArray) -> FloatArray:
     return np.diag((_STEP_ERROR * np.repeat([shift, turn], 3)) ** 2)
 
 
-def agreeing(
-    faces: tuple[FaceEvidence, ...], spread: FloatArray, lever_m: float
-) -> tuple[FaceEvidence, ...]:
+def consistent(faces: Sequence[F], excess: Callable[[list[F]], list[float]]) -> list[F]:
     """The faces that agree on a pose.
 
-    While there are three or more, the one that contradicts the rest most, beyond the 99.99 % gate,
-    is left out; of two that disagree none can be called wrong.
+    While there are three or more, the one that contradicts the rest most is left out; of two that
+    disagree none can be called wrong. ``excess`` gives the squared innovation of each face against
+    the pose of all others, over its gate.
     """
     used = list(faces)
-    prior = np.asarray(np.linalg.inv(spread))
     while len(used) > 2:
-        information = prior + sum(face.information for face in used)
-        vector = np.asarray(sum(face.vector for face in used))
-        excess = [_contradiction(face, information, vector, lever_m) for face in used]
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 1.0:
+        beyond = excess(used)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] <= 1.0:
             break
         used.pop(worst)
-    return tuple(used)
+    return used
+
+
+def agreeing(
+    faces: Sequence[FaceEvidence], spread: FloatArray, lever_m: float
+) -> list[FaceEvidence]:
+    """The faces compared with a view that agree on a pose, which may be off by ``spread``."""
+    prior = np.asarray(np.linalg.inv(spread))
+
+    def excess(used: list[FaceEvidence]) -> list[float]:
+        information = prior + sum(face.information for face in used)
+        vector = np.asarray(sum(face.vector for face in used))
+        return [_contradiction(face, information, vector, lever_m) for face in used]
+
+    return consistent(faces, excess)
 
 
 def _contradiction(
     face: FaceEvidence, information: FloatArray, vector: FloatArray, lever_m: float
 ) -> float:
-    """Squared innovation of one face against the pose of all others, over its gate."""
     others = np.asarray(np.linalg.inv(information - face.information))
     rows, value = square_root(face.information, face.vector, lever_m)
     innovation = value - rows @ (others @ (vector - face.vector))
     covariance = np.eye(len(value)) + rows @ others @ rows.T
     squared = float(innovation @ np.linalg.solve(covariance, innovation))
-    return squared / innovation_gate(_GATE_PROBABILITY, len(value))
+    return squared / innovation_gate(GATE_PROBABILITY, len(value))

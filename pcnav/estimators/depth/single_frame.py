@@ -8,7 +8,7 @@ whose camera is the world.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,13 +17,17 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
 from pcnav.estimators.depth.mass_centre import RectangleMeasurement
-from pcnav.estimators.depth.pose_fit import PoseFit, fit_pose
+from pcnav.estimators.depth.pose_fit import (
+    GATE_PROBABILITY,
+    SingleFramePose,
+    consistent,
+    fit_pose,
+)
 from pcnav.filtering.error_state import ErrorStateFilter, innovation_gate
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader, Trust, View
-from pcnav.perception.render_compare import Comparison
 from pcnav.recordings.sequence import Frame
 
 _MAX_HYPOTHESES = 4
@@ -45,35 +49,9 @@ _SAME_PX = 3.0
 """Poses that show no point of the target further apart are one."""
 _HELD_SD = 1e-9
 """Deviation of the parts of the state that are no pose: they stay where they are."""
-_GATE_PROBABILITY = 0.9999
 _STILL_SHARE = 1.0
 """A pass that moves every component by less than this share of its deviation is the last."""
 _POSE = np.r_[R_HILL, THETA_BODY]
-
-
-@dataclass(frozen=True)
-class SingleFramePose:
-    """A pose and what it rests on."""
-
-    T_cam_model: FloatArray
-    """(4, 4)"""
-    covariance: FloatArray
-    """(6, 6) of the model origin (m, camera axes) and the attitude error (rad, model axes)."""
-    agreement: Agreement
-    """Of the frame with the target rendered at the pose."""
-    used: tuple[str, ...]
-    """Names of the rectangles it was fused from."""
-    rejected: tuple[str, ...]
-    """Rectangles that contradict the others."""
-    converged: bool
-    """Whether expecting the view anew moved the pose no more."""
-    comparison: Comparison | None = None
-    """The last one, where the pose was fitted by comparison."""
-
-    @property
-    def inlier_ratio(self) -> float:
-        """Share of the frame that the pose explains; nan where not rendered."""
-        return self.agreement.share
 
 
 def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | None:
@@ -98,7 +76,7 @@ def refined_hypotheses(
     likely = [
         reader.nearest_equivalent(hypothesis.T_cam_model, near)
         for hypothesis in hypotheses
-        if hypothesis.agreement.share > hypotheses[0].agreement.share - _MAX_LAG
+        if hypothesis.agreement.inlier_ratio > hypotheses[0].agreement.inlier_ratio - _MAX_LAG
     ]
     return best_first(refitted(likely, perceived, reader))
 
@@ -114,14 +92,13 @@ def refitted(
     """Poses (4, 4) fitted to a frame in the way the reader measures; those that found a fit."""
     if reader.measured_by is Measurements.RECTANGLES:
         found = [refine_pose(T_cam_model, perceived, reader) for T_cam_model in poses]
-    else:
-        found = compared_poses(poses, perceived.frame, reader)
-    return [pose for pose in found if pose is not None]
+        return [pose for pose in found if pose is not None]
+    return compared_poses(poses, perceived.frame, reader)
 
 
 def compared_poses(
     hypotheses: Sequence[FloatArray], frame: Frame, reader: FrameReader, doubt: float = 1.0
-) -> list[SingleFramePose | None]:
+) -> list[SingleFramePose]:
     """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
 
     Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
@@ -129,9 +106,8 @@ def compared_poses(
     """
     comparer = reader.comparer(frame)
     rough = comparer.coarse(frame.depth_m)
-    sd = np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
-    sd = doubt * sd
-    coarse: list[PoseFit] = []
+    sd = doubt * np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
+    coarse: list[SingleFramePose] = []
     for T_cam_model in hypotheses:
         fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough)
         if fit is None:
@@ -139,37 +115,23 @@ def compared_poses(
         moved = [reader.moved_px(fit.T_cam_model, other.T_cam_model, frame) for other in coarse]
         if min(moved, default=np.inf) > _SAME_PX:
             coarse.append(fit)
-    found: list[SingleFramePose | None] = []
-    for start in _not_beaten(coarse):
-        # The frame is used once: the coarse pass says where to start, not what is known.
-        fit = fit_pose(
-            frame.depth_m, start.T_cam_model, np.diag(sd**2), comparer, spread=start.covariance
-        )
-        found.append(None if fit is None else _from_fit(fit))
-    return found
+    # The frame is used once: the coarse pass says where to start, not what is known.
+    found = (
+        fit_pose(frame.depth_m, at.T_cam_model, np.diag(sd**2), comparer, spread=at.covariance)
+        for at in _not_beaten(coarse)
+    )
+    return [pose for pose in found if pose is not None]
 
 
-def _not_beaten(fits: Sequence[PoseFit]) -> list[PoseFit]:
+def _not_beaten(fits: Sequence[SingleFramePose]) -> list[SingleFramePose]:
     """The fits that do not have clearly more pixels against them than another one."""
-    conflicts = np.array([fit.comparison.agreement.conflict for fit in fits], dtype=np.float64)
+    conflicts = np.array([fit.agreement.conflict for fit in fits], dtype=np.float64)
     if not len(conflicts):
         return []
     fewest = float(np.min(conflicts))
     # Counts vary by their roots.
     slack = _BEATEN_SD * np.sqrt(conflicts + fewest) + _BEATEN_SD
     return [fit for fit, near in zip(fits, conflicts - fewest <= slack, strict=True) if near]
-
-
-def _from_fit(fit: PoseFit) -> SingleFramePose:
-    return SingleFramePose(
-        fit.T_cam_model,
-        fit.covariance,
-        fit.comparison.agreement,
-        fit.used,
-        fit.rejected,
-        fit.converged,
-        fit.comparison,
-    )
 
 
 def refine_pose(
@@ -225,28 +187,17 @@ def fuse_faces(
 def agreeing_faces(
     faces: Sequence[MeasuredFace], T_cam_model: FloatArray, diameter_m: float
 ) -> list[MeasuredFace]:
-    """The faces of one frame that agree on a pose.
+    """The measured faces of one frame that agree on a pose. Arguments as for `fuse_faces`."""
 
-    While there are three or more, the one that contradicts the rest most, beyond the 99.99 % gate,
-    is left out; of two that disagree none can be called wrong. Arguments as for `fuse_faces`.
-    """
-    used = list(faces)
-    while len(used) > 2:
-        excess = [_contradiction(used, k, T_cam_model, diameter_m) for k in range(len(used))]
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 1.0:
-            break
-        used.pop(worst)
-    return used
+    def excess(used: list[MeasuredFace]) -> list[float]:
+        found = []
+        for face in used:
+            others = _fused([f for f in used if f is not face], T_cam_model, diameter_m)
+            squared, degrees = others.innovation(_measurement(face))
+            found.append(squared / innovation_gate(GATE_PROBABILITY, degrees))
+        return found
 
-
-def _contradiction(
-    faces: list[MeasuredFace], index: int, T_cam_model: FloatArray, diameter_m: float
-) -> float:
-    """Squared innovation of one face against the pose of all others, over its gate."""
-    others = _fused([f for k, f in enumerate(faces) if k != index], T_cam_model, diameter_m)
-    squared, degrees = others.innovation(_measurement(faces[index]))
-    return squared / innovation_gate(_GATE_PROBABILITY, degrees)
+    return consistent(faces, excess)
 
 
 def _fused(

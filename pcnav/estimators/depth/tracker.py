@@ -9,17 +9,22 @@ import numpy as np
 from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import ratio_covariance
-from pcnav.estimators.depth.acquisition import Acquisition, InitialArc, Initialised
+from pcnav.estimators.depth.acquisition import (
+    Acquisition,
+    InitialArc,
+    Initialised,
+    filter_from,
+)
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import MassBelief, learnt_belief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
-from pcnav.estimators.depth.measuring import Kalman, Updated, pose_of, updater_of
-from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance, pose_error
-from pcnav.estimators.depth.single_frame import SingleFramePose
+from pcnav.estimators.depth.measuring import UPDATES, Kalman, Updated, pose_of, predicted_pose
+from pcnav.estimators.depth.pose_fit import SingleFramePose
+from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_error
 from pcnav.estimators.depth.views import FrameView, silent_view
-from pcnav.filtering.error_state import ErrorStateFilter, UpdateResult, innovation_gate
-from pcnav.filtering.map_arc_fit import ArcFit, TimedMeasurements
+from pcnav.filtering.error_state import UpdateResult, innovation_gate
+from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.runs.results import FrameEstimate
@@ -33,8 +38,8 @@ _MAX_BLIND_FRAMES = 10
 """Frames with returns but without an accepted measurement before the track is given up."""
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
-_MIN_EXPLAINED = 0.5
-"""A pose found afresh that explains less of the frame is not believed."""
+_MIN_INLIER_RATIO = 0.5
+"""Of a pose found without the track, for it to be believed."""
 
 
 @dataclass
@@ -78,7 +83,7 @@ class Tracker:
         sigma_m = perception.range_sigma_m or info.range_sigma_m
         self._reader = FrameReader(target, perception, sigma_m, seed)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
-        self._updater = updater_of(self._reader)
+        self._update = UPDATES[perception.measured_by]
         self._model = MassCentreModel(
             info.mean_motion_rad_s,
             filtering.acceleration_psd_m2_s3,
@@ -102,11 +107,11 @@ class Tracker:
         else:
             estimate, view = self._follow(frame, observer, self._track)
         if estimate.status != self._status:
-            self._tell(frame, estimate)
+            self._log_status(frame, estimate)
             self._status = Status(estimate.status)
         return estimate, view
 
-    def _tell(self, frame: Frame, estimate: FrameEstimate) -> None:
+    def _log_status(self, frame: Frame, estimate: FrameEstimate) -> None:
         group = ""
         if estimate.status == Status.AMBIGUOUS:
             group = f", symmetry group {group_name(self._target.symmetry_transforms)}"
@@ -124,11 +129,7 @@ class Tracker:
 
     def _new_acquisition(self, belief: MassBelief) -> Acquisition:
         return Acquisition(
-            self._target,
-            self._reader,
-            self._model,
-            self._filtering,
-            belief,
+            *(self._target, self._reader, self._model, self._filtering, belief),
             refined=self._refined,
         )
 
@@ -159,7 +160,7 @@ class Tracker:
         if np.count_nonzero(frame.depth_m) < _MIN_RETURNS:
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, observer), view
-        updated = self._updater.update(frame, kalman, observer)
+        updated = self._update(self._reader, frame, kalman, observer)
         status = Status.COASTING
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)
@@ -207,45 +208,36 @@ class Tracker:
         self._extend_arc(track, updated.view, updated.result)
 
     def _extend_arc(self, track: _Track, view: FrameView, result: UpdateResult) -> None:
-        """Keep the young track's measurements, and go on from each fit of them all."""
+        """Keep the measurements of the initial arc, and go on from each fit of them all."""
         if track.arc is None:
             return
         passed = tuple(m for m, ok in zip(view.measurements, result.accepted, strict=True) if ok)
         fit = track.arc.extend(TimedMeasurements(view.frame.time_s, passed))
         if fit is not None:
-            track.kalman = self._filter_from(fit)
+            track.kalman = filter_from(fit, self._filtering)
         if track.arc.is_over:
             track.arc = None
-
-    def _filter_from(self, fit: ArcFit) -> Kalman:
-        return ErrorStateFilter(
-            fit.states[-1],
-            fit.covariance,
-            gate_probability=self._filtering.gate_probability,
-            max_iterations=self._filtering.iterations,
-        )
 
     def _found_again(
         self, frame: Frame, observer: ObserverPose, kalman: Kalman, found: Sequence[SingleFramePose]
     ) -> Updated | None:
-        """An update from where a fresh look finds the target, if the prediction allows that.
+        """An update from where the target is found without the track, if the prediction allows it.
 
         After a gap the prediction may be off by more than a comparison with its view can bridge.
         """
-        predicted = pose_of(kalman, observer)
-        spread = pose_covariance(kalman.state, kalman.covariance, observer)
+        predicted, spread = predicted_pose(kalman, observer)
         allowed = []
         for pose in found:
             error = pose_error(predicted, pose.T_cam_model)
             squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
             gate = innovation_gate(self._filtering.gate_probability, len(error))
-            if pose.inlier_ratio >= _MIN_EXPLAINED and squared < gate:
+            if pose.inlier_ratio >= _MIN_INLIER_RATIO and squared < gate:
                 allowed.append((squared, pose))
         if not allowed:
             return None
         best = min(allowed, key=lambda pair: pair[0])[1]
         start = (best.T_cam_model, best.covariance)
-        updated = self._updater.update(frame, kalman, observer, start)
+        updated = self._update(self._reader, frame, kalman, observer, start)
         return updated if updated.is_good else None
 
     def _lose(self, track: _Track) -> None:

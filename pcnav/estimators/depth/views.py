@@ -98,7 +98,7 @@ def view_of_comparison(
         tuple(_evidence_record(frame.time_s, faces[k], comparison.T_cam_model) for k in named),
         tuple(named),
         (),
-        comparison.agreement.share,
+        comparison.agreement.inlier_ratio,
     )
 
 

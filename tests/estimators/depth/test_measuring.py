@@ -12,7 +12,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
 from pcnav.estimators.depth.acquisition import condensed
-from pcnav.estimators.depth.measuring import Kalman, RefinedUpdater, pose_of
+from pcnav.estimators.depth.measuring import Kalman, pose_of, update_by_comparison
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
     PoseMeasurement,
@@ -30,8 +30,8 @@ Shoot = Callable[..., Frame]
 
 
 @pytest.fixture(scope="module")
-def updater(boxsat: Target) -> RefinedUpdater:
-    return RefinedUpdater(FrameReader(boxsat, PerceptionTable(), 0.02, 0))
+def reader(boxsat: Target) -> FrameReader:
+    return FrameReader(boxsat, PerceptionTable(), 0.02, 0)
 
 
 def covariance(shift_m: float, turn_rad: float) -> FloatArray:
@@ -60,7 +60,7 @@ def test_updates_are_as_good_as_they_say(
     state: NavigationState,
     observer: ObserverPose,
     shoot: Shoot,
-    updater: RefinedUpdater,
+    reader: FrameReader,
     shift_m: float,
     turn_rad: float,
 ) -> None:
@@ -70,7 +70,7 @@ def test_updates_are_as_good_as_they_say(
     errors = []
     for k in range(8):
         kalman = predicted(state, P, rng)
-        updated = updater.update(shoot(truth, k), kalman, observer)
+        updated = update_by_comparison(reader, shoot(truth, k), kalman, observer)
         assert updated.is_good
         assert updated.view.inlier_ratio > 0.9
         errors.append(squared_pose_error(kalman, truth, observer))
@@ -78,7 +78,7 @@ def test_updates_are_as_good_as_they_say(
 
 
 def test_a_frame_that_is_not_explained_leaves_the_prediction(
-    state: NavigationState, observer: ObserverPose, shoot: Shoot, updater: RefinedUpdater
+    state: NavigationState, observer: ObserverPose, shoot: Shoot, reader: FrameReader
 ) -> None:
     kalman = ErrorStateFilter(state, covariance(0.003, 5e-4))
     before = kalman.snapshot()
@@ -87,7 +87,7 @@ def test_a_frame_that_is_not_explained_leaves_the_prediction(
     frame = shoot(turned)
     empty = replace(frame, depth_m=np.zeros_like(frame.depth_m))
     for strange in (frame, empty):
-        updated = updater.update(strange, kalman, observer)
+        updated = update_by_comparison(reader, strange, kalman, observer)
         assert not updated.is_good
         assert updated.result is None
         assert [*updated.view.measurements, *updated.view.records] == []
@@ -97,7 +97,7 @@ def test_a_frame_that_is_not_explained_leaves_the_prediction(
 
 
 def test_a_pose_to_start_from_helps_a_prediction_that_is_far_off(
-    state: NavigationState, observer: ObserverPose, shoot: Shoot, updater: RefinedUpdater
+    state: NavigationState, observer: ObserverPose, shoot: Shoot, reader: FrameReader
 ) -> None:
     P = covariance(2.0, 0.3)
     truth = pose_of(ErrorStateFilter(state, P), observer)
@@ -106,16 +106,16 @@ def test_a_pose_to_start_from_helps_a_prediction_that_is_far_off(
     kalman = ErrorStateFilter(state.retract(error), P)
     off = moved_pose(truth, np.array([0.02, -0.01, 0.02, 0.003, 0.002, -0.003]))
     start = (off, np.diag(np.repeat([0.02, 3e-3], 3) ** 2))
-    updated = updater.update(shoot(truth), kalman, observer, start)
+    updated = update_by_comparison(reader, shoot(truth), kalman, observer, start)
     assert updated.is_good
     assert squared_pose_error(kalman, truth, observer) < chi2.isf(1e-4, 6)
 
 
 def test_faces_of_an_arc_are_condensed_into_one_measurement(
-    state: NavigationState, observer: ObserverPose, shoot: Shoot, updater: RefinedUpdater
+    state: NavigationState, observer: ObserverPose, shoot: Shoot, reader: FrameReader
 ) -> None:
     kalman = ErrorStateFilter(state, covariance(0.003, 5e-4))
-    view = updater.update(shoot(pose_of(kalman, observer)), kalman, observer).view
+    view = update_by_comparison(reader, shoot(pose_of(kalman, observer)), kalman, observer).view
     assert len(view.measurements) >= 3
     timed = condensed(TimedMeasurements(600.0, view.measurements))
     (one,) = timed.measurements

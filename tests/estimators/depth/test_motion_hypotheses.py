@@ -19,7 +19,7 @@ from pcnav.estimators.depth.motion_hypotheses import (
     first_state,
     start_covariance,
 )
-from pcnav.estimators.depth.single_frame import SingleFramePose
+from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.perception.agreement import Agreement
 from pcnav.target.satellite import Target
 

@@ -71,7 +71,7 @@ def test_pose_of_the_whole_satellite(
     assert shift_mm < most_mm
     assert turn_deg < most_deg
     assert pose.inlier_ratio > 0.5
-    assert pose.inlier_ratio == pose.agreement.share
+    assert pose.inlier_ratio == pose.agreement.inlier_ratio
     assert pose.agreement.agree + pose.agreement.conflict > 100
     assert len(pose.used) >= 1
     # The errors are those of one draw: 6 degrees of freedom, and only gross overconfidence shows.
