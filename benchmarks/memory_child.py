@@ -8,15 +8,15 @@ from pathlib import Path
 
 from pcnav.config.pipeline_file import read_pipeline
 from pcnav.pipeline import run
-from pcnav.runs.results import FrameEstimate
+from pcnav.runs.estimate import Estimate
 
 
 def main(sequence: Path, pipeline: Path, out: Path) -> None:
     """Run it, noting the peak after the last frame and at the end."""
     tracked = {"frames": 0, "bytes": 0}
 
-    def note(estimate: FrameEstimate, total: int) -> None:
-        if estimate.index + 1 == total:
+    def note(_: Estimate, done: int, total: int) -> None:
+        if done == total:
             tracked.update(frames=total, bytes=_peak_bytes())
 
     run(sequence, out, read_pipeline(pipeline), on_estimate=note)

@@ -15,16 +15,14 @@ import numpy as np
 
 from benchmarks.scenes import Case
 from pcnav.core.arrays import FloatArray
-from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.interface import AxesPolicy, Estimator, FirstPose, Given
 from pcnav.estimators.peers.icp import (
-    FEWER_NEIGHBOURS,
     START_TURN_DEG,
     Open3dIcp,
     SmallGicp,
     disturbed,
 )
-from pcnav.estimators.peers.interface import Estimator, FirstPose, Given
-from pcnav.estimators.registry import ESTIMATORS
+from pcnav.estimators.registry import ESTIMATORS, FEWER_NEIGHBOURS
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ def peer_threads() -> int:
 def followed(make: Callable[[Given], Estimator], first_pose: FirstPose, case: Case) -> Poses:
     """An estimator over all frames of a case."""
     target, pipeline = case.scene.target, case.scene.pipeline
-    given = Given(target, case.info, pipeline.perception, pipeline.filter, pipeline.seed)
+    given = Given(pipeline, case.info, target)
     if first_pose is FirstPose.NEAR:
         near = disturbed(case.T_cam_model[0], target.diameter_m)
         given = replace(given, T_cam_model_first=near)
@@ -71,35 +69,34 @@ def followed(make: Callable[[Given], Estimator], first_pose: FirstPose, case: Ca
         start = perf_counter()
         answer = estimator.step(frame)
         seconds[k] = perf_counter() - start
-        if answer.T_cam_model is not None:
-            T_cam_model[k] = answer.T_cam_model
+        if answer.T_cam_target is not None:
+            T_cam_model[k] = answer.T_cam_target
     return Poses(T_cam_model, seconds)
 
 
-def _method(
-    name: EstimatorName, start: str, make: Callable[[Given], Estimator] | None = None
-) -> Method:
+def _method(name: str, start: str, make: Callable[[Given], Estimator] | None = None) -> Method:
     """The estimator of a name; ``make`` replaces the way it is made."""
     entry = ESTIMATORS[name]
     estimate = partial(followed, make or entry.make, entry.first_pose)
-    return Method(entry.title, start, estimate, entry.remembers)
+    remembers = entry.axes is not AxesPolicy.SYMMETRY_OF_FRAME
+    return Method(entry.title, start, estimate, remembers)
 
 
 _NEAR = f"first pose within {START_TURN_DEG:g} deg"
 _THREADS = peer_threads()
-OURS = _method(EstimatorName.PCNAV, "nothing")
-SINGLE_FRAME = _method(EstimatorName.PCNAV_SINGLE_FRAME, "nothing, every frame anew")
-OPEN3D = _method(EstimatorName.OPEN3D_ICP, _NEAR, partial(Open3dIcp, threads=_THREADS))
+OURS = _method("pcnav", "nothing")
+SINGLE_FRAME = _method("pcnav_single_frame", "nothing, every frame anew")
+OPEN3D = _method("open3d_icp", _NEAR, partial(Open3dIcp, threads=_THREADS))
 OPEN3D_ROBUST = _method(
-    EstimatorName.OPEN3D_ICP_TUKEY, _NEAR, partial(Open3dIcp, robust=True, threads=_THREADS)
+    "open3d_icp_tukey", _NEAR, partial(Open3dIcp, robust=True, threads=_THREADS)
 )
-SMALL_GICP = _method(EstimatorName.SMALL_GICP, _NEAR, partial(SmallGicp, threads=_THREADS))
+SMALL_GICP = _method("small_gicp", _NEAR, partial(SmallGicp, threads=_THREADS))
 SMALL_GICP_LOCAL = _method(
-    EstimatorName.SMALL_GICP_10,
+    "small_gicp_10",
     _NEAR,
     partial(SmallGicp, neighbours=FEWER_NEIGHBOURS, threads=_THREADS),
 )
-KISS_ICP = _method(EstimatorName.KISS_ICP, "first pose exact")
+KISS_ICP = _method("kiss_icp", "first pose exact")
 METHODS = (OURS, SINGLE_FRAME, OPEN3D, OPEN3D_ROBUST, SMALL_GICP, SMALL_GICP_LOCAL, KISS_ICP)
 """Ours first."""
 ICP_PEERS = (OPEN3D, OPEN3D_ROBUST, SMALL_GICP, SMALL_GICP_LOCAL)

@@ -1,4 +1,4 @@
-"""The main job as a list of verbs: open, track, write, evaluate, report."""
+"""The main job as a list of verbs: open, estimate, write, evaluate, report. One for all kinds."""
 
 import filecmp
 import logging
@@ -11,47 +11,42 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import EstimatorTable, Pipeline
 from pcnav.core.errors import InputError
+from pcnav.dynamics.blocks import ATTITUDE, RATE
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.estimators.depth.tracker import Tracker
+from pcnav.estimators.choice import chosen
 from pcnav.estimators.depth.views import FrameView
+from pcnav.estimators.image_motion.source import TrackedImages
+from pcnav.estimators.interface import Estimator, Given
+from pcnav.estimators.registry import make_estimator
 from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_known
 from pcnav.evaluation.metrics import Metrics, evaluate
-from pcnav.evaluation.observability.sources import observability_of_depth, tables_for_report
-from pcnav.evaluation.track_errors import truth_of
-from pcnav.files.text_table import TextTable
-from pcnav.recordings.opening import open_sequence
+from pcnav.evaluation.observability.sources import tables_of_run
+from pcnav.recordings.images import ImageSequence
+from pcnav.recordings.opening import open_recording
+from pcnav.recordings.recording import Recording, truth_folder
 from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.stereo_tracks import read_truth_features
 from pcnav.recordings.truth import read_truth
-from pcnav.report.depth_report import ReportContent, write_report
 from pcnav.report.overlay import frame_picture
+from pcnav.report.run_report import ReportContent, write_report
+from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.provenance import library_versions, pipeline_toml
-from pcnav.runs.result_writer import ResultWriter
-from pcnav.runs.results import (
-    KNOWLEDGE_FILE,
-    METRICS_FILE,
-    PIPELINE_FILE,
-    REPORT_FILE,
-    FrameEstimate,
-    Track,
-    count_outcomes,
-    read_track,
-)
+from pcnav.runs.reader import read_run
+from pcnav.runs.result_files import KNOWLEDGE_FILE, METRICS_FILE, PIPELINE_FILE, REPORT_FILE
+from pcnav.runs.run import Run
+from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target, load_target
-from pcnav.target.symmetry import group_name
 
 _LOG = logging.getLogger("pcnav")
 
-_USED_BY_A_RUN = {"seed", "sequence", "target_mesh", "perception", "filter"}
-"""What of a pipeline a run reads or adds; the rest of the file describes a simulation."""
-
-OnStart = Callable[[Sequence, Target, Pipeline], None]
-"""Told of what is about to be followed, with the pipeline as run."""
-OnEstimate = Callable[[FrameEstimate, int], None]
-"""Told of every estimate and of how many frames there are."""
+OnStart = Callable[[Pipeline, Output], None]
+"""Told, before the first frame, of the pipeline as run and of what the estimates will hold."""
+OnEstimate = Callable[[Estimate, int, int], None]
+"""Told of every estimate, how many frames are done, and of how many."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +55,9 @@ class RunSummary:
 
     folder: Path
     metrics: Metrics
-    """Errors in it only where the sequence carries a truth."""
+    """Errors in it only where the recording carries a truth."""
     knowledge: RunKnowledge | None
-    """What the data told of every state; None without an estimate."""
+    """What the data told of every state; None without a prior or an estimate."""
 
     @property
     def report(self) -> Path:
@@ -71,125 +66,149 @@ class RunSummary:
 
 
 @dataclass(frozen=True)
-class _Showcase:
-    """The frame that the report shows."""
+class _Inputs:
+    """What a run is made from."""
 
-    estimate: FrameEstimate
-    view: FrameView
+    recording: Recording
+    as_run: Pipeline
+    """Names the estimator, and recording and mesh as absolute paths."""
+    target: Target | None
+    """Of depth frames."""
+
+    @property
+    def path(self) -> Path:
+        """Of the recording."""
+        assert self.recording.path is not None, "it was read from a file"
+        return self.recording.path
+
+    def make_estimator(self) -> Estimator:
+        """The one that is run."""
+        about = self.recording
+        given = Given(
+            self.as_run, about.info if isinstance(about, Sequence) else about, self.target
+        )
+        return make_estimator(str(self.as_run.estimator.kind), given)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Followed:
-    """What is kept of following the target, beside the estimates written."""
+    """What is kept of a run beside the estimates written."""
 
-    showcase: _Showcase | None
-    """None without frames."""
-    prior: PriorMass | None
+    prior: PriorMass | None = None
     """What the last track started from; None when none started."""
+    picture: tuple[Estimate, FrameView] | None = None
+    """The frame that the report shows; None of a run that measures no depth frames."""
+
+    def take(self, estimate: Estimate, estimator: Estimator) -> None:
+        """Take note after a frame."""
+        # A track that is lost forgets its prior, not the estimates it made.
+        self.prior = estimator.prior or self.prior
+        view = estimator.view
+        # The frame with more rectangles used; the later one of equals, being better estimated.
+        if view is not None and (
+            self.picture is None or _rectangles(estimate) >= _rectangles(self.picture[0])
+        ):
+            self.picture = estimate, view
 
 
 def run(
-    sequence_path: Path,
+    path: Path,
     out: Path,
-    pipeline: Pipeline,
+    pipeline: Pipeline | None = None,
     *,
+    estimator: str | None = None,
     target_mesh: Path | None = None,
     overwrite: bool = False,
+    source: Path | str = "pipeline",
     on_start: OnStart | None = None,
     on_estimate: OnEstimate | None = None,
 ) -> RunSummary:
-    """Estimate a target's motion from a depth sequence and write the result folder.
+    """Estimate a target's motion from a recording of any kind and write the result folder.
 
-    The mesh is ``target_mesh``, else the one the sequence names, else the pipeline's
-    ``target_mesh`` taken as a path. The pipeline saved with the result names the sequence and the
-    mesh as absolute paths. Raises `InputError` for a bad sequence, mesh, truth or existing result
-    folder; nothing is then left, and an earlier result stays as it was.
+    Args:
+        path: of the recording: a folder, a table or a video.
+        out: the result folder.
+        pipeline: settings and estimator; without one, those that the kind of recording has.
+        estimator: key in the registry; replaces the pipeline's.
+        target_mesh: of depth frames; else the one the sequence names, else the pipeline's
+            ``target_mesh`` taken as a path.
+        overwrite: whether an earlier result may be replaced.
+        source: the pipeline's file, which an `InputError` names.
+        on_start: see `OnStart`.
+        on_estimate: see `OnEstimate`.
+
+    Raises `InputError` for a bad recording, mesh, truth or existing result folder, and for an
+    estimator that does not fit; nothing is then left, and an earlier result stays as it was.
     """
-    sequence = open_sequence(sequence_path, target_mesh)
-    mesh = target_mesh or _mesh_of(sequence, pipeline)
-    _refuse_to_replace_input(out, sequence.path, mesh)
-    target = load_target(mesh)
+    inputs = _open(path, out, pipeline, estimator, target_mesh, source)
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
-    truth = truth_of(read_truth(sequence.path))
-    origin = {"sequence": str(sequence.path.resolve()), "target_mesh": str(mesh.resolve())}
-    as_run = pipeline.model_copy(update=origin)
-    with ResultWriter(out, overwrite) as writer:
+    folder = truth_folder(inputs.path)
+    truth, points = read_truth(folder), read_truth_features(folder)
+    symmetries = None if inputs.target is None else inputs.target.symmetry_transforms
+    running = inputs.make_estimator()
+    with RunWriter(out, running.output, overwrite) as writer:
         # At once: a run that is killed, or still goes on, can then be looked at.
-        writer.write_text(PIPELINE_FILE, pipeline_toml(as_run, library_versions(), of_a_run=True))
+        versions = library_versions()
+        writer.write_text(PIPELINE_FILE, pipeline_toml(inputs.as_run, versions, of_a_run=True))
         if on_start is not None:
-            on_start(sequence, target, as_run)
-        followed = _track(sequence, target, as_run, writer, on_estimate)
+            on_start(inputs.as_run, running.output)
+        followed = _estimate(inputs, running, writer, on_estimate)
         staging = writer.finish_tables()
-        track = read_track(staging, with_covariance=True)
-        metrics = evaluate(track, truth, target.symmetry_transforms)
+        if isinstance(inputs.recording, TrackedImages):
+            inputs.recording.write(staging)
+        found = read_run(staging, with_covariance=True)
+        metrics = evaluate(found, truth, symmetry_transforms=symmetries, true_points=points)
         if metrics.errors is not None:
             writer.write_json(METRICS_FILE, metrics.to_json())
-        knowledge = _knowledge(followed.prior, track, sequence.info.mean_motion_rad_s)
+        knowledge = _knowledge(followed.prior, found, inputs)
         if knowledge is not None:
             writer.write_text(KNOWLEDGE_FILE, knowledge_csv(knowledge))
-        picture, caption = _picture(target, followed.showcase)
-        report = ReportContent(
-            title=sequence.info.name,
-            target=target.name,
+        picture, caption = _picture(inputs, followed)
+        content = ReportContent(
+            title=inputs.recording.name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-            track=track,
-            outcomes=count_outcomes(staging),
+            run=found,
             metrics=metrics,
-            configuration=as_run.model_dump(mode="json", include=_USED_BY_A_RUN),
-            versions=library_versions(),
-            symmetry=group_name(target.symmetry_transforms),
+            target=inputs.target,
             knowledge=knowledge,
-            observability=_observability(as_run, sequence, target, track),
+            observability=tables_of_run(found, inputs.recording, inputs.target),
+            configuration=inputs.as_run.stated(of_a_run=True),
+            versions=versions,
             picture=picture,
             picture_caption=caption,
         )
-        write_report(staging / REPORT_FILE, report)
+        write_report(staging / REPORT_FILE, content)
     return RunSummary(out, metrics, knowledge)
 
 
-def _track(
-    sequence: Sequence,
-    target: Target,
-    pipeline: Pipeline,
-    writer: ResultWriter,
-    on_estimate: OnEstimate | None,
-) -> _Followed:
-    """Follow the target through the sequence; the estimates go to the writer as they come."""
-    tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
-    showcase: _Showcase | None = None
-    prior: PriorMass | None = None
-    for frame in sequence:
-        estimate, view = tracker.step(frame)
-        writer.add(estimate)
-        showcase = _better(showcase, _Showcase(estimate, view))
-        # A track that is lost forgets its prior, not the estimates it made.
-        prior = tracker.prior or prior
-        if on_estimate is not None:
-            on_estimate(estimate, len(sequence))
-    return _Followed(showcase, prior)
-
-
-def _knowledge(
-    prior: PriorMass | None, track: Track, mean_motion_rad_s: float
-) -> RunKnowledge | None:
-    """What the last estimate of a run knows beyond its prior."""
-    known = np.flatnonzero(track.has_estimate)
-    if prior is None or track.covariance is None or not known.size:
-        return None
-    last = known[-1]
-    R_hill_body = R_hill_world(track.time_s[last], mean_motion_rad_s) @ track.R_world_body[last]
-    return what_is_known(prior, track.covariance[last], R_hill_body, track.omega_body[last])
-
-
-def _observability(
-    pipeline: Pipeline, sequence: Sequence, target: Target, track: Track
-) -> tuple[TextTable, ...]:
-    """What the motion of a run makes observable; nothing is told without an estimate."""
-    if not track.has_estimate.any():
-        return ()
-    return tables_for_report(
-        lambda: observability_of_depth(sequence.info.name, pipeline, sequence, target, track)
-    )
+def _open(
+    path: Path,
+    out: Path,
+    pipeline: Pipeline | None,
+    estimator: str | None,
+    target_mesh: Path | None,
+    source: Path | str,
+) -> _Inputs:
+    choice = chosen(path, pipeline, estimator, source)
+    recording = open_recording(path, target_mesh, (choice.kind,))
+    assert recording.path is not None, "it was read from a file"
+    pipeline, inputs, target = pipeline or Pipeline(), [recording.path], None
+    as_run: dict[str, object] = {"sequence": str(recording.path.resolve())}
+    if str(pipeline.estimator.kind) != choice.estimator:
+        as_run["estimator"] = EstimatorTable(kind=choice.estimator)
+    if isinstance(recording, Sequence):
+        mesh = target_mesh or _mesh_of(recording, pipeline)
+        inputs.append(mesh)
+        as_run["target_mesh"] = str(mesh.resolve())
+    for each in inputs:
+        # Replacing a result folder must not delete what the new result is made from.
+        if each.resolve().is_relative_to(out.resolve()):
+            raise InputError(out, "folder", f"expected a result folder that does not hold {each}")
+    if isinstance(recording, Sequence):
+        target = load_target(mesh)
+    if isinstance(recording, ImageSequence):
+        recording = TrackedImages(recording, pipeline.feature_tracker)
+    return _Inputs(recording, pipeline.model_copy(update=as_run), target)
 
 
 def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
@@ -208,31 +227,52 @@ def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
     return mesh
 
 
-def _refuse_to_replace_input(out: Path, sequence: Path, mesh: Path) -> None:
-    """Replacing a result folder must not delete what the new result is made from."""
-    for source in (sequence, mesh):
-        if source.resolve().is_relative_to(out.resolve()):
-            raise InputError(out, "folder", f"expected a result folder that does not hold {source}")
+def _estimate(
+    inputs: _Inputs, estimator: Estimator, writer: RunWriter, on_estimate: OnEstimate | None
+) -> _Followed:
+    """Give the estimator every frame; the estimates go to the writer as they come."""
+    followed, done = _Followed(), 0
+    for done, frame in enumerate(inputs.recording, start=1):
+        estimate = writer.add(estimator.step(frame))
+        followed.take(estimate, estimator)
+        if on_estimate is not None:
+            # A damaged video may end before, or after, what its header says.
+            on_estimate(estimate, done, max(len(inputs.recording), done))
+    if not done:
+        raise InputError(inputs.path, "file", "expected at least one frame that can be read")
+    revised = estimator.finish()
+    if revised is not None:
+        writer.revise(revised)
+    return followed
 
 
-def _better(best: _Showcase | None, new: _Showcase) -> _Showcase:
-    """The frame with more rectangles used; the later one of equals, being better estimated."""
-    if best is None or new.estimate.n_rectangles >= best.estimate.n_rectangles:
-        return new
-    return best
+def _knowledge(prior: PriorMass | None, found: Run, inputs: _Inputs) -> RunKnowledge | None:
+    """What the last estimate of a run knows beyond its prior."""
+    known, trajectory = np.flatnonzero(found.has_estimate), found.trajectory
+    if prior is None or trajectory.covariance is None or not known.size:
+        return None
+    assert isinstance(inputs.recording, Sequence), "only runs on depth frames have a prior"
+    last = known[-1]
+    R_hill = R_hill_world(found.time_s[last], inputs.recording.info.mean_motion_rad_s)
+    R_hill_body = R_hill @ trajectory[ATTITUDE][last]
+    return what_is_known(prior, trajectory.covariance[last], R_hill_body, trajectory[RATE][last])
 
 
-def _picture(target: Target, showcase: _Showcase | None) -> tuple[Figure | None, str]:
-    if showcase is None:
+def _rectangles(estimate: Estimate) -> int:
+    return int(estimate.notes.get("n_rectangles") or 0)
+
+
+def _picture(inputs: _Inputs, followed: _Followed) -> tuple[Figure | None, str]:
+    if followed.picture is None or inputs.target is None:
         return None, ""
-    estimate, view = showcase.estimate, showcase.view
+    estimate, view = followed.picture
     frame = view.frame
     picture = frame_picture(
         frame.depth_m,
         frame.camera,
         view.image_labels,
         estimate.records,
-        wireframe_edges(target.mesh),
-        estimate.T_cam_model,
+        wireframe_edges(inputs.target.mesh),
+        estimate.T_cam_target,
     )
     return picture, f"Frame {frame.index} at {frame.time_s:g} s, status {estimate.status}."

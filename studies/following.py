@@ -10,13 +10,15 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import log_rotation, rotation_angle
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.evaluation.bound import pose_jacobian
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.recordings.sequence import Frame
-from pcnav.runs.results import FrameEstimate
+from pcnav.runs.estimate import Estimate
+from pcnav.runs.run import collected
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion
@@ -125,7 +127,7 @@ def follow(
     estimates, seconds = [], []
     for frame in scene.frames(blind):
         started = time.process_time()
-        estimate, _ = tracker.step(frame)
+        estimate = tracker.step(frame)
         seconds.append(time.process_time() - started)
         estimates.append(estimate)
         on_frame(frame)
@@ -160,18 +162,19 @@ def status_shares(runs: Sequence[JudgedRun]) -> str:
 def _judged(
     motion: TrueMotion,
     target: Target,
-    estimates: Sequence[FrameEstimate],
+    estimates: Sequence[Estimate],
     seconds: Sequence[float],
 ) -> JudgedRun:
     n, size = len(estimates), STATE_SIZE
+    found = collected("depth", Tracker.output, estimates)
     run = JudgedRun(
         time_s=motion.truth.time_s[:n],
-        status=tuple(str(estimate.status) for estimate in estimates),
+        status=found.status,
         seconds=np.array(seconds),
-        nis=np.array([estimate.nis for estimate in estimates]),
-        nis_dof=np.array([estimate.nis_dof for estimate in estimates], dtype=np.intp),
-        inlier_ratio=np.array([estimate.inlier_ratio for estimate in estimates]),
-        rectangles=np.array([estimate.n_rectangles for estimate in estimates], dtype=np.intp),
+        nis=found.nis,
+        nis_dof=found.nis_dof,
+        inlier_ratio=found.notes["inlier_ratio"],
+        rectangles=found.notes["n_rectangles"].astype(np.intp),
         pose_error=np.full((n, 6), np.nan),
         pose_covariance=np.full((n, 6, 6), np.nan),
         state_error=np.full((n, size), np.nan),
@@ -179,9 +182,10 @@ def _judged(
         filter_nees=np.full(n, np.nan),
     )
     for k, estimate in enumerate(estimates):
-        state, P, T_cam_model = estimate.state, estimate.covariance, estimate.T_cam_model
-        if state is None or P is None or T_cam_model is None:
+        P, T_cam_model = estimate.covariance, estimate.T_cam_target
+        if P is None or T_cam_model is None:
             continue
+        state = NavigationState(*(estimate[block] for block in MASS_CENTRE_LAYOUT.blocks))
         truth, symmetries = motion.state(k), target.symmetry_transforms
         H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k])
         run.pose_error[k] = errors_of_pose(T_cam_model, motion.truth.poses[k], symmetries)

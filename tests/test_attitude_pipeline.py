@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pcnav.attitude_pipeline import run_attitudes
 from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
 from pcnav.config.scenario import ScenarioTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.evaluation.observability.sources import observability_of_pipeline, observability_of_run
-from pcnav.pipeline import run as run_depth
+from pcnav.pipeline import run
 from pcnav.recordings.attitudes import read_attitudes, write_attitudes
 from pcnav.recordings.recording import RecordingKind
 from pcnav.simulation.depth import Scene
@@ -40,7 +39,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(recording: Path) -> Path:
     out = recording.parent / "result"
-    run_attitudes(recording, out, _shipped("deng2024", 161))
+    run(recording, out, _shipped("deng2024", 161))
     return out
 
 
@@ -66,7 +65,7 @@ def test_the_truth_is_not_used(recording: Path, result: Path, tmp_path: Path) ->
     (tmp_path / "blind").mkdir()
     text = (recording / "attitudes.csv").read_text()
     (tmp_path / "blind" / "attitudes.csv").write_text(text)
-    run_attitudes(tmp_path / "blind", tmp_path / "result", _shipped("deng2024", 161))
+    run(tmp_path / "blind", tmp_path / "result", _shipped("deng2024", 161))
     assert not (tmp_path / "result" / "metrics.json").exists()
     states = (tmp_path / "result" / "states.csv").read_text()
     assert states == (result / "states.csv").read_text()
@@ -75,7 +74,7 @@ def test_the_truth_is_not_used(recording: Path, result: Path, tmp_path: Path) ->
 def test_a_run_repeats_from_its_own_pipeline(result: Path, tmp_path: Path) -> None:
     pipeline = read_pipeline(result / "pipeline.toml")
     assert pipeline.sequence is not None
-    run_attitudes(Path(pipeline.sequence), tmp_path / "again", pipeline)
+    run(Path(pipeline.sequence), tmp_path / "again", pipeline)
     again = (tmp_path / "again" / "states.csv").read_text()
     assert again == (result / "states.csv").read_text()
 
@@ -84,7 +83,7 @@ def test_states_of_a_depth_run_are_attitudes_too(tmp_path: Path) -> None:
     mesh = shipped_mesh("boxsat")
     assert mesh is not None
     Scene.showing(load_target(mesh), _shipped("demo", 40)).write(tmp_path / "sequence")
-    run_depth(tmp_path / "sequence", tmp_path / "depth", _shipped("demo", 40))
+    run(tmp_path / "sequence", tmp_path / "depth", _shipped("demo", 40))
     states = tmp_path / "depth" / "states.csv"
     known = [bool(row["q_w"]) for row in _rows(states)]
     assert not known[0] and known[-1]
@@ -92,7 +91,7 @@ def test_states_of_a_depth_run_are_attitudes_too(tmp_path: Path) -> None:
     assert recording.has_attitude.tolist() == known
     # Their errors belong together, which the table does not say: the attitude is taken as it is.
     attitude_only = Pipeline(estimator=EstimatorTable(kind=EstimatorKind.ATTITUDE_INERTIA))
-    run_attitudes(states, tmp_path / "result", attitude_only)
+    run(states, tmp_path / "result", attitude_only)
     rows = _rows(tmp_path / "result" / "states.csv")
     assert [row["status"] == "acquiring" for row in rows] == [not each for each in known]
     depth = _rows(states)[-1]
@@ -108,7 +107,7 @@ def test_images_of_one_camera_give_inertia(tmp_path: Path) -> None:
     # A frame every five seconds: five minutes.
     pipeline = pipeline.model_copy(update={"scenario": ScenarioTable(frames=61, frame_rate_hz=0.2)})
     simulate(pipeline, kind=RecordingKind.IMAGES).write(tmp_path / "tracks")
-    run_attitudes(tmp_path / "tracks", tmp_path / "result", pipeline)
+    run(tmp_path / "tracks", tmp_path / "result", pipeline)
     metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())
     assert metrics["errors"]["inertia_ratios"]["last_third"]["rms"] < 0.05
     assert metrics["nees"]["omega_body"]["mean_per_degree_of_freedom"] < 2.0
@@ -136,7 +135,7 @@ def test_a_gap_is_coasted_through(recording: Path, tmp_path: Path) -> None:
     for k in range(121, 151):
         lines[k] = lines[k].split(",")[0] + ",,,,"
     (tmp_path / "gap" / "attitudes.csv").write_text("\n".join(lines) + "\n")
-    run_attitudes(tmp_path / "gap", tmp_path / "result", _shipped("deng2024", 161))
+    run(tmp_path / "gap", tmp_path / "result", _shipped("deng2024", 161))
     rows = _rows(tmp_path / "result" / "states.csv")
     assert [row["status"] for row in rows[118:153]] == (
         ["locked"] * 2 + ["coasting"] * 30 + ["locked"] * 3
@@ -161,6 +160,6 @@ def test_a_damaged_table_is_named(recording: Path, tmp_path: Path, change, told:
     table = tmp_path / "attitudes.csv"
     table.write_text(change((recording / "attitudes.csv").read_text()))
     with pytest.raises(InputError, match=told) as raised:
-        run_attitudes(table, tmp_path / "result", _shipped("deng2024", 161))
+        run(table, tmp_path / "result", _shipped("deng2024", 161))
     assert "attitudes.csv" in str(raised.value)
     assert not (tmp_path / "result").exists()

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from pcnav import feature_pipeline
+import pcnav.pipeline
 from pcnav.cli import main
 from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
@@ -18,24 +19,21 @@ from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
 from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATE, VELOCITY
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
-from pcnav.evaluation.feature_metrics import evaluate_features, principal_rotation
-from pcnav.feature_pipeline import estimate_tracks, run_features
+from pcnav.estimators.features.answer import Motion, Used, stereo_estimate, stereo_output
+from pcnav.estimators.interface import Estimator, Given
+from pcnav.estimators.registry import ESTIMATORS
+from pcnav.evaluation.errors import principal_rotation
 from pcnav.files.csv_table import read_csv
+from pcnav.pipeline import run
 from pcnav.recordings.stereo_tracks import read_stereo_tracks, read_truth_features
-from pcnav.recordings.tracks import StereoTracks, TrackFrame
+from pcnav.recordings.tracks import TrackFrame
 from pcnav.recordings.truth import read_truth
-from pcnav.report.feature_report import FeatureReport
-from pcnav.runs.feature_estimate import (
-    FeatureEstimate,
-    FeatureEstimator,
-    FeaturePoint,
-    MotionEstimate,
-)
-from pcnav.runs.feature_results import ERROR_SIZE
+from pcnav.runs.estimate import Estimate, FeaturePoint
 from pcnav.simulation.simulate import simulate
 
 SIGMA = 0.01
 ACQUIRING = 3
+ERROR_SIZE = 17
 RATIOS = (0.7, 0.5, 0.05, -0.02, 0.03)
 
 
@@ -50,8 +48,10 @@ def pipeline(kind: EstimatorKind = EstimatorKind.INERTIA_BANK, frames: int = 60)
     )
 
 
-class Oracle:
+class Oracle(Estimator):
     """Tells the truth of a recording with errors of known covariance, in axes of its own."""
+
+    output = stereo_output(("p_x", "weight_0"))
 
     def __init__(self, folder: Path, R_body_own: np.ndarray) -> None:
         self._truth = read_truth(folder)
@@ -60,27 +60,25 @@ class Oracle:
         self._rng = np.random.default_rng(3)
         self._frame = -1
 
-    def step(self, frame: TrackFrame) -> FeatureEstimate:
+    def step(self, frame: TrackFrame, /) -> Estimate:
         self._frame += 1
-        k, truth, R = self._frame, self._truth, self._R
+        k, truth, R, orbit = self._frame, self._truth, self._R, KeplerOrbit(0.001)
         if k < ACQUIRING:
-            return FeatureEstimate(frame.time_s, "acquiring", None)
+            return stereo_estimate(frame, orbit, "acquiring")
         assert truth is not None and self._points is not None
-        assert POSITION in truth and VELOCITY in truth
-        assert ATTITUDE in truth and RATE in truth
         error = SIGMA * self._rng.standard_normal(ERROR_SIZE)
         covariance = SIGMA**2 * np.eye(ERROR_SIZE)
         error[14:] = 0.0
         covariance[14:] = 0.0
         inertia = R.T @ inertia_from_ratios(np.array(RATIOS)) @ R
-        motion = MotionEstimate(
+        motion = Motion(
             r_hill=truth[POSITION][k] - error[:3],
             v_hill=truth[VELOCITY][k] - error[3:6],
             R_world_body=truth[ATTITUDE][k] @ R @ exp_rotation(-error[6:9]),
             omega_body=R.T @ truth[RATE][k] - error[9:12],
             inertia_ratios=ratios_from_inertia(inertia) - error[12:],
             covariance=covariance,
-            features={
+            points={
                 i: FeaturePoint(R.T @ p + [0.003, 0.0, 0.004], 1e-4 * np.eye(3))
                 for i, p in self._points.items()
                 if i != 4
@@ -91,8 +89,13 @@ class Oracle:
         notes = {"p_x": 0.5} if k % 2 else {"weight_0": 1.0, "p_x": 0.25}
         nis = float(self._rng.chisquare(16)) if used else float("nan")
         status = "locked" if used else "coasting"
-        dof = 4 * len(used)
-        return FeatureEstimate(frame.time_s, status, motion, used, rejected, nis, dof, notes)
+        use = Used(used, rejected, nis, 4 * len(used))
+        return stereo_estimate(frame, orbit, status, motion, use, notes)
+
+
+def put(monkeypatch: pytest.MonkeyPatch, kind: str, make: Callable[[Given], Estimator]) -> None:
+    """Put an estimator in place of one of the registry."""
+    monkeypatch.setitem(ESTIMATORS, kind, replace(ESTIMATORS[kind], make=make))
 
 
 @pytest.fixture
@@ -105,26 +108,25 @@ def recording(tmp_path: Path) -> Path:
 def with_oracle(recording: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[np.ndarray], None]:
     """Puts the oracle in place of both estimators, seeing axes turned by the rotation given."""
 
-    def put(R_body_own: np.ndarray) -> None:
-        def oracle(tracks: StereoTracks, as_run: Pipeline) -> FeatureEstimator:
-            assert as_run.sequence == str(tracks_folder)
+    def put_oracle(R_body_own: np.ndarray) -> None:
+        def oracle(given: Given) -> Estimator:
+            assert given.pipeline.sequence == str(recording.resolve())
             return Oracle(recording, R_body_own)
 
-        for kind in feature_pipeline.ESTIMATORS:
-            monkeypatch.setitem(feature_pipeline.ESTIMATORS, kind, oracle)
+        for kind in (EstimatorKind.PRINCIPAL_AXES, EstimatorKind.INERTIA_BANK):
+            put(monkeypatch, kind, oracle)
 
-    tracks_folder = recording.resolve()
-    return put
+    return put_oracle
 
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves the report empty: its figures take longer than all the rest."""
 
-    def write(path: Path, _: FeatureReport) -> None:
+    def write(path: Path, _: object) -> None:
         path.write_text("", encoding="utf-8")
 
-    monkeypatch.setattr(feature_pipeline, "write_feature_report", write)
+    monkeypatch.setattr(pcnav.pipeline, "write_report", write)
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
@@ -140,12 +142,13 @@ def test_a_run_writes_all_of_its_folder(
     with_oracle(np.eye(3))
     told: list[tuple[int, int]] = []
     out = tmp_path / "deep" / "run"
-    summary = run_features(
+    summary = run(
         recording, out, pipeline(), on_estimate=lambda _, done, total: told.append((done, total))
     )
     assert told == [(k, 60) for k in range(1, 61)]
-    names = ["covariances.npz", "features.csv", "metrics.json", "pipeline.toml", "poses.tum"]
-    assert sorted(p.name for p in out.iterdir()) == [*names, "report.html", "states.csv"]
+    names = ["covariances.npz", "features.csv", "metrics.json", "pipeline.toml"]
+    more = ["points.csv", "poses.tum", "report.html", "states.csv"]
+    assert sorted(p.name for p in out.iterdir()) == [*names, *more]
     assert [p.name for p in out.parent.iterdir()] == ["run"]
     assert summary.report == out / "report.html"
     assert summary.metrics.frames_compared == 57
@@ -160,7 +163,7 @@ def test_tables_hold_what_was_estimated(
     recording: Path, tmp_path: Path, with_oracle: Callable[[np.ndarray], None]
 ) -> None:
     with_oracle(np.eye(3))
-    run_features(recording, tmp_path / "run", pipeline())
+    run(recording, tmp_path / "run", pipeline())
     names = ("time_s", "r_x_m", "i_yy", "sd_theta_x_rad", "sd_i_yz", "nis", "p_x", "weight_0")
     counts = ("nis_dof", "n_features", "n_used", "n_rejected")
     columns = (*names, *counts, *("q_x", "q_y", "q_z", "q_w"))
@@ -199,7 +202,7 @@ def test_poses_are_those_of_the_body_in_the_rig(
     recording: Path, tmp_path: Path, with_oracle: Callable[[np.ndarray], None]
 ) -> None:
     with_oracle(np.eye(3))
-    run_features(recording, tmp_path / "run", pipeline())
+    run(recording, tmp_path / "run", pipeline())
     poses = np.loadtxt(tmp_path / "run" / "poses.tum")
     tracks, points = read_stereo_tracks(recording), read_truth_features(recording)
     assert points is not None
@@ -219,7 +222,7 @@ def test_metrics_and_consistency_are_those_of_the_oracle(
     recording: Path, tmp_path: Path, with_oracle: Callable[[np.ndarray], None]
 ) -> None:
     with_oracle(np.eye(3))
-    run_features(recording, tmp_path / "run", pipeline())
+    run(recording, tmp_path / "run", pipeline())
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text(encoding="utf-8"))
     errors = metrics["errors"]
     assert errors["r_hill_m"]["whole"]["rms"] == pytest.approx(SIGMA * 3**0.5, rel=0.2)
@@ -251,7 +254,7 @@ def test_truth_is_told_in_the_nearest_principal_axes(
 ) -> None:
     axes = principal_rotation(inertia_from_ratios(np.array(RATIOS)))
     with_oracle(axes * np.array([*signs, signs[0] * signs[1]]))
-    summary = run_features(
+    summary = run(
         recording, tmp_path / "run", pipeline(EstimatorKind.PRINCIPAL_AXES), overwrite=True
     )
     whole = {q.key: q.whole.rms for q in summary.metrics.quantities}
@@ -267,7 +270,7 @@ def test_axes_in_another_order_are_an_error(
 ) -> None:
     axes = principal_rotation(inertia_from_ratios(np.array(RATIOS)))
     with_oracle(axes[:, [1, 2, 0]])
-    summary = run_features(recording, tmp_path / "run", pipeline(EstimatorKind.PRINCIPAL_AXES))
+    summary = run(recording, tmp_path / "run", pipeline(EstimatorKind.PRINCIPAL_AXES))
     whole = {q.key: q.whole.rms for q in summary.metrics.quantities}
     assert whole["attitude"] > 30.0
     assert whole["features"] > 0.3
@@ -290,43 +293,37 @@ def test_a_recording_without_truth_gets_no_metrics(
     bare.mkdir()
     for name in ("tracks.csv", "rig.toml", "camera_attitude.csv"):
         (bare / name).write_bytes((recording / name).read_bytes())
-    track = estimate_tracks(read_stereo_tracks(bare), Oracle(recording, np.eye(3)))
-    metrics, errors = evaluate_features(track, None, None, principal=True)
-    assert errors is None
-    assert metrics.quantities == ()
-    monkeypatch.setitem(
-        feature_pipeline.ESTIMATORS,
-        EstimatorKind.INERTIA_BANK,
-        lambda *_: Oracle(recording, np.eye(3)),
-    )
-    run_features(bare, tmp_path / "run", pipeline())
+    put(monkeypatch, EstimatorKind.INERTIA_BANK, lambda _: Oracle(recording, np.eye(3)))
+    run(bare, tmp_path / "run", pipeline())
     assert not (tmp_path / "run" / "metrics.json").exists()
     assert "Against the truth" not in (tmp_path / "run" / "report.html").read_text()
 
 
-class Silent:
+class Silent(Estimator):
     """Never gets to an estimate."""
 
-    def step(self, frame: TrackFrame) -> FeatureEstimate:
-        return FeatureEstimate(frame.time_s, "acquiring", None)
+    output = stereo_output(())
+
+    def step(self, frame: TrackFrame, /) -> Estimate:
+        return Estimate(frame.time_s, "acquiring")
 
 
-class Failing:
+class Failing(Estimator):
     """Refuses the third frame."""
 
-    def step(self, frame: TrackFrame) -> FeatureEstimate:
+    output = stereo_output(())
+
+    def step(self, frame: TrackFrame, /) -> Estimate:
         if frame.time_s >= 1.0:
             raise InputError("tracks.csv", "feature", "expected what cannot be had")
-        return FeatureEstimate(frame.time_s, "acquiring", None)
+        return Estimate(frame.time_s, "acquiring")
 
 
 def test_a_run_without_an_estimate_says_so(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(
-        feature_pipeline.ESTIMATORS, EstimatorKind.INERTIA_BANK, lambda *_: Silent()
-    )
-    summary = run_features(recording, tmp_path / "run", pipeline())
+    put(monkeypatch, EstimatorKind.INERTIA_BANK, lambda _: Silent())
+    summary = run(recording, tmp_path / "run", pipeline())
     assert summary.metrics.frames_with_estimate == 0
     assert (tmp_path / "run" / "poses.tum").read_text() == ""
     assert "none" in (tmp_path / "run" / "report.html").read_text()
@@ -335,18 +332,16 @@ def test_a_run_without_an_estimate_says_so(
 def test_a_run_that_fails_leaves_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(
-        feature_pipeline.ESTIMATORS, EstimatorKind.INERTIA_BANK, lambda *_: Failing()
-    )
+    put(monkeypatch, EstimatorKind.INERTIA_BANK, lambda _: Failing())
     with pytest.raises(InputError, match="cannot be had"):
-        run_features(recording, tmp_path / "deep" / "run", pipeline())
+        run(recording, tmp_path / "deep" / "run", pipeline())
     assert [path.name for path in tmp_path.iterdir()] == ["tracks"]
 
 
 def test_a_result_does_not_replace_its_recording(recording: Path) -> None:
     for out in (recording, recording.parent):
         with pytest.raises(InputError, match="does not hold"):
-            run_features(recording, out, pipeline(), overwrite=True)
+            run(recording, out, pipeline(), overwrite=True)
     assert (recording / "tracks.csv").is_file()
 
 
@@ -415,14 +410,14 @@ def test_the_command_line_simulates_and_runs_tracks(
     recording, out, other = (tmp_path / name for name in ("tracks", "run", "other"))
     drawn = kind == "principal_axes"
     if not drawn:
-        monkeypatch.setattr(feature_pipeline, "write_feature_report", lambda *_: None)
+        monkeypatch.setattr(pcnav.pipeline, "write_report", lambda *_: None)
     assert command(monkeypatch, "simulate", file, "-o", recording) == 0
     assert f"{frames} frames, 0 of them empty" in capsys.readouterr().out
     assert command(monkeypatch, "run", recording, "--pipeline", file, "-o", out) == 0
     assert "report: " in capsys.readouterr().out
     assert not drawn or "States over time" in (out / "report.html").read_text(encoding="utf-8")
-    monkeypatch.setattr(feature_pipeline, "write_feature_report", lambda *_: None)
-    summary = run_features(recording / "tracks.csv", other, read_pipeline(out / "pipeline.toml"))
+    monkeypatch.setattr(pcnav.pipeline, "write_report", lambda *_: None)
+    summary = run(recording / "tracks.csv", other, read_pipeline(out / "pipeline.toml"))
     assert summary.metrics.frames == frames
     assert (other / "states.csv").read_bytes() == (out / "states.csv").read_bytes()
 

@@ -18,8 +18,9 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle, rotation_from_xyzw
 from pcnav.dynamics.blocks import ATTITUDE
 from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.estimators.image_motion.estimator import ImageMotionEstimator
 from pcnav.files.csv_table import read_csv
-from pcnav.image_pipeline import run_images
+from pcnav.pipeline import run
 from pcnav.recordings.monocular_tracks import (
     CAMERA_FILE,
     read_monocular_tracks,
@@ -27,9 +28,10 @@ from pcnav.recordings.monocular_tracks import (
 )
 from pcnav.recordings.tracks import TRACKS_FILE
 from pcnav.recordings.truth import read_truth
-from pcnav.runs.image_results import IMAGE_STATES_COLUMNS
 from pcnav.simulation.images import box_of_inertia
 from pcnav.simulation.simulate import simulate
+
+COLUMNS = ImageMotionEstimator.output.columns
 
 # The solver as printed needs no library; of exact tracks it is as good as any.
 EXACT = ImageMotionTable(
@@ -69,15 +71,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def states(folder: Path) -> dict[str, Any]:
     """Columns of states.csv: tuples of words, arrays of numbers."""
     words = ("status", "outcome")
-    table = read_csv(folder / "states.csv", IMAGE_STATES_COLUMNS, words)
-    numbers = {n: table.numbers((n,))[:, 0] for n in IMAGE_STATES_COLUMNS if n not in words}
+    table = read_csv(folder / "states.csv", COLUMNS, words)
+    numbers = {n: table.numbers((n,))[:, 0] for n in COLUMNS if n not in words}
     return {**numbers, **{name: table.words(name) for name in words}}
 
 
 def test_exact_tracks_give_the_true_motion(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    summary = run_images(recording, out, pipeline())
+    summary = run(recording, out, pipeline())
     names = {"states.csv", "metrics.json", "report.html", "pipeline.toml"}
+    names |= {"covariances.npz", "segments.csv"}
     assert {path.name for path in out.iterdir()} == names
     errors = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["errors"]
     assert set(errors) == {"attitude_deg", "omega_body_deg_s"}
@@ -123,7 +126,7 @@ def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
     for k in range(9, 14):
         frames[k] = replace(frames[k], features=frames[k].features + 10**6)
     write_monocular_tracks(tmp_path / "gaps", replace(tracks, frames=tuple(frames)))
-    summary = run_images(tmp_path / "gaps", tmp_path / "run", pipeline())
+    summary = run(tmp_path / "gaps", tmp_path / "run", pipeline())
     found = states(tmp_path / "run")
     assert found["status"][5:7] == ("coasting", "coasting")
     assert found["outcome"][5:7] == ("fewer than 12 matches",) * 2
@@ -143,7 +146,7 @@ def test_a_single_face_is_told_and_not_measured(tmp_path: Path) -> None:
     body = ahead.body.model_copy(update={"attitude_rotvec_deg": (0.0, 0.0, 0.0)})
     robust = ahead.model_copy(update={"body": body, "image_motion": ImageMotionTable()})
     simulate(robust).write(tmp_path / "plane")
-    run_images(tmp_path / "plane", tmp_path / "run", robust)
+    run(tmp_path / "plane", tmp_path / "run", robust)
     found = states(tmp_path / "run")
     assert found["outcome"][1:] == ("points of one plane explain the matches",) * 5
     assert found["status"] == ("acquiring",) * 6
@@ -157,7 +160,7 @@ def test_a_truth_is_compared_segment_by_segment(recording: Path, tmp_path: Path)
     ]
     write_monocular_tracks(tmp_path / "two", replace(tracks, frames=tuple(frames)))
     (tmp_path / "two" / "truth.csv").write_bytes((recording / "truth.csv").read_bytes())
-    summary = run_images(tmp_path / "two", tmp_path / "run", pipeline())
+    summary = run(tmp_path / "two", tmp_path / "run", pipeline())
     assert summary.metrics.frames_compared == 12
     assert summary.metrics.quantities[0].whole.maximum < 1e-6
 
@@ -201,19 +204,19 @@ def test_bad_input_is_one_line_and_leaves_nothing(recording: Path, tmp_path: Pat
     bare.mkdir()
     (bare / TRACKS_FILE).write_bytes((recording / TRACKS_FILE).read_bytes())
     with pytest.raises(InputError) as caught:
-        run_images(bare, tmp_path / "run", pipeline())
+        run(bare, tmp_path / "run", pipeline())
     assert CAMERA_FILE in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(InputError, match="images or a video"):
-        run_images(recording / "truth.csv", tmp_path / "run", pipeline())
+        run(recording / "truth.csv", tmp_path / "run", pipeline())
     with pytest.raises(InputError, match="does not hold"):
-        run_images(recording, recording, pipeline(), overwrite=True)
+        run(recording, recording, pipeline(), overwrite=True)
     late = tmp_path / "late"
     simulate(pipeline(frames=3)).write(late)
     rows = (late / "truth.csv").read_text(encoding="utf-8").splitlines()
     later = ",".join(["900.0", *rows[1].split(",")[1:]])
     (late / "truth.csv").write_text(f"{rows[0]}\n{later}\n", encoding="utf-8")
     with pytest.raises(InputError, match="none match"):
-        run_images(late, tmp_path / "run", pipeline())
+        run(late, tmp_path / "run", pipeline())
     assert not (tmp_path / "run").exists()
 
 
@@ -276,7 +279,7 @@ def test_images_are_followed_and_leave_their_tracks(tmp_path: Path) -> None:
     summary = simulate(small, target_mesh=mesh).write(tmp_path / "images")
     assert summary.endswith("(4 frames)")
     out = tmp_path / "run"
-    run_images(tmp_path / "images", out, small)
+    run(tmp_path / "images", out, small)
     tracks = read_monocular_tracks(out)
     assert len(tracks.frames) == 4
     assert tracks.pixel_sigma_px == small.feature_tracker.pixel_sigma_px
@@ -284,5 +287,5 @@ def test_images_are_followed_and_leave_their_tracks(tmp_path: Path) -> None:
     assert found["features"].tolist() == [len(frame.features) for frame in tracks.frames]
     assert (out / "metrics.json").is_file()
     # The result is a recording: it gives the same attitudes again.
-    run_images(out, tmp_path / "again", small)
+    run(out, tmp_path / "again", small)
     assert states(tmp_path / "again")["outcome"] == found["outcome"]

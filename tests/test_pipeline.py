@@ -24,7 +24,9 @@ from pcnav.pipeline import run
 from pcnav.recordings.truth import read_truth
 from pcnav.report import depth_report as report
 from pcnav.report import status
-from pcnav.runs.results import ACCEPTED, FrameEstimate, read_measurements, read_track
+from pcnav.runs.estimate import Estimate
+from pcnav.runs.reader import read_records, read_run
+from pcnav.runs.records import ACCEPTED
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
 
@@ -39,7 +41,7 @@ class Made:
     sequence: Path
     result: Path
     mesh: Path
-    told: list[tuple[FrameEstimate, int]]
+    told: list[tuple[Estimate, int, int]]
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +57,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     )
     sequence, result = folder / "sequence", folder / "result"
     Scene.showing(load_target(mesh), short).write(sequence)
-    told: list[tuple[FrameEstimate, int]] = []
+    told: list[tuple[Estimate, int, int]] = []
     run(sequence, result, Pipeline(seed=5), on_estimate=lambda *news: told.append(news))
     return Made(sequence, result, mesh, told)
 
@@ -77,47 +79,48 @@ def same_estimates(one: Path, other: Path) -> bool:
 
 
 def test_every_frame_is_told_of_once(made: Made) -> None:
-    assert [estimate.index for estimate, _ in made.told] == list(range(FRAMES))
-    assert {total for _, total in made.told} == {FRAMES}
-    track = read_track(made.result)
-    assert track.status == tuple(estimate.status for estimate, _ in made.told)
+    assert [(done, total) for _, done, total in made.told] == [
+        (k, FRAMES) for k in range(1, FRAMES + 1)
+    ]
+    track = read_run(made.result)
+    assert track.status == tuple(estimate.status for estimate, _, _ in made.told)
 
 
 def test_the_pose_is_found_and_as_good_as_it_should_be(made: Made) -> None:
-    track, truth = read_track(made.result), read_truth(made.sequence)
+    track, truth = read_run(made.result), read_truth(made.sequence)
     assert truth is not None and truth.T_cam_target is not None and RATE in truth
     assert track.has_estimate[4:].all()
     settled = slice(8, None)
-    T, true_T = track.T_cam_model[settled], truth.T_cam_target[settled]
+    assert track.trajectory.T_cam_target is not None
+    T, true_T = track.trajectory.T_cam_target[settled], truth.T_cam_target[settled]
     position_m = np.linalg.norm(T[:, :3, 3] - true_T[:, :3, 3], axis=1)
     turn = rotation_angle(np.swapaxes(true_T[:, :3, :3], 1, 2) @ T[:, :3, :3])
     # At 18 m with 10 mm of noise a single frame is good to about 0.5 mm and 0.03 degrees.
     assert np.max(position_m) < 2e-3
     assert np.max(np.degrees(turn)) < 0.1
-    spin = np.linalg.norm(track.omega_body[-1] - truth[RATE][-1])
+    spin = np.linalg.norm(track.trajectory[RATE][-1] - truth[RATE][-1])
     assert np.degrees(spin) < 0.1
     assert np.linalg.norm(truth[RATE][-1]) > np.radians(5.0)
 
 
 def test_the_rectangles_are_in_the_catalogue_and_of_its_sizes(made: Made) -> None:
     catalogue = {rectangle.name: rectangle for rectangle in load_target(made.mesh).rectangles}
-    used = [record for record in read_measurements(made.result) if record.outcome == ACCEPTED]
+    used = [record for record in read_records(made.result) if record.outcome == ACCEPTED]
     assert len(used) > FRAMES
     assert {record.rectangle for record in used} <= set(catalogue)
     assert len({record.rectangle for record in used}) >= 3
-    counts = read_track(made.result).n_rectangles
+    counts = read_run(made.result).notes["n_rectangles"]
     assert len(used) == counts.sum()
 
 
 def test_evo_reads_the_poses(made: Made) -> None:
-    track = read_track(made.result)
+    track = read_run(made.result)
     trajectory = read_tum_trajectory_file(str(made.result / "poses.tum"))
     assert trajectory.check()[0]
-    known = track.has_estimate
+    known, poses = track.has_estimate, track.trajectory.T_cam_target
+    assert poses is not None
     np.testing.assert_allclose(trajectory.timestamps, track.time_s[known], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        np.array(trajectory.poses_se3), track.T_cam_model[known], rtol=0, atol=1e-12
-    )
+    np.testing.assert_allclose(np.array(trajectory.poses_se3), poses[known], rtol=0, atol=1e-12)
 
 
 def test_metrics_have_every_quantity_and_its_unit(made: Made) -> None:
@@ -135,9 +138,10 @@ def test_what_is_known_of_every_state_is_written(made: Made) -> None:
         rows = list(csv.DictReader(file))
     # 20 states, 3 combinations of the mass centre's components and 5 of the inertia ratios.
     assert len(rows) == 28
-    track = read_track(made.result)
+    track = read_run(made.result)
     sd = np.array([float(row["posterior_sd"]) for row in rows[:STATE_SIZE]])
-    np.testing.assert_allclose(sd, track.sd[-1], rtol=1e-9)
+    assert track.trajectory.sd is not None
+    np.testing.assert_allclose(sd, track.trajectory.sd[-1], rtol=1e-9)
     target = load_target(made.mesh)
     prior = {row["state"]: float(row["prior_sd"]) for row in rows}
     for axis in "xyz":
@@ -221,7 +225,7 @@ def test_a_plain_bop_scene_needs_a_mesh_and_warns_once(
     (record,) = caplog.records
     for assumed in ("timestamp_s", "camera at rest", "sequence.toml"):
         assert assumed in record.getMessage()
-    track = read_track(tmp_path / "result")
+    track = read_run(tmp_path / "result")
     np.testing.assert_array_equal(track.time_s, np.arange(5.0))
     assert track.has_estimate.any()
 

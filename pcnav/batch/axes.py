@@ -12,8 +12,9 @@ from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationE
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.table import Fraction, NonNegative, Positive
-from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.files.toml_file import checked
+from pcnav.recordings.recording import RecordingKind
 
 AxisValue = str | float | int
 """What a case has on an axis."""
@@ -73,8 +74,9 @@ class Axis:
 
 
 def _known_estimator(name: str) -> str:
-    if name not in list(EstimatorName):
-        raise ValueError(f"expected some of {', '.join(EstimatorName)}")
+    known = [key for key, each in ESTIMATORS.items() if RecordingKind.DEPTH in each.takes]
+    if name not in known:
+        raise ValueError(f"expected some of {', '.join(known)}")
     return name
 
 

@@ -12,12 +12,10 @@ from pcnav.batch.judging import judge
 from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
 from pcnav.batch.scenario import run_pipeline
-from pcnav.estimators.names import EstimatorName
+from pcnav.estimators.interface import EstimatorEntry, FirstPose, Given
 from pcnav.estimators.peers.icp import disturbed
-from pcnav.estimators.peers.interface import FirstPose, Given
-from pcnav.estimators.registry import ESTIMATORS, Entry
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import SceneBound
-from pcnav.evaluation.track_errors import truth_of
 from pcnav.runs.provenance import library_versions_with_peers
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
@@ -38,16 +36,15 @@ class DepthRun:
         reset_peak_memory()
         pipeline, target = run_pipeline(self.basis, run)
         scene = Scene.of(pipeline, target.mesh)
-        entry = ESTIMATORS[EstimatorName(str(dict(run.case.settings)[ESTIMATOR_AXIS]))]
+        name = str(dict(run.case.settings)[ESTIMATOR_AXIS])
+        entry = ESTIMATORS[name]
         estimator = entry.make(given_to(entry, scene, target))
         # Who is told a true pose knows more than the bound, which knows the frames alone.
         bounded = entry.first_pose is not FirstPose.EXACT
         bound = SceneBound(scene, target) if bounded else None
         with _without_track_messages():
-            followed = follow(scene, estimator, bound)
-        truth = truth_of(scene.truth)
-        assert truth is not None
-        verdict = judge(followed, truth, target, remembers=entry.remembers)
+            followed = follow(scene, name, estimator, bound)
+        verdict = judge(followed, scene.truth, target)
         return RunRecord(
             run=run,
             columns=verdict.columns,
@@ -70,10 +67,9 @@ def _without_track_messages() -> Iterator[None]:
         logger.setLevel(before)
 
 
-def given_to(entry: Entry, scene: Scene, target: Target) -> Given:
+def given_to(entry: EstimatorEntry, scene: Scene, target: Target) -> Given:
     """What an estimator is told of a scene: the truth only where it says that it needs it."""
-    pipeline = scene.pipeline
-    given = Given(target, scene.info, pipeline.perception, pipeline.filter, pipeline.seed)
+    given = Given(scene.pipeline, scene.info, target)
     true_pose = scene.motion.truth.poses[0]
     match entry.first_pose:
         case FirstPose.NOTHING:

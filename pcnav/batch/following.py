@@ -1,15 +1,16 @@
 """One estimator over the frames of one scene; what it said, frame by frame, beside the bound."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, STATE_SIZE, THETA_BODY
-from pcnav.estimators.peers.interface import Answer, Estimator
+from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, THETA_BODY
+from pcnav.estimators.interface import Estimator
 from pcnav.evaluation.bound import SceneBound, pose_jacobian
-from pcnav.runs.results import Track
+from pcnav.runs.estimate import Estimate
+from pcnav.runs.run import Run, collected
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion
 
@@ -21,8 +22,8 @@ BOUNDED = ("position", "attitude", "rate", "com", "inertia_ratios")
 class Followed:
     """What an estimator said of a scene."""
 
-    track: Track
-    """With its covariances; nan throughout for an estimator that gives poses alone."""
+    run: Run
+    """With its covariances."""
     frame_s: FloatArray
     """(n,) processor time on each frame."""
     bound: FloatArray
@@ -31,24 +32,23 @@ class Followed:
     inertia ratios. nan where it does not hold."""
 
 
-def follow(scene: Scene, estimator: Estimator, bound: SceneBound | None = None) -> Followed:
-    """Put an estimator to all frames of a scene; one frame at a time is in memory.
+def follow(
+    scene: Scene, name: str, estimator: Estimator, bound: SceneBound | None = None
+) -> Followed:
+    """Put an estimator of a name to all frames of a scene; one frame at a time is in memory.
 
     What is kept of a frame is some 4 kB, most of it the covariance. Time is spent on the bound and
     on the frames themselves, too, but none of it counts.
     """
-    n = len(scene.motion.truth.time_s)
-    track, status = _empty_track(scene.motion.truth.time_s), []
+    n, estimates = len(scene.motion.truth.time_s), list[Estimate]()
     seconds, bounds = np.full(n, np.nan), np.full((n, len(BOUNDED)), np.nan)
     for k, frame in enumerate(scene):
         started = time.process_time()
-        answer = estimator.step(frame)
+        estimates.append(estimator.step(frame))
         seconds[k] = time.process_time() - started
-        _note(track, k, answer)
-        status.append(answer.status)
         if bound is not None:
             bounds[k] = _least_errors(bound.step(frame), scene.motion, k)
-    return Followed(replace(track, status=tuple(status)), seconds, bounds)
+    return Followed(collected(name, estimator.output, estimates), seconds, bounds)
 
 
 def _least_errors(P: FloatArray, motion: TrueMotion, k: int) -> FloatArray:
@@ -58,49 +58,3 @@ def _least_errors(P: FloatArray, motion: TrueMotion, k: int) -> FloatArray:
     blocks = (THETA_BODY, OMEGA_BODY, COM_MODEL, INERTIA_RATIOS)
     traces = [np.trace(H @ P @ H.T), *(variance[block].sum() for block in blocks)]
     return np.asarray(np.sqrt(traces))
-
-
-def _empty_track(times_s: FloatArray) -> Track:
-    """All nan, to be filled in place."""
-    n = len(times_s)
-
-    def unknown(*shape: int) -> FloatArray:
-        return np.full((n, *shape), np.nan)
-
-    return Track(
-        time_s=times_s,
-        r_hill=unknown(3),
-        v_hill=unknown(3),
-        com_model=unknown(3),
-        R_world_body=unknown(3, 3),
-        omega_body=unknown(3),
-        inertia_ratios=unknown(5),
-        sd=unknown(STATE_SIZE),
-        T_cam_model=unknown(4, 4),
-        status=(),
-        nis=unknown(),
-        nis_dof=np.zeros(n, dtype=np.intp),
-        window_nis=unknown(),
-        inlier_ratio=unknown(),
-        n_rectangles=np.zeros(n, dtype=np.intp),
-        covariance=unknown(STATE_SIZE, STATE_SIZE),
-    )
-
-
-def _note(track: Track, k: int, answer: Answer) -> None:
-    """Fill row k of a track."""
-    if answer.T_cam_model is not None:
-        track.T_cam_model[k] = answer.T_cam_model
-    estimate = answer.estimate
-    if estimate is None:
-        return
-    track.nis[k], track.nis_dof[k] = estimate.nis, estimate.nis_dof
-    track.window_nis[k], track.inlier_ratio[k] = estimate.window_nis, estimate.inlier_ratio
-    track.n_rectangles[k] = estimate.n_rectangles
-    state, covariance = estimate.state, estimate.covariance
-    if state is None or covariance is None or track.covariance is None:
-        return
-    track.r_hill[k], track.v_hill[k] = state.r_hill, state.v_hill
-    track.com_model[k], track.R_world_body[k] = state.com_model, state.R_world_body
-    track.omega_body[k], track.inertia_ratios[k] = state.omega_body, state.inertia_ratios
-    track.covariance[k], track.sd[k] = covariance, np.sqrt(np.diag(covariance))

@@ -152,14 +152,13 @@ class GridPlan:
         what a depth image can store.
         """
         # They bring Open3D, which a look at a grid alone does not need.
-        from pcnav.estimators.names import EstimatorName
         from pcnav.estimators.registry import ESTIMATORS
         from pcnav.target.satellite import load_target
 
         source = self.basis.source
         names = (str(dict(case.settings)[ESTIMATOR_AXIS]) for case in self.cases)
         for name in dict.fromkeys(names):
-            library = ESTIMATORS[EstimatorName(name)].library
+            library = ESTIMATORS[name].library
             if library is not None:
                 library(f"the estimator {name} of {source}")
         radius_m: dict[Path, float] = {}

@@ -6,19 +6,15 @@ import numpy as np
 
 from pcnav.batch.following import BOUNDED, Followed
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.core.spatial import rotation_angle, xyzw_from_rotation
-from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, V_HILL
+from pcnav.core.spatial import xyzw_from_rotation
+from pcnav.dynamics.blocks import CENTRE, RATE, RATIOS, VELOCITY, Block
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.estimators.interface import AxesPolicy
+from pcnav.evaluation.errors import Errors, errors
 from pcnav.evaluation.metrics import BLOCKS, squared_normalised_errors
 from pcnav.evaluation.model_distance import model_distances, surface_points
-from pcnav.evaluation.track_errors import (
-    TrackErrors,
-    Truth,
-    best_symmetry,
-    relabelled,
-    track_errors,
-)
 from pcnav.evaluation.trajectory import absolute_errors, relative_errors, root_mean_square
-from pcnav.runs.results import Track
+from pcnav.runs.run import Run
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target
 
@@ -46,82 +42,64 @@ class Verdict:
     values: dict[str, float]
 
 
-def judge(followed: Followed, truth: Truth, target: Target, *, remembers: bool = True) -> Verdict:
+def judge(followed: Followed, truth: Trajectory, target: Target) -> Verdict:
     """Compare what an estimator said with the truth.
 
-    Up to symmetry means: with the one equivalent truth that fits the run best. An estimator that
-    does not remember may take another in every frame.
+    Up to symmetry means: as the estimator's axes have it in the registry.
     """
-    track = followed.track
-    if not remembers:
-        nearest = _nearest_equivalent(track, truth, target.symmetry_transforms)
-        told = Truth(truth.time_s, T_cam_model=nearest)
-    else:
-        symmetry = best_symmetry(track, truth, target.symmetry_transforms)
-        told = relabelled(truth, target.symmetry_transforms[symmetry])
-    assert truth.T_cam_model is not None and told.T_cam_model is not None, "of a simulated motion"
-    errors = track_errors(track, told)
+    run, T_true = followed.run, truth.T_cam_target
+    plain = errors(run, truth, AxesPolicy.SAME)
+    found = errors(run, truth, symmetry_transforms=target.symmetry_transforms)
+    T_told, T_run = found.truth.T_cam_target, run.trajectory.T_cam_target
+    assert T_true is not None and T_told is not None and T_run is not None, "of simulated depth"
     distances = model_distances(
-        surface_points(target.mesh, target.symmetry_transforms),
-        truth.T_cam_model,
-        track.T_cam_model,
+        surface_points(target.mesh, target.symmetry_transforms), T_true, T_run
     )
     columns: dict[str, FloatArray | list[str]] = {
-        "time_s": track.time_s,
-        "status": list(track.status),
-        **_pose_errors(track_errors(track, truth), ""),
-        **_pose_errors(errors, "sym_"),
+        "time_s": run.time_s,
+        "status": list(run.status),
+        **_pose_errors(plain, ""),
+        **_pose_errors(found, "sym_"),
         "add_m": distances.add_m,
         "add_s_m": distances.add_s_m,
-        **_state_errors(errors),
-        **_consistency(errors, track),
+        "velocity_error_m_s": _norm_of(found, VELOCITY),
+        "rate_error_deg_s": np.rad2deg(_norm_of(found, RATE)),
+        "com_error_m": _norm_of(found, CENTRE),
+        "inertia_ratio_error": _norm_of(found, RATIOS),
+        **_consistency(found, run),
         **_bounds(followed.bound),
         "frame_ms": 1e3 * followed.frame_s,
-        **_poses("est", track.T_cam_model),
-        **_poses("true", truth.T_cam_model),
+        **_poses("est", T_run),
+        **_poses("true", T_true),
     }
-    values = _trajectory(told.T_cam_model, track.T_cam_model) | _locking(track, errors, target)
+    values = _trajectory(T_told, T_run) | _locking(run, found, target)
     values["ms_per_frame"] = 1e3 * float(np.mean(followed.frame_s))
-    values["frames"] = float(len(track))
+    values["frames"] = float(len(run))
     return Verdict(columns, values)
 
 
-def _nearest_equivalent(track: Track, truth: Truth, symmetries: FloatArray) -> FloatArray:
-    """(n, 4, 4) of the equivalent true poses those nearest in attitude, frame by frame."""
-    assert truth.T_cam_model is not None, "of a simulated motion"
-    options = truth.T_cam_model[:, None] @ symmetries
-    between = np.swapaxes(track.T_cam_model[:, None, :3, :3], -1, -2) @ options[..., :3, :3]
-    known = np.isfinite(between).all(axis=(1, 2, 3))
-    choice = np.zeros(len(track), dtype=np.intp)
-    choice[known] = rotation_angle(between[known]).argmin(axis=1)
-    return np.asarray(options[np.arange(len(track)), choice])
-
-
-def _pose_errors(errors: TrackErrors, told: str) -> dict[str, FloatArray]:
+def _pose_errors(found: Errors, told: str) -> dict[str, FloatArray]:
     return {
-        f"position_{told}error_m": _norm(errors.p_cam_m),
-        f"attitude_{told}error_deg": np.rad2deg(_norm(errors.theta_model_rad)),
+        f"position_{told}error_m": _norm(found.p_cam_m),
+        f"attitude_{told}error_deg": np.rad2deg(_norm(found.theta_model_rad)),
     }
 
 
-def _state_errors(errors: TrackErrors) -> dict[str, FloatArray]:
-    return {
-        "velocity_error_m_s": _norm(errors.state[:, V_HILL]),
-        "rate_error_deg_s": np.rad2deg(_norm(errors.state[:, OMEGA_BODY])),
-        "com_error_m": _norm(errors.state[:, COM_MODEL]),
-        "inertia_ratio_error": _norm(errors.state[:, INERTIA_RATIOS]),
-    }
+def _norm_of(found: Errors, block: Block) -> FloatArray:
+    """(n,) nan of what the estimator does not estimate."""
+    vectors = found.state.get(block.name)
+    return np.full(len(found.p_cam_m), np.nan) if vectors is None else _norm(vectors)
 
 
-def _consistency(errors: TrackErrors, track: Track) -> dict[str, FloatArray]:
-    assert track.covariance is not None, "a followed track has them"
-    nees = {
-        f"nees_{name}": squared_normalised_errors(
-            errors.state[:, block], track.covariance[:, block, block]
-        )
-        for name, block in BLOCKS.items()
-    }
-    return nees | {"nis": track.nis, "nis_dof": track.nis_dof.astype(np.float64)}
+def _consistency(found: Errors, run: Run) -> dict[str, FloatArray]:
+    nees = {f"nees_{name}": np.full(len(run), np.nan) for name in BLOCKS}
+    layout, P = run.trajectory.layout, run.trajectory.covariance
+    if P is not None and layout.blocks:
+        state = np.hstack([found[block] for block in layout.blocks])
+        for name, block in BLOCKS.items():
+            squared = squared_normalised_errors(state[:, block], P[:, block, block])
+            nees[f"nees_{name}"] = squared
+    return nees | {"nis": run.nis, "nis_dof": run.nis_dof.astype(np.float64)}
 
 
 def _bounds(bound: FloatArray) -> dict[str, FloatArray]:
@@ -151,14 +129,14 @@ def _trajectory(T_true: FloatArray, T_estimated: FloatArray) -> dict[str, float]
     }
 
 
-def _locking(track: Track, errors: TrackErrors, target: Target) -> dict[str, float]:
-    claims: BoolArray = np.array([word in CLAIMS for word in track.status])
+def _locking(run: Run, found: Errors, target: Target) -> dict[str, float]:
+    claims: BoolArray = np.array([word in CLAIMS for word in run.status])
     # Comparisons with nan are false: a claim without a pose is wrong.
-    near = _norm(errors.p_cam_m) <= RIGHT_FRACTION * target.diameter_m
-    near &= np.rad2deg(_norm(errors.theta_model_rad)) <= RIGHT_DEG
+    near = _norm(found.p_cam_m) <= RIGHT_FRACTION * target.diameter_m
+    near &= np.rad2deg(_norm(found.theta_model_rad)) <= RIGHT_DEG
     locks = np.flatnonzero(claims)
-    first = int(locks[0]) if locks.size else len(track)
-    elapsed_s = track.time_s[first] - track.time_s[0] if locks.size else np.nan
+    first = int(locks[0]) if locks.size else len(run)
+    elapsed_s = run.time_s[first] - run.time_s[0] if locks.size else np.nan
     return {
         "time_to_lock_s": float(elapsed_s),
         "share_locked_right": float(np.mean(claims & near)),

@@ -39,7 +39,7 @@ from pcnav.batch.tables import (
     without_empty_rows,
 )
 from pcnav.core.errors import InputError
-from pcnav.estimators.peers.interface import FirstPose
+from pcnav.estimators.interface import FirstPose
 from pcnav.files.new_folder import new_folder
 from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report.page import render

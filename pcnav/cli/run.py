@@ -8,10 +8,12 @@ import typer
 from pcnav.cli.names import mesh_of_pipeline, named_mesh, named_pipeline
 from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
-from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
-    from pcnav.cli.run_kinds import Work
+    from pcnav.config.pipeline_file import Pipeline
+    from pcnav.pipeline import RunSummary
+    from pcnav.runs.estimate import Estimate, Output
+    from pcnav.viewer.live import LiveView
 
 
 def run(
@@ -37,6 +39,10 @@ def run(
             "a result's pipeline.toml repeats its run."
         ),
     ] = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(help="Another estimator than the pipeline's, like open3d_icp or kiss_icp."),
+    ] = None,
     overwrite: Overwrite = False,
     view: Annotated[
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
@@ -50,7 +56,7 @@ def run(
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
-    run_into(sequence, target, pipeline, out, overwrite, port if view else None)
+    run_into(sequence, target, pipeline, out, overwrite, port if view else None, estimator)
 
 
 def run_into(
@@ -60,83 +66,69 @@ def run_into(
     out: Path,
     overwrite: bool,
     view_port: int | None = None,
+    estimator: str | None = None,
 ) -> None:
-    from pcnav.cli.run_kinds import attitudes_run, depth_run, images_run, tracks_run
-    from pcnav.config.pipeline_file import EstimatorKind, Pipeline
-    from pcnav.estimators.image_motion.source import is_seen_by_one_camera
-    from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording
-    from pcnav.recordings.monocular_tracks import CAMERA_FILE
-    from pcnav.recordings.tracks import TRACKS_FILE, tracks_folder
+    from pcnav.estimators.choice import chosen, refuse_mesh
+    from pcnav.pipeline import run as run_recording
+    from pcnav.recordings.recording import RecordingKind
 
-    path, content = Path("pipeline"), Pipeline()
-    if pipeline is not None:
-        path, content = named_pipeline(pipeline)
-    if content.estimator.kind is EstimatorKind.ATTITUDE_INERTIA:
-        if target_mesh is not None:
-            raise InputError(sequence, "--target", "expected none: attitudes need no mesh")
-        if not (is_seen_by_one_camera(sequence) or is_attitude_recording(sequence)):
-            expected = f"expected a table of attitudes, a folder with {ATTITUDES_FILE}, or images"
-            raise InputError(sequence, "recording", expected)
-        _carry_out(attitudes_run(sequence, content, out, overwrite), view_port)
-        return
-    by_images = content.estimator.kind is EstimatorKind.IMAGE_MOTION
-    if by_images or is_seen_by_one_camera(sequence):
-        if pipeline is not None and not by_images:
-            expected = f'expected "{EstimatorKind.IMAGE_MOTION}" for images of one camera'
-            raise InputError(path, "estimator.kind", f'{expected}, got "{content.estimator.kind}"')
-        if target_mesh is not None:
-            raise InputError(sequence, "--target", "expected none: images of one camera need none")
-        _carry_out(images_run(sequence, content, out, overwrite), view_port)
-        return
-    if tracks_folder(sequence) is not None:
-        if pipeline is None:
-            expected = "expected one with an estimator for stereo tracks, as hu2024 or segal2011"
-            beside = f"; tracks of one camera have {CAMERA_FILE} beside them"
-            raise InputError(sequence, "--pipeline", expected + beside)
-        if target_mesh is not None:
-            raise InputError(sequence, "--target", "expected none: feature tracks need no mesh")
-        _carry_out(tracks_run(sequence, path, content, out, overwrite), view_port)
-        return
-    if is_attitude_recording(sequence):
-        expected = (
-            f'expected one with the estimator "{EstimatorKind.ATTITUDE_INERTIA}" for attitudes'
-        )
-        raise InputError(sequence, "--pipeline", f"{expected}, as deng2024")
-    if content.estimator.kind is not EstimatorKind.DEPTH:
-        kind, expected = (
-            content.estimator.kind,
-            f"expected a folder with {TRACKS_FILE}, or that file",
-        )
-        raise InputError(sequence, "folder", f'{expected}, for the estimator "{kind}" of {path}')
-    if content.target_mesh is not None and target_mesh is None:
+    path, content = (Path("pipeline"), None) if pipeline is None else named_pipeline(pipeline)
+    choice = chosen(sequence, content, estimator, path)
+    if target_mesh is not None:
+        refuse_mesh(sequence, choice)
+    elif choice.kind is RecordingKind.DEPTH and content is not None and content.target_mesh:
         mesh = mesh_of_pipeline(path, content.target_mesh)
         content = content.model_copy(update={"target_mesh": str(mesh)})
     mesh_path = None if target_mesh is None else named_mesh(target_mesh)
-    _carry_out(depth_run(sequence, mesh_path, content, out, overwrite), view_port)
 
-
-def _carry_out(work: "Work", view_port: int | None) -> None:
-    """Do it, seen by whoever opens the page if a port is given, and tell what was found."""
-    from rich.console import Console
-
-    from pcnav.cli.view import serve_until_interrupted, tell_address
-
-    server = None
     with progress("run") as advance:
+
+        def work(view: "LiveView | None") -> "RunSummary":
+            def on_start(as_run: "Pipeline", output: "Output") -> None:
+                if view is not None:
+                    view.expect(out.name, as_run, output)
+
+            def on_estimate(estimate: "Estimate", done: int, total: int) -> None:
+                if view is not None:
+                    view.add(estimate)
+                advance(done, total)
+
+            return run_recording(
+                sequence,
+                out,
+                content,
+                estimator=estimator,
+                target_mesh=mesh_path,
+                overwrite=overwrite,
+                source=path,
+                on_start=on_start,
+                on_estimate=on_estimate,
+            )
+
         if view_port is None:
-            done = work(advance, None)
+            summary, server = work(None), None
         else:
+            from pcnav.cli.view import tell_address
             from pcnav.viewer.live import run_live
             from pcnav.viewer.server import LOOPBACK
 
-            done, server = run_live(
-                lambda view: work(advance, view),
-                view_port,
-                lambda served: tell_address(served, LOOPBACK, view_port),
+            summary, server = run_live(
+                work, view_port, lambda served: tell_address(served, LOOPBACK, view_port)
             )
-    Console().print(done.table)
-    typer.echo(f"report: {done.report}")
+    _tell(summary)
     if server is None:
-        typer.echo(f"web view: pcnav view {done.folder}")
+        typer.echo(f"web view: pcnav view {summary.folder}")
     else:
+        from pcnav.cli.view import serve_until_interrupted
+
         serve_until_interrupted(server)
+
+
+def _tell(summary: "RunSummary") -> None:
+    """Say what was found."""
+    from rich.console import Console
+
+    from pcnav.report.summary import summary_table
+
+    Console().print(summary_table(summary.metrics, summary.knowledge))
+    typer.echo(f"report: {summary.report}")

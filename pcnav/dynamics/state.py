@@ -66,6 +66,18 @@ class NavigationState:
         """(3, 3) inertia matrix over Ixx, body axes."""
         return inertia_from_ratios(self.inertia_ratios)
 
+    @property
+    def values(self) -> dict[str, FloatArray]:
+        """By name of a block; see `pcnav.dynamics.blocks`."""
+        return {
+            POSITION.name: self.r_hill,
+            VELOCITY.name: self.v_hill,
+            CENTRE.name: self.com_model,
+            ATTITUDE.name: self.R_world_body,
+            RATE.name: self.omega_body,
+            RATIOS.name: self.inertia_ratios,
+        }
+
     def retract(self, error: FloatArray) -> "NavigationState":
         """The state moved by a (20,) error: additive, the attitude by ``R exp(theta)``.
 

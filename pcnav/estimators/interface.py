@@ -1,26 +1,38 @@
 """What every estimator is given, what it answers, and what is known of it beforehand."""
 
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from pcnav.dynamics.blocks import Layout
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.recordings.recording import RecordingKind
-from pcnav.runs.estimate import Estimate
+from pcnav.runs.estimate import Estimate, Output
+
+if TYPE_CHECKING:
+    from pcnav.estimators.depth.views import FrameView
+    from pcnav.target.satellite import Target
 
 
 class AxesPolicy(Enum):
-    """How a truth is brought into the axes that an estimator reports in."""
+    """How a truth is brought into the axes that an estimator reports in.
+
+    A run that began axes of its own has segments: they decide then, whatever its estimator says.
+    """
 
     SAME = "same"
     """They are the truth's."""
     SYMMETRY = "symmetry"
     """They are the model's, up to the target's symmetry: the nearest equivalent truth counts."""
+    SYMMETRY_OF_FRAME = "symmetry_of_frame"
+    """So, but in every frame another: of an estimator that remembers nothing."""
     PRINCIPAL = "principal"
     """They are the principal axes, of falling moments, with the signs nearest to the run."""
     PER_SEGMENT = "per_segment"
-    """They are the camera's at the first frame of every segment."""
+    """They are the camera's at the first frame of every segment of the run."""
 
 
 class FirstPose(StrEnum):
@@ -28,18 +40,68 @@ class FirstPose(StrEnum):
 
     NOTHING = "nothing"
     NEAR = "near"
-    """True but for a fixed turn and shift."""
+    """True but for a fixed turn and shift, see `pcnav.estimators.peers.icp.disturbed`."""
     EXACT = "exact"
     """True: an odometry without a model says motions only, and its errors are to be its own."""
 
 
-class Estimator(Protocol):
+@dataclass(frozen=True)
+class Given:
+    """What an estimator knows before the first frame."""
+
+    pipeline: Pipeline
+    """Its settings, and the seed of its own random draws."""
+    about: Any
+    """What holds for the whole recording: a `SequenceInfo` of depth frames, otherwise the
+    recording, whose frames are none of its business yet."""
+    model: "Target | None" = None
+    """Of depth frames."""
+    T_cam_model_first: FloatArray | None = None
+    """(4, 4) pose in the first frame, for those that cannot start without one."""
+
+    @property
+    def target(self) -> "Target":
+        """The target's model. Raises ``ValueError`` where none was given."""
+        if self.model is None:
+            raise ValueError("model: expected that of the target")
+        return self.model
+
+    @property
+    def range_sigma_m(self) -> float:
+        """Noise along the ray as everyone is told it."""
+        return float(self.pipeline.perception.range_sigma_m or self.about.range_sigma_m)
+
+    @property
+    def first_pose(self) -> FloatArray:
+        """The pose in the first frame. Raises ``ValueError`` where none was given."""
+        if self.T_cam_model_first is None:
+            raise ValueError("T_cam_model_first: expected a pose, this estimator cannot start")
+        return self.T_cam_model_first
+
+
+class Estimator(ABC):
     """Takes in the frames of a recording in order of time."""
 
-    layout: Layout
+    output: Output
+    """What its answers hold."""
 
+    @abstractmethod
     def step(self, frame: Any, /) -> Estimate:
         """The estimate at the time of the frame. Raises `InputError` for one that cannot be."""
+
+    def finish(self) -> Sequence[Estimate] | None:
+        """All estimates once more, where frames that came later change them."""
+        return None
+
+    @property
+    def view(self) -> "FrameView | None":
+        """The last frame as it was understood, of one that measures depth frames."""
+        return None
+
+    @property
+    def prior(self) -> PriorMass | None:
+        """What was believed of the mass before the first frame, of one with such a belief."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -47,18 +109,14 @@ class EstimatorEntry:
     """One estimator, as the registry lists it."""
 
     title: str
-    takes: frozenset[RecordingKind]
-    """The kinds of recordings that it lives on."""
+    takes: tuple[RecordingKind, ...]
+    """The kinds of recordings that it lives on; the first is the one that is simulated for it."""
     axes: AxesPolicy
-    layout: Layout
-    make: Callable[..., Estimator]
-    settings: frozenset[str]
-    """The tables of the pipeline file that it reads."""
+    make: Callable[[Given], Estimator]
+    """Imports what it needs: the registry itself is light."""
     first_pose: FirstPose = FirstPose.NOTHING
-    remembers: bool = True
-    """Whether a pose follows from earlier ones: a symmetric target must then keep one attitude."""
     library: Callable[[str], object] | None = None
     """Imports an extra that it needs; given what for, raises `InputError` where it is missing."""
-
-
-Registry = Mapping[str, EstimatorEntry]
+    judged_over_trace: bool = False
+    """Whether the NEES of the inertia is that of its entries over the trace: in ratios a wide
+    distribution is a bent one."""

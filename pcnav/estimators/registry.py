@@ -1,57 +1,173 @@
-"""Every estimator under test by its name: what it is called, what it is told, how it is made."""
+"""Every estimator by its key: what a run, a table of runs and a view know of it beforehand."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
+from typing import TYPE_CHECKING
 
 from pcnav.config.depth import Measurements, PerceptionMode
+from pcnav.config.pipeline_file import EstimatorKind
 from pcnav.core._extras import small_gicp
-from pcnav.estimators.names import EstimatorName
-from pcnav.estimators.peers.icp import FEWER_NEIGHBOURS, Open3dIcp, SmallGicp
-from pcnav.estimators.peers.interface import Estimator, FirstPose, Given
-from pcnav.estimators.peers.kiss_icp_baseline import KissIcp
-from pcnav.estimators.peers.tracked import SingleFrame, Tracked
+from pcnav.estimators.interface import (
+    AxesPolicy,
+    Estimator,
+    EstimatorEntry,
+    FirstPose,
+    Given,
+)
+from pcnav.recordings.recording import RecordingKind
+
+if TYPE_CHECKING:
+    from pcnav.estimators.depth.tracker import Tracker
+
+FEWER_NEIGHBOURS = 10
+"""Points that a covariance of small_gicp is estimated from, half of its default: smaller position
+errors in most cases and larger ones of attitude."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One estimator under test."""
+def _tracker(
+    given: Given,
+    measurements: Measurements | None = None,
+    mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED,
+) -> "Tracker":
+    """The tracker, as the pipeline says or in one of its modes."""
+    from pcnav.estimators.depth.tracker import Tracker
 
-    title: str
-    make: Callable[[Given], Estimator]
-    first_pose: FirstPose = FirstPose.NOTHING
-    remembers: bool = True
-    """Whether a pose follows from earlier ones: then a symmetric target must keep one attitude."""
-    library: Callable[[str], object] | None = None
-    """Imports an extra that it needs; given what for, raises `InputError` where it is missing."""
+    perception = given.pipeline.perception
+    if measurements is not None:
+        perception = perception.model_copy(update={"measurements": measurements, "mode": mode})
+    pipeline = given.pipeline
+    return Tracker(given.target, given.about, perception, pipeline.filter, pipeline.seed)
 
 
-ESTIMATORS = {
-    EstimatorName.PCNAV: Entry(
-        "pcnav filtered", partial(Tracked, measurements=Measurements.REFINED)
+def _single_frame(given: Given) -> Estimator:
+    from pcnav.estimators.peers.single_frame import SingleFrame
+
+    return SingleFrame(given)
+
+
+def _open3d_icp(given: Given, robust: bool = False) -> Estimator:
+    from pcnav.estimators.peers.icp import Open3dIcp
+
+    return Open3dIcp(given, robust=robust)
+
+
+def _small_gicp(given: Given, neighbours: int | None = None) -> Estimator:
+    from pcnav.estimators.peers.icp import NEIGHBOURS, SmallGicp
+
+    return SmallGicp(given, neighbours=neighbours or NEIGHBOURS)
+
+
+def _kiss_icp(given: Given) -> Estimator:
+    from pcnav.estimators.peers.kiss_icp import KissIcp
+
+    return KissIcp(given)
+
+
+def _principal_axes(given: Given) -> Estimator:
+    from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
+
+    tracks, pipeline = given.about, given.pipeline
+    return PrincipalAxesEstimator(tracks.rig, tracks.orbit, pipeline.principal_axes, pipeline.seed)
+
+
+def _inertia_bank(given: Given) -> Estimator:
+    from pcnav.estimators.inertia_bank.estimator import InertiaBankEstimator
+
+    tracks, pipeline = given.about, given.pipeline
+    return InertiaBankEstimator(tracks.rig, tracks.orbit, pipeline.inertia_bank, pipeline.seed)
+
+
+def _image_motion(given: Given) -> Estimator:
+    from pcnav.estimators.image_motion.estimator import ImageMotionEstimator
+
+    return ImageMotionEstimator(given)
+
+
+def _attitude_inertia(given: Given) -> Estimator:
+    from pcnav.estimators.attitude_inertia.answers import ChainedAttitudes, RecordedAttitudes
+
+    if given.about.kind is RecordingKind.IMAGES:
+        return ChainedAttitudes(given)
+    return RecordedAttitudes(given.pipeline.attitude_inertia)
+
+
+_DEPTH = (RecordingKind.DEPTH,)
+_STEREO = (RecordingKind.STEREO_TRACKS,)
+_SYMMETRY = AxesPolicy.SYMMETRY
+
+ESTIMATORS: Mapping[str, EstimatorEntry] = {
+    EstimatorKind.DEPTH: EstimatorEntry("pcnav", _DEPTH, _SYMMETRY, _tracker),
+    "pcnav": EstimatorEntry(
+        *("pcnav filtered", _DEPTH, _SYMMETRY),
+        partial(_tracker, measurements=Measurements.REFINED),
     ),
-    EstimatorName.PCNAV_RECTANGLES: Entry(
-        "pcnav, rectangles", partial(Tracked, measurements=Measurements.RECTANGLES)
+    "pcnav_rectangles": EstimatorEntry(
+        *("pcnav, rectangles", _DEPTH, _SYMMETRY),
+        partial(_tracker, measurements=Measurements.RECTANGLES),
     ),
-    EstimatorName.PCNAV_BOTH: Entry(
-        "pcnav, both", partial(Tracked, measurements=Measurements.BOTH)
+    "pcnav_both": EstimatorEntry(
+        *("pcnav, both", _DEPTH, _SYMMETRY),
+        partial(_tracker, measurements=Measurements.BOTH),
     ),
-    EstimatorName.PCNAV_PAPER: Entry(
-        "pcnav, the paper's means",
-        partial(Tracked, measurements=Measurements.RECTANGLES, mode=PerceptionMode.PAPER),
+    "pcnav_paper": EstimatorEntry(
+        *("pcnav, the paper's means", _DEPTH, _SYMMETRY),
+        partial(_tracker, measurements=Measurements.RECTANGLES, mode=PerceptionMode.PAPER),
     ),
-    EstimatorName.PCNAV_SINGLE_FRAME: Entry("pcnav single frame", SingleFrame, remembers=False),
-    EstimatorName.OPEN3D_ICP: Entry("Open3D point-to-plane", Open3dIcp, FirstPose.NEAR),
-    EstimatorName.OPEN3D_ICP_TUKEY: Entry(
-        "Open3D, Tukey weights", partial(Open3dIcp, robust=True), FirstPose.NEAR
+    "pcnav_single_frame": EstimatorEntry(
+        *("pcnav single frame", _DEPTH, AxesPolicy.SYMMETRY_OF_FRAME),
+        _single_frame,
     ),
-    EstimatorName.SMALL_GICP: Entry("small_gicp", SmallGicp, FirstPose.NEAR, library=small_gicp),
-    EstimatorName.SMALL_GICP_10: Entry(
-        f"small_gicp, {FEWER_NEIGHBOURS} neighbours",
-        partial(SmallGicp, neighbours=FEWER_NEIGHBOURS),
-        FirstPose.NEAR,
+    "open3d_icp": EstimatorEntry(
+        *("Open3D point-to-plane", _DEPTH, _SYMMETRY, _open3d_icp), first_pose=FirstPose.NEAR
+    ),
+    "open3d_icp_tukey": EstimatorEntry(
+        *("Open3D, Tukey weights", _DEPTH, _SYMMETRY, partial(_open3d_icp, robust=True)),
+        first_pose=FirstPose.NEAR,
+    ),
+    "small_gicp": EstimatorEntry(
+        *("small_gicp", _DEPTH, _SYMMETRY, _small_gicp),
+        first_pose=FirstPose.NEAR,
         library=small_gicp,
     ),
-    EstimatorName.KISS_ICP: Entry("KISS-ICP (no model)", KissIcp, FirstPose.EXACT),
+    "small_gicp_10": EstimatorEntry(
+        *(f"small_gicp, {FEWER_NEIGHBOURS} neighbours", _DEPTH, _SYMMETRY),
+        partial(_small_gicp, neighbours=FEWER_NEIGHBOURS),
+        first_pose=FirstPose.NEAR,
+        library=small_gicp,
+    ),
+    "kiss_icp": EstimatorEntry(
+        *("KISS-ICP (no model)", _DEPTH, _SYMMETRY, _kiss_icp), first_pose=FirstPose.EXACT
+    ),
+    EstimatorKind.PRINCIPAL_AXES: EstimatorEntry(
+        *("principal axes of tracked points (Hu 2024)", _STEREO, AxesPolicy.PRINCIPAL),
+        _principal_axes,
+    ),
+    EstimatorKind.INERTIA_BANK: EstimatorEntry(
+        *("bank of inertia hypotheses (Segal 2011)", _STEREO, AxesPolicy.SAME),
+        _inertia_bank,
+    ),
+    EstimatorKind.IMAGE_MOTION: EstimatorEntry(
+        *("attitudes of one camera's images (Appl. Sci. 2022)", (RecordingKind.IMAGES,)),
+        *(AxesPolicy.PER_SEGMENT, _image_motion),
+    ),
+    EstimatorKind.ATTITUDE_INERTIA: EstimatorEntry(
+        "inertia from attitudes (Deng 2024)",
+        (RecordingKind.ATTITUDES, RecordingKind.IMAGES),
+        *(AxesPolicy.SAME, _attitude_inertia),
+        judged_over_trace=True,
+    ),
 }
-"""All of `EstimatorName`."""
+
+
+def make_estimator(key: str, given: Given) -> Estimator:
+    """An estimator for a recording.
+
+    One that cannot start without a pose, and is given none, gets the first that pcnav itself
+    acquires.
+    """
+    entry = ESTIMATORS[key]
+    if entry.first_pose is FirstPose.NOTHING or given.T_cam_model_first is not None:
+        return entry.make(given)
+    from pcnav.estimators.peers.acquired import Acquired
+
+    return Acquired(entry, given, _tracker(given))

@@ -13,6 +13,7 @@ from pcnav.dynamics.blocks import ATTITUDE, CENTRE, RATE, RATIOS, Block
 from pcnav.dynamics.rigid_body import inertia_from_ratios, ratios_from_inertia
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.interface import AxesPolicy
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.runs.reader import read_points
 from pcnav.runs.run import PointTable, Run
 
@@ -66,7 +67,7 @@ class Errors:
 def errors(
     run: Run,
     truth: Trajectory,
-    axes: AxesPolicy,
+    axes: AxesPolicy | None = None,
     *,
     symmetry_transforms: FloatArray | None = None,
     true_points: Mapping[int, FloatArray] | None = None,
@@ -76,7 +77,7 @@ def errors(
     Args:
         run: whose segments, where it has any, tell its axes.
         truth: of the recording.
-        axes: how it is brought into the axes of the run.
+        axes: how it is brought into the axes of the run; None asks the registry.
         symmetry_transforms: (k, 4, 4) motions of the model frame that leave the target unchanged.
         true_points: (3,) by feature, true body axes, m.
 
@@ -86,6 +87,9 @@ def errors(
     if not (rows >= 0).any():
         raise InputError("truth", "time_s", "expected times that the run shares; none match")
     matched = _at_rows(truth, rows, run.time_s)
+    if axes is None:
+        entry = ESTIMATORS.get(run.estimator)
+        axes = AxesPolicy.SAME if entry is None else entry.axes
     found = _axes_of(run, matched, axes, symmetry_transforms)
     true = matched if found.T_true_run is None else relabelled(matched, found.T_true_run)
     compared = _compared(run.trajectory, true)
@@ -158,6 +162,8 @@ def _axes_of(run: Run, truth: Trajectory, axes: AxesPolicy, symmetries: FloatArr
     if axes is AxesPolicy.SYMMETRY and symmetries is not None:
         best = _best_symmetry(run.trajectory, truth, symmetries)
         return _Axes(symmetries[best], best)
+    if axes is AxesPolicy.SYMMETRY_OF_FRAME and symmetries is not None:
+        return _Axes(symmetries[_nearest_symmetries(run.trajectory, truth, symmetries)])
     if axes is AxesPolicy.PRINCIPAL:
         R_true_run = _nearest_principal(run.trajectory, truth)
         return _Axes(make_transform(R_true_run, np.zeros(3)))
@@ -182,6 +188,18 @@ def _best_symmetry(run: Trajectory, truth: Trajectory, symmetries: FloatArray) -
     angles = [np.median(rotation_angle(relative @ S[:3, :3])) for S in symmetries]
     # Equal angles differ by rounding; the identity comes first and is to win then.
     return int(np.argmax(np.asarray(angles) <= np.min(angles) + 1e-9))
+
+
+def _nearest_symmetries(run: Trajectory, truth: Trajectory, symmetries: FloatArray) -> IntArray:
+    """(n,) which symmetry brings the truth nearest to the run in attitude, frame by frame."""
+    choice = np.zeros(len(run), dtype=np.intp)
+    if truth.T_cam_target is None or run.T_cam_target is None:
+        return choice
+    relative = _between(run.T_cam_target[:, :3, :3], truth.T_cam_target[:, :3, :3])
+    turned = relative[:, None] @ symmetries[:, :3, :3]
+    known = np.isfinite(relative).all(axis=(1, 2))
+    choice[known] = rotation_angle(turned[known]).argmin(axis=1)
+    return choice
 
 
 def _nearest_principal(run: Trajectory, truth: Trajectory) -> FloatArray:

@@ -18,17 +18,15 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import skew
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
-    OMEGA_BODY,
     R_HILL,
     STATE_SIZE,
-    THETA_BODY,
     V_HILL,
 )
-from pcnav.runs.results import SD_COLUMNS, SD_ORDER
 
 FROM_DATA = "known from data"
 PRIOR_ONLY = "prior only"
@@ -52,10 +50,6 @@ KNOWN_RULE = (
     f"deviation has fallen to 1/{2**ENOUGH_BITS:g} or less; else prior only, whatever was gained."
 )
 
-_UNITS = (
-    *((R_HILL, "m"), (V_HILL, "m/s"), (COM_MODEL, "m")),
-    *((THETA_BODY, "rad"), (OMEGA_BODY, "rad/s"), (INERTIA_RATIOS, "1")),
-)
 _COM_TERMS = ("com_x", "com_y", "com_z")
 _RATIO_TERMS = ("Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 _MIN_TERM = 0.05
@@ -166,11 +160,11 @@ class _Judge:
     from_prior: FloatArray
 
     def states(self) -> tuple[StateKnowledge, ...]:
-        names = dict(zip(SD_ORDER.tolist(), SD_COLUMNS, strict=True))
-        units = {k: unit for block, unit in _UNITS for k in range(block.start, block.stop)}
+        named = [
+            (n, block.unit) for block in MASS_CENTRE_LAYOUT.blocks for n in block.error_columns
+        ]
         return tuple(
-            self._one(np.array([k]), np.ones(1), names[k].removeprefix("sd_"), units[k])
-            for k in range(STATE_SIZE)
+            self._one(np.array([k]), np.ones(1), name, unit) for k, (name, unit) in enumerate(named)
         )
 
     def combinations(

@@ -6,37 +6,34 @@ estimate and a truth.
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
-from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, R_HILL, THETA_BODY, V_HILL
-from pcnav.evaluation.track_errors import (
-    TrackErrors,
-    Truth,
-    best_symmetry,
-    relabelled,
-    track_errors,
+from pcnav.core.statistics import chi_square_bounds as chi_square_bounds
+from pcnav.dynamics.blocks import (
+    ATTITUDE,
+    CENTRE,
+    MASS_CENTRE_LAYOUT,
+    POSITION,
+    RATE,
+    RATIOS,
+    VELOCITY,
+    Block,
 )
-from pcnav.runs.results import Track
+from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.estimators.registry import ESTIMATORS
+from pcnav.evaluation.errors import Errors, errors
+from pcnav.runs.run import Run
 
 PERCENTILES = (50, 70, 90, 95, 99)
-BLOCKS = {
-    "r_hill": R_HILL,
-    "v_hill": V_HILL,
-    "com_model": COM_MODEL,
-    "theta_body": THETA_BODY,
-    "omega_body": OMEGA_BODY,
-    "inertia_ratios": INERTIA_RATIOS,
-    "all": slice(0, 20),
-}
-"""Blocks of the error state whose NEES is told apart."""
+BLOCKS = {block.name: MASS_CENTRE_LAYOUT.slice_of(block) for block in MASS_CENTRE_LAYOUT.blocks}
+BLOCKS |= {"all": slice(0, MASS_CENTRE_LAYOUT.size)}
+"""Blocks of the error state of a target with a model, whose NEES is told apart."""
 
-_CONFIDENCE = 0.95
 _FRAMES_AT_ONCE = 512
 
 
@@ -89,7 +86,7 @@ class Consistency:
     lower: float
     upper: float
     """95 % bounds of `mean_per_degree`: of innovations as of independent frames, of errors, which
-    hang together, as of a single one."""
+    are correlated from frame to frame, as of a single one."""
     share_inside: float
     """Share of frames within their own two-sided 95 % bounds."""
     unusable_frames: int
@@ -114,7 +111,7 @@ class Metrics:
     """Which of the target's symmetries the truth was compared under; 0 is the identity."""
     quantities: tuple[QuantityErrors, ...] = ()
     nees: tuple[Consistency, ...] = ()
-    errors: TrackErrors | None = None
+    errors: Errors | None = None
     """The errors behind the numbers, for figures; not part of metrics.json."""
 
     def to_json(self) -> dict[str, object]:
@@ -133,59 +130,94 @@ class Metrics:
         }
 
 
+@dataclass(frozen=True)
+class Quantity:
+    """What errors are told of: the one list that reports, tables and metrics.json share."""
+
+    key: str
+    title: str
+    unit: str
+    """In which people read it."""
+    of: Callable[[Errors], FloatArray | None]
+    """(n, k) errors in that unit; None of a run that does not estimate it."""
+
+
+def _pose_attitude(compared: Errors) -> FloatArray | None:
+    """That of the pose; of a truth without camera poses, or a run without, that of the body."""
+    theta = compared.theta_model_rad
+    if ATTITUDE.name in compared.state:
+        theta = np.where(compared.has_pose[:, None], theta, compared[ATTITUDE])
+    if compared.defines_axes is not None:
+        # Where the axes are defined there is no error by construction: it would flatter the run.
+        theta = np.where(compared.defines_axes[:, None], np.nan, theta)
+    return np.rad2deg(theta)
+
+
+def _points(compared: Errors) -> FloatArray | None:
+    rms = compared.points_rms_m
+    return None if rms is None else rms[:, None]
+
+
+def _of_block(block: Block) -> Quantity:
+    scale = np.rad2deg(1.0) if block.unit != block.shown_unit else 1.0
+
+    def of(compared: Errors) -> FloatArray | None:
+        found = compared.state.get(block.name)
+        return None if found is None else scale * found
+
+    return Quantity(block.quantity, block.title, block.shown_unit, of)
+
+
+QUANTITIES = (
+    Quantity("position_cam", "model origin in cam", "m", lambda compared: compared.p_cam_m),
+    Quantity("attitude", "attitude", "deg", _pose_attitude),
+    *(_of_block(block) for block in (POSITION, VELOCITY, RATE, CENTRE, RATIOS)),
+    Quantity("features", "features, RMS of a frame", "m", _points),
+)
+
+
 def evaluate(
-    track: Track,
-    truth: Truth | None,
+    run: Run,
+    truth: Trajectory | None,
+    *,
     symmetry_transforms: FloatArray | None = None,
-    tolerance_s: float = 1e-6,
+    true_points: Mapping[int, FloatArray] | None = None,
 ) -> Metrics:
     """Numbers of a run; without a truth only what the run says of itself.
 
-    ``symmetry_transforms`` (n, 4, 4) are motions of the model frame that leave the target
-    unchanged: errors are then taken to the equivalent truth nearest to the run. The NEES needs a
-    track read with its covariances. Raises `InputError` when the truth shares no time with it.
+    For the arguments see `errors`. The NEES needs a run read with its covariances. Raises
+    `InputError` when the truth shares no time with it.
     """
-    symmetry, errors = 0, None
-    if truth is not None:
-        if symmetry_transforms is not None:
-            symmetry = best_symmetry(track, truth, symmetry_transforms, tolerance_s)
-            truth = relabelled(truth, symmetry_transforms[symmetry])
-        errors = track_errors(track, truth, tolerance_s)
-    of_run = run_metrics(track, track.has_estimate, nis_consistency(track))
-    if errors is None:
+    of_run = run_metrics(run)
+    if truth is None:
         return of_run
+    found = errors(run, truth, symmetry_transforms=symmetry_transforms, true_points=true_points)
+    compared = found.has_pose
+    if run.trajectory.layout.blocks:
+        compared = compared | found.has(*run.trajectory.layout.blocks)
     return replace(
         of_run,
-        frames_compared=int((errors.has_pose | errors.has_state).sum()),
-        symmetry=symmetry,
-        quantities=_quantities(track.time_s, errors),
-        nees=nees_consistency(errors, track.covariance),
-        errors=errors,
+        frames_compared=int(compared.sum()),
+        symmetry=found.symmetry,
+        quantities=quantity_errors(run.time_s, found),
+        nees=nees_consistency(run, found),
+        errors=found,
     )
 
 
-class _Run(Protocol):
-    @property
-    def time_s(self) -> FloatArray: ...
-    @property
-    def status(self) -> tuple[str, ...]: ...
-
-
-def run_metrics(run: _Run, has_estimate: BoolArray, nis: Consistency) -> Metrics:
-    """What a run of any kind says of itself, without a truth."""
-    time_s, n = run.time_s, len(run.status)
-    known = np.flatnonzero(has_estimate)
+def run_metrics(run: Run) -> Metrics:
+    """What a run says of itself, without a truth."""
+    time_s, n = run.time_s, len(run)
+    known = np.flatnonzero(run.has_estimate)
     return Metrics(
         frames=n,
         frames_with_estimate=len(known),
         duration_s=float(np.ptp(time_s)) if n else 0.0,
         first_estimate_after_s=float(time_s[known[0]] - time_s[0]) if known.size else math.nan,
         status_share={status: count / n for status, count in Counter(run.status).most_common()},
-        nis=nis,
+        nis=nis_consistency(run),
         frames_compared=0,
         symmetry=0,
-        quantities=(),
-        nees=(),
     )
 
 
@@ -202,24 +234,54 @@ def distribution(norms: FloatArray) -> Distribution:
     )
 
 
-def nis_consistency(track: Track) -> Consistency:
-    """Normalised innovations squared of a track against their degrees of freedom."""
-    used = np.isfinite(track.nis) & (track.nis_dof > 0)
-    return consistency("nis", track.nis[used], track.nis_dof[used], independent=True)
+def nis_consistency(run: Run) -> Consistency:
+    """Normalised innovations squared of a run against their degrees of freedom."""
+    used = np.isfinite(run.nis) & (run.nis_dof > 0)
+    return consistency("nis", run.nis[used], run.nis_dof[used], independent=True)
 
 
-def nees_consistency(errors: TrackErrors, covariance: FloatArray | None) -> tuple[Consistency, ...]:
-    """NEES of every block of the error state; empty without covariances or full truth."""
-    frames = errors.has_state
-    if covariance is None or not frames.any():
+def nees_consistency(run: Run, compared: Errors) -> tuple[Consistency, ...]:
+    """NEES of every block of the error state and of all of it.
+
+    Of what the estimator does not hold fixed: a component without any variance is no estimate.
+    Empty without covariances or full truth.
+    """
+    layout, covariance = run.trajectory.layout, run.trajectory.covariance
+    frames = np.flatnonzero(compared.has(*layout.blocks)) if layout.blocks else np.zeros(0)
+    if covariance is None or not frames.size:
         return ()
+    state = np.hstack([compared[block] for block in layout.blocks])[frames]
+    entry = ESTIMATORS.get(run.estimator)
+    P = covariance[frames]
+    if entry is not None and entry.judged_over_trace:
+        ratios = run.trajectory[RATIOS][frames]
+        state, P = _over_trace(state, P, ratios, layout.slice_of(RATIOS))
+    free = ~(np.diagonal(P, axis1=1, axis2=2) == 0.0).any(axis=0)
+    parts = {block.name: layout.slice_of(block) for block in layout.blocks}
+    if len(parts) > 1:
+        parts["all"] = slice(0, layout.size)
     results = []
-    for name, block in BLOCKS.items():
-        values = squared_normalised_errors(errors.state[:, block], covariance[:, block, block])
-        values = values[frames]
-        size = np.full(len(values), block.stop - block.start)
-        results.append(consistency(name, values, size))
+    for name, part in parts.items():
+        chosen = np.arange(layout.size)[part][free[part]]
+        if chosen.size:
+            squared = squared_normalised_errors(state[:, chosen], P[:, chosen[:, None], chosen])
+            results.append(consistency(name, squared, np.full(len(squared), chosen.size)))
     return tuple(results)
+
+
+def _over_trace(
+    state: FloatArray, covariance: FloatArray, ratios: FloatArray, part: slice
+) -> tuple[FloatArray, FloatArray]:
+    """Errors (n, k) and covariances (n, k, k) with those of ratios (n, 5) turned into those of the
+    inertia's entries over its trace."""
+    state, covariance = state.copy(), covariance.copy()
+    for k, own in enumerate(ratios):
+        parameters = parameters_from_ratios(own)
+        state[k, part] = parameters_from_ratios(own + state[k, part]) - parameters
+        change = np.eye(state.shape[1])
+        change[part, part] = np.linalg.inv(ratios_jacobian(parameters))
+        covariance[k] = change @ covariance[k] @ change.T
+    return state, covariance
 
 
 def squared_normalised_errors(error: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -254,19 +316,13 @@ def _squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
     return squared
 
 
-def chi_square_bounds(degrees: IntArray | FloatArray | float) -> tuple[FloatArray, FloatArray]:
-    """Two-sided 95 % bounds of a chi-square variable, element by element."""
-    tail = 0.5 * (1.0 - _CONFIDENCE)
-    return chi_square.quantile(tail, degrees), chi_square.quantile(1.0 - tail, degrees)
-
-
 def consistency(
     name: str, squared: FloatArray, degrees: IntArray, *, independent: bool = False
 ) -> Consistency:
     """Judge squared normalised errors (n,) of so many degrees of freedom each.
 
     Innovations are ``independent`` from frame to frame, so that their mean lies near 1. Errors of a
-    filter hang together: at worst all frames of a run are one draw, and so wide are their bounds.
+    filter are correlated: at worst all frames of a run are one draw, and so wide are their bounds.
     """
     usable: BoolArray = np.isfinite(squared)
     values, own_degrees = squared[usable], degrees[usable]
@@ -289,37 +345,20 @@ def consistency(
     )
 
 
-def quantity_errors(
-    time_s: FloatArray, series: Iterable[tuple[str, str, str, FloatArray]]
-) -> tuple[QuantityErrors, ...]:
-    """Statistics of error vectors (n, k), each with key, title and unit, at times (n,).
-
-    A quantity without any error is left out.
-    """
+def quantity_errors(time_s: FloatArray, compared: Errors) -> tuple[QuantityErrors, ...]:
+    """Statistics by quantity; one without any error is left out."""
     elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
-    quantities = []
-    for key, title, unit, vectors in series:
-        norms = np.asarray(np.linalg.norm(vectors, axis=1))
+    found = []
+    for quantity in QUANTITIES:
+        vectors = quantity.of(compared)
+        norms = np.zeros(0) if vectors is None else np.asarray(np.linalg.norm(vectors, axis=1))
         if np.isfinite(norms).any():
+            title = quantity.title
+            if quantity.key == "attitude" and compared.defines_axes is not None:
+                title = "attitude since the first frame"
             parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
-            quantities.append(QuantityErrors(key, title, unit, *parts))
-    return tuple(quantities)
-
-
-def _quantities(time_s: FloatArray, errors: TrackErrors) -> tuple[QuantityErrors, ...]:
-    """Statistics by quantity; those the truth does not know are left out."""
-    # A truth without camera poses still knows the attitude.
-    theta = np.where(errors.has_pose[:, None], errors.theta_model_rad, errors.state[:, THETA_BODY])
-    series = (
-        ("position_cam", "model origin in cam", "m", errors.p_cam_m),
-        ("attitude", "attitude", "deg", np.rad2deg(theta)),
-        ("r_hill", "mass centre in hill", "m", errors.state[:, R_HILL]),
-        ("v_hill", "velocity in hill", "m/s", errors.state[:, V_HILL]),
-        ("omega_body", "angular rate", "deg/s", np.rad2deg(errors.state[:, OMEGA_BODY])),
-        ("com_model", "mass centre in model", "m", errors.state[:, COM_MODEL]),
-        ("inertia_ratios", "inertia ratios", "1", errors.state[:, INERTIA_RATIOS]),
-    )
-    return quantity_errors(time_s, series)
+            found.append(QuantityErrors(quantity.key, title, quantity.unit, *parts))
+    return tuple(found)
 
 
 _UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}

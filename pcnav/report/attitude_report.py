@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,8 +20,8 @@ from pcnav.report.depth_report import (
 )
 from pcnav.report.envelope import envelope
 from pcnav.report.figures import ALERT, LINE, add_legend, component_figure, stacked_axes
+from pcnav.report.from_run import AttitudeTrack
 from pcnav.report.summary import run_facts
-from pcnav.runs.attitude_results import AttitudeTrack
 
 _DEGREES = float(np.rad2deg(1.0))
 _FIGURES = (
@@ -50,11 +49,6 @@ class AttitudeReport:
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
-
-
-def write_attitude_report(path: Path, content: AttitudeReport) -> None:
-    """Write the page of a run: UTF-8 HTML that loads nothing from elsewhere."""
-    path.write_text(attitude_report_html(content), encoding="utf-8")
 
 
 def attitude_report_html(content: AttitudeReport) -> str:

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -38,9 +37,10 @@ from pcnav.report.figures import (
     pose_error_figure,
     svg_bytes,
 )
+from pcnav.report.from_run import Track, track_errors_of
 from pcnav.report.status import status_section
 from pcnav.report.summary import ERROR_HEADINGS, error_row, run_facts
-from pcnav.runs.results import ACCEPTED, Track
+from pcnav.runs.records import ACCEPTED
 
 _BLOCK_TITLES = {
     "r_hill": "mass centre in hill",
@@ -99,11 +99,6 @@ class ReportContent:
     picture: Figure | None = None
     """A frame drawn by `frame_picture`."""
     picture_caption: str = ""
-
-
-def write_report(path: Path, content: ReportContent) -> None:
-    """Write the page of a run: UTF-8 HTML that loads nothing from elsewhere."""
-    path.write_text(report_html(content), encoding="utf-8")
 
 
 def report_html(content: ReportContent) -> str:
@@ -223,7 +218,8 @@ def _nees_row(block: Consistency) -> tuple[str, ...]:
 
 def _state_figures(content: ReportContent) -> list[str]:
     """Error against its bounds where the truth is known, otherwise the estimate with them."""
-    track, errors = content.track, content.metrics.errors
+    track, found = content.track, content.metrics.errors
+    errors = None if found is None else track_errors_of(found)
     pieces = []
     if errors is not None and errors.has_pose.any():
         pieces.append(

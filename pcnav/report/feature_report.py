@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.evaluation.feature_metrics import FeatureErrors
+from pcnav.dynamics.blocks import MOTION_LAYOUT
+from pcnav.evaluation.errors import Errors
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report import page
@@ -34,9 +34,7 @@ from pcnav.report.figures import (
     style_axes,
     time_spans,
 )
-from pcnav.report.status import status_section
-from pcnav.report.summary import run_facts
-from pcnav.runs.feature_results import (
+from pcnav.report.from_run import (
     ERROR_SIZE,
     INERTIA_RATIOS,
     OMEGA_BODY,
@@ -44,7 +42,10 @@ from pcnav.runs.feature_results import (
     THETA_BODY,
     V_HILL,
     FeatureTrack,
+    stacked,
 )
+from pcnav.report.status import status_section
+from pcnav.report.summary import run_facts
 
 _XYZ = ("x", "y", "z")
 _DEGREES = float(np.rad2deg(1.0))
@@ -69,17 +70,12 @@ class FeatureReport:
     """How the run was started, as typed."""
     track: FeatureTrack
     metrics: Metrics
-    errors: FeatureErrors | None
+    errors: Errors | None
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
     observability: tuple[TextTable, ...] = ()
     """What the motion makes observable; empty without an estimate."""
-
-
-def write_feature_report(path: Path, content: FeatureReport) -> None:
-    """Write the page of a run: UTF-8 HTML that loads nothing from elsewhere."""
-    path.write_text(feature_report_html(content), encoding="utf-8")
 
 
 def feature_report_html(content: FeatureReport) -> str:
@@ -91,7 +87,7 @@ def feature_report_html(content: FeatureReport) -> str:
         page.heading(content.title, lead),
         page.cards(headline(metrics)),
         page.section("Summary", facts),
-        status_section(track.as_track(), "C1"),
+        status_section(track, "C1"),
     ]
     if metrics.quantities:
         body.append(truth_section(metrics))
@@ -111,13 +107,14 @@ def feature_report_html(content: FeatureReport) -> str:
 
 def _state_figures(content: FeatureReport) -> list[str]:
     """Error against its bounds where the truth is known, otherwise the estimate with them."""
-    track, errors = content.track, content.errors
-    compared = errors is not None and bool(np.isfinite(errors.state).any())
-    series = errors.state if errors is not None and compared else _estimates(track)
+    track = content.track
+    errors = None if content.errors is None else stacked(content.errors, MOTION_LAYOUT)
+    compared = errors is not None and bool(np.isfinite(errors).any())
+    series = errors if errors is not None and compared else _estimates(track)
     caption = "Error and stated 3 sigma." if compared else "Estimate and stated 3 sigma."
     pieces = []
     for title, block, scale, unit, names in _STATE_FIGURES:
-        values, sd = scale * series[:, block], scale * track.sd[:, block]
+        values, sd = scale * series[:, block], scale * track.sd17[:, block]
         # What the estimator holds fixed at the truth has nothing to show.
         shown = [
             k
@@ -136,7 +133,7 @@ def _state_figures(content: FeatureReport) -> list[str]:
             "Squared normalised innovations over their frame's 95 % chi-square bound: one in "
             "twenty belongs above 1."
         )
-        figure = consistency_figure(track.as_track(), None)
+        figure = consistency_figure(track, None)
         pieces.append(vector_figure("Consistency", caption, figure))
     return pieces
 
@@ -155,26 +152,27 @@ def _features(content: FeatureReport) -> list[str]:
     track, errors = content.track, content.errors
     caption = "Seen, used by the filter and rejected by its gate: means of short spans of frames."
     pieces = [vector_figure("Features per frame", caption, _count_figure(track))]
-    if errors is not None and np.isfinite(errors.features_rms_m).any():
+    rms_m = None if errors is None else errors.points_rms_m
+    if rms_m is not None and np.isfinite(rms_m).any():
         caption = "Root mean square distance of the estimated points from the true ones."
-        figure = _feature_error_figure(track.time_s, errors.features_rms_m)
+        figure = _feature_error_figure(track.time_s, rms_m)
         pieces.append(vector_figure("Error of the points", caption, figure))
     return [page.stack([page.grid(pieces), _feature_table(track, errors)])]
 
 
-def _feature_table(track: FeatureTrack, errors: FeatureErrors | None) -> str:
-    known = {} if errors is None else errors.feature_m
+def _feature_table(track: FeatureTrack, errors: Errors | None) -> str:
+    known = {} if errors is None else errors.point_m or {}
     header = ("feature", "x, m", "y, m", "z, m", "sd x, m", "sd y, m", "sd z, m")
     header = (*header, "frames seen", "rejected", *(("error, m",) if known else ()))
-    rows = []
-    for i in sorted(track.frames_seen.keys() | track.last_points.keys()):
-        point, numbers = track.last_points.get(i), ["-"] * 6
-        if point is not None:
-            sd = np.sqrt(np.maximum(np.diagonal(point.covariance), 0.0))
-            numbers = [f"{value:.4f}" for value in (*point.p_body, *sd)]
-        seen, rejected = track.frames_seen.get(i, 0), track.frames_rejected.get(i, 0)
+    rows, table = [], track.features
+    assert table is not None, "the run has been written"
+    for k, i in enumerate(table.feature.tolist()):
+        numbers = ["-"] * 6
+        if np.isfinite(table.p_body[k]).all():
+            numbers = [f"{value:.4f}" for value in (*table.p_body[k], *table.sd[k])]
+        counts = (table.frames_seen[k], table.frames_rejected[k])
         error = [number(known[i]) if i in known else "-"] if known else []
-        rows.append((str(i), *numbers, str(seen), str(rejected), *error))
+        rows.append((str(i), *numbers, *(str(count) for count in counts), *error))
     return page.table(header, rows)
 
 
@@ -182,7 +180,7 @@ def _count_figure(track: FeatureTrack) -> Figure:
     figure = new_figure(2.6)
     axes = figure.add_subplot()
     style_axes(axes)
-    spans, edges = time_spans(track.as_track())
+    spans, edges = time_spans(track)
 
     def means(counts: IntArray) -> FloatArray:
         return np.array([counts[span].mean() for span in spans])

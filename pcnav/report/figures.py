@@ -20,10 +20,10 @@ from matplotlib.ticker import (
 from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.evaluation.metrics import squared_normalised_errors
-from pcnav.evaluation.track_errors import TrackErrors
 from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import BUCKETS, envelope
-from pcnav.runs.results import ACCEPTED, Track
+from pcnav.report.from_run import Track, TrackErrors
+from pcnav.runs.records import ACCEPTED
 
 INK, MUTED, GRID = "#1f2937", "#6b7280", "#e5e7eb"
 LINE, BAND, BOUND, ALERT = "#1d4ed8", "#bfdbfe", "#f59e0b", "#ea580c"

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pcnav.core.arrays import FloatArray
-from pcnav.evaluation.image_metrics import ImageErrors
+from pcnav.dynamics.blocks import ATTITUDE, RATE
+from pcnav.evaluation.errors import Errors
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable, number
 from pcnav.report import page
@@ -33,9 +33,9 @@ from pcnav.report.figures import (
     stacked_axes,
     style_axes,
 )
+from pcnav.report.from_run import ImageTrack
 from pcnav.report.status import STATUS_COLOURS
 from pcnav.report.summary import run_facts
-from pcnav.runs.image_results import ImageTrack
 
 _XYZ = ("x", "y", "z")
 
@@ -50,17 +50,12 @@ class ImageReport:
     """How the run was started, as typed."""
     track: ImageTrack
     metrics: Metrics
-    errors: ImageErrors | None
+    errors: Errors | None
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
     observability: tuple[TextTable, ...] = ()
     """What the motion makes observable; empty without an estimate."""
-
-
-def write_image_report(path: Path, content: ImageReport) -> None:
-    """Write the page of a run: UTF-8 HTML that loads nothing from elsewhere."""
-    path.write_text(image_report_html(content), encoding="utf-8")
 
 
 def image_report_html(content: ImageReport) -> str:
@@ -162,14 +157,14 @@ def _motion(content: ImageReport) -> list[str]:
         ),
     ]
     components = tuple(f"{name}, deg" for name in _XYZ)
-    if errors is None or not np.isfinite(errors.theta_body).any():
+    if errors is None or not np.isfinite(errors[ATTITUDE]).any():
         title, caption = "Uncertainty of the attitude", "Stated 3 sigma about the body axes."
         figures.append((title, caption, np.zeros_like(sd_deg), sd_deg, components))
     else:
         caption = "True minus estimated, and stated 3 sigma, about the body axes."
-        theta_deg = np.rad2deg(errors.theta_body)
+        theta_deg = np.rad2deg(errors[ATTITUDE])
         figures.append(("Attitude error", caption, theta_deg, sd_deg, components))
-        rate_deg_s = np.rad2deg(errors.omega_body)
+        rate_deg_s = np.rad2deg(errors[RATE])
         names = tuple(f"{name}, deg/s" for name in _XYZ)
         figures.append(("Rate error", "True minus estimated.", rate_deg_s, None, names))
     return [

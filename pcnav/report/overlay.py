@@ -13,7 +13,7 @@ from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, project
 from pcnav.core.spatial import transform_points
 from pcnav.report.figures import CATEGORIES, INK
-from pcnav.runs.results import ACCEPTED, RectangleRecord
+from pcnav.runs.records import ACCEPTED, RectangleRecord
 
 _WIDTH_IN = 5.8
 _SPACE = (0.06, 0.09, 0.16)

@@ -24,7 +24,8 @@ from pcnav.report.figures import (
     svg_bytes,
     time_spans,
 )
-from pcnav.runs.results import NIS_WINDOW_FRAMES, Track
+from pcnav.report.from_run import Track
+from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
 
 STATUS_COLOURS = {
     "acquiring": "#94a3b8",

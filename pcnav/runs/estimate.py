@@ -25,7 +25,7 @@ class FeaturePoint:
 class FeatureUse:
     """What became of the features of a frame, by their numbers."""
 
-    seen: tuple[int, ...]
+    seen: tuple[int, ...] = ()
     used: tuple[int, ...] = ()
     """By the filter."""
     rejected: tuple[int, ...] = ()
@@ -58,7 +58,7 @@ class Estimate:
     """The estimator's own columns of states.csv, by name with its unit."""
     records: tuple[RectangleRecord, ...] = ()
     """Rows of measurements.csv."""
-    features: FeatureUse | None = None
+    features: FeatureUse = FeatureUse()
     """Of an estimator that lives on features."""
     new_axes: FloatArray | None = None
     """(3, 3) R_world_body of a frame from which on the body axes are new."""

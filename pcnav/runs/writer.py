@@ -166,7 +166,7 @@ class _Tables:
             table.writerow([float(estimate.time_s), *quaternion.tolist()])
         if self._output.has_records:
             self._records.writerows(record.row() for record in estimate.records)
-        if estimate.features is not None:
+        if self._output.has_features:
             self._add_features(float(estimate.time_s), estimate.features)
         if estimate.T_cam_target is not None and self._output.has_poses:
             pose = [float(estimate.time_s), *pose_fields(estimate.T_cam_target)]

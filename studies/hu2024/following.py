@@ -143,9 +143,10 @@ def judge(case: Following, scenario: StereoScenario, seed: int) -> JudgedRun:
     run = JudgedRun.blank(truth.time_s[judged], len(points))
     for k, frame in enumerate(tracks.frames):
         estimate = estimator.step(frame)
-        if case.wrong_matches and (estimate.used or estimate.rejected):
+        use = estimate.features
+        if case.wrong_matches and (use.used or use.rejected):
             bad = _wrong_matches(made, k)
-            rejected_right, used_wrong = {*estimate.rejected} - bad, {*estimate.used} & bad
+            rejected_right, used_wrong = {*use.rejected} - bad, {*use.used} & bad
             right = len(frame.features) - len(bad)
             run.matches[:] += len(rejected_right), len(used_wrong), right, len(bad)
         if k in judged:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from pcnav.estimators.names import EstimatorName
 
 from pcnav import cli
 from pcnav.batch.axes import AXES, grid_case, scenario_of, with_axes
@@ -18,7 +19,6 @@ from pcnav.config.depth import PerceptionMode
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_grid_names, shipped_mesh, shipped_pipeline_names
 from pcnav.core.errors import InputError
-from pcnav.estimators.names import EstimatorName
 from pcnav.estimators.registry import ESTIMATORS
 
 BATCH = '[batch]\nname = "small"\nruns = 3\nseed = 5\nframes = 8\n'

@@ -15,9 +15,10 @@ from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.scenario import run_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.estimators.peers.interface import Answer, Estimator
-from pcnav.evaluation.track_errors import truth_of
+from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.estimators.interface import Estimator
 from pcnav.recordings.sequence import Frame
+from pcnav.runs.estimate import Estimate, Output
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
 
@@ -35,18 +36,25 @@ def twinwing() -> tuple[Scene, Target]:
 class Told(Estimator):
     """Says what it was told to say."""
 
-    def __init__(self, answers: list[Answer]) -> None:
+    output = Output(POSE_LAYOUT, has_nis=False)
+
+    def __init__(self, answers: list[Estimate]) -> None:
         self._answers = iter(answers)
 
-    def step(self, frame: Frame) -> Answer:
+    def step(self, frame: Frame, /) -> Estimate:
         return next(self._answers)
 
 
-def told(scene: Scene, T_cam_model: FloatArray, status: list[str]) -> Followed:
-    """A run that says these poses (n, 4, 4), nan for none."""
-    pairs = zip(status, T_cam_model, strict=True)
-    answers = [Answer(word, T if np.isfinite(T).all() else None) for word, T in pairs]
-    return follow(scene, Told(answers))
+def told(
+    scene: Scene, T_cam_model: FloatArray, status: list[str], name: str = "open3d_icp"
+) -> Followed:
+    """A run of an estimator of a name that says these poses (n, 4, 4), nan for none."""
+    rows = zip(scene.truth.time_s.tolist(), status, T_cam_model, strict=True)
+    answers = [
+        Estimate(time_s, word, T_cam_target=T if np.isfinite(T).all() else None)
+        for time_s, word, T in rows
+    ]
+    return follow(scene, name, Told(answers))
 
 
 def number(verdict: Verdict, column: str) -> FloatArray:
@@ -55,33 +63,31 @@ def number(verdict: Verdict, column: str) -> FloatArray:
 
 def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Target]) -> None:
     scene, target = twinwing
-    truth = truth_of(scene.truth)
-    assert truth is not None
-    assert truth.T_cam_model is not None
+    truth = scene.truth
+    assert truth.T_cam_target is not None
     half_turn = target.symmetry_transforms[1]
     status = ["locked"] * FRAMES
-    turned = judge(told(scene, truth.T_cam_model @ half_turn, status), truth, target)
+    turned = judge(told(scene, truth.T_cam_target @ half_turn, status), truth, target)
     assert turned.values["share_locked_right"] == 1.0
     np.testing.assert_allclose(number(turned, "attitude_error_deg"), 180.0, atol=1e-5)
     np.testing.assert_allclose(number(turned, "attitude_sym_error_deg"), 0.0, atol=1e-5)
     assert np.max(number(turned, "add_s_m")) < 1e-6
     assert np.min(number(turned, "add_m")) > 1.0
 
-    flipping = truth.T_cam_model.copy()
+    flipping = truth.T_cam_target.copy()
     flipping[-2:] = flipping[-2:] @ half_turn
     flips = judge(told(scene, flipping, status), truth, target)
     assert flips.values["share_locked_wrong"] == pytest.approx(2 / FRAMES)
-    forgets = judge(told(scene, flipping, status), truth, target, remembers=False)
+    forgets = judge(told(scene, flipping, status, "pcnav_single_frame"), truth, target)
     assert forgets.values["share_locked_right"] == 1.0
 
 
 def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -> None:
     """acquiring, right, lost, ambiguous and right, locked 11 deg off, a metre off, coasting."""
     scene, target = twinwing
-    truth = truth_of(scene.truth)
-    assert truth is not None
-    assert truth.T_cam_model is not None
-    T = truth.T_cam_model.copy()
+    truth = scene.truth
+    assert truth.T_cam_target is not None
+    T = truth.T_cam_target.copy()
     T[0] = T[2] = np.nan
     T[4] = T[4] @ make_transform(exp_rotation(np.deg2rad([0.0, 11.0, 0.0])), np.zeros(3))
     T[5, 0, 3] += 1.0

@@ -24,7 +24,7 @@ from pcnav.config.shipped import shipped_mesh, shipped_mesh_names
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.report import depth_report as report
 from pcnav.report import status
-from pcnav.runs.results import read_track
+from pcnav.runs.reader import read_run
 from studies import STUDIES
 
 COMMANDS = ("demo", "simulate", "run", "target", "study")
@@ -652,7 +652,7 @@ def test_a_sequence_without_returns_says_acquiring(
     answer = pcnav("run", sequence, "-o", tmp_path / "result")
     assert answer.code == 0, answer.err
     assert answer.err == ""
-    assert read_track(tmp_path / "result").status == ("acquiring",) * FRAMES
+    assert read_run(tmp_path / "result").status == ("acquiring",) * FRAMES
     assert "acquiring 100.0%" in answer.out
     assert "acquiring 100.0%" in (tmp_path / "result" / "report.html").read_text()
     assert (tmp_path / "result" / "poses.tum").read_text() == ""
@@ -663,7 +663,7 @@ def test_empty_first_frames_delay_the_lock(pcnav: Pcnav, sequence: Path, tmp_pat
     blank(sequence, range(2))
     answer = pcnav("run", sequence, "-o", tmp_path / "result")
     assert answer.code == 0, answer.err
-    track = read_track(tmp_path / "result")
+    track = read_run(tmp_path / "result")
     assert track.status[:2] == ("acquiring", "acquiring")
     assert track.status[-1] == "locked"
 
@@ -674,9 +674,9 @@ def test_an_empty_frame_in_between_is_coasted_over(
 ) -> None:
     blank(sequence, range(4, 5))
     assert pcnav("run", sequence, "-o", tmp_path / "result").code == 0
-    track = read_track(tmp_path / "result")
+    track = read_run(tmp_path / "result")
     assert track.status[3:] == ("locked", "coasting", "locked")
-    assert track.n_rectangles[4] == 0
+    assert track.notes["n_rectangles"][4] == 0
 
 
 @pytest.mark.usefixtures("quick_drawings")
@@ -686,7 +686,7 @@ def test_one_frame_is_a_sequence(pcnav: Pcnav, tmp_path: Path) -> None:
     assert pcnav("simulate", file, "-o", tmp_path / "new" / "sequence").code == 0
     answer = pcnav("run", tmp_path / "new" / "sequence", "-o", tmp_path / "result")
     assert answer.code == 0, answer.err
-    assert read_track(tmp_path / "result").status == ("acquiring",)
+    assert read_run(tmp_path / "result").status == ("acquiring",)
     assert (tmp_path / "result" / "report.html").is_file()
 
 
@@ -698,4 +698,4 @@ def test_a_target_out_of_view_is_told_and_is_no_error(pcnav: Pcnav, tmp_path: Pa
     assert answer.code == 0
     assert re.fullmatch(r"WARNING: .*outside the image in 6 of 6 frames\n", answer.err)
     assert pcnav("run", tmp_path / "sequence", "-o", tmp_path / "result").code == 0
-    assert set(read_track(tmp_path / "result").status) == {"acquiring"}
+    assert set(read_run(tmp_path / "result").status) == {"acquiring"}

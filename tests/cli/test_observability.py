@@ -15,8 +15,8 @@ from pcnav.evaluation.observability.sources import (
     observability_of_run,
     tables_for_report,
 )
-from pcnav.feature_pipeline import run_features
-from pcnav.runs.results import PIPELINE_FILE
+from pcnav.pipeline import run
+from pcnav.runs.result_files import PIPELINE_FILE
 from pcnav.simulation.simulate import simulate
 
 
@@ -66,7 +66,7 @@ def bank_run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("observability")
     _, pipeline = _short("segal2011", 40)
     simulate(pipeline).write(folder / "recording")
-    run_features(folder / "recording", folder / "run", pipeline)
+    run(folder / "recording", folder / "run", pipeline)
     return folder / "run"
 
 

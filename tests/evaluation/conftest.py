@@ -1,6 +1,6 @@
 """A made-up run whose errors are drawn from the covariance it states."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,21 +8,27 @@ import pytest
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
-from pcnav.evaluation.track_errors import Truth
-from pcnav.runs.results import ACCEPTED, NIS_WINDOW_FRAMES, FrameEstimate, RectangleRecord
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.runs.estimate import Estimate, Output
+from pcnav.runs.records import ACCEPTED, RectangleRecord
 
 FIRST_ESTIMATE = 3
 SD = np.repeat([0.05, 0.002, 0.03, 0.01, 0.001, 0.02], [3, 3, 3, 3, 3, 5])
 T_CAM_WORLD = make_transform(exp_rotation(np.array([0.3, -1.2, 0.4])), np.zeros(3))
 
 
+OUTPUT = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)
+
+
 @dataclass(frozen=True)
 class SyntheticRun:
     """The frames of a run and the truth behind it."""
 
-    estimates: tuple[FrameEstimate, ...]
-    truth: Truth
+    estimates: tuple[Estimate, ...]
+    truth: Trajectory
+    output: Output = OUTPUT
 
 
 def correlated_covariance(generator: np.random.Generator, time_s: float) -> FloatArray:
@@ -47,13 +53,13 @@ def true_state(time_s: float) -> NavigationState:
 
 def frame_estimate(
     index: int, truth: NavigationState, generator: np.random.Generator, inflation: float
-) -> FrameEstimate:
+) -> Estimate:
     """One frame; the error is drawn from the covariance, times ``inflation``."""
     time_s = 0.5 * index
     dof = int(generator.integers(0, 4)) * 6
     nis = float(generator.chisquare(dof)) if dof else np.nan
     if index < FIRST_ESTIMATE:
-        return FrameEstimate(index, time_s, None, None, None, "acquiring", np.nan, 0, 0, ())
+        return Estimate(time_s, "acquiring", notes={"n_rectangles": 0})
     covariance = correlated_covariance(generator, time_s)
     error = generator.multivariate_normal(np.zeros(STATE_SIZE), covariance, method="cholesky")
     # The truth is the estimate moved by the error; with a small error the reverse holds as well.
@@ -78,22 +84,12 @@ def frame_estimate(
         for k in range(dof // 6 + (index % 7 == 0))
     )
     status = "locked" if dof else "coasting"
-    return FrameEstimate(
-        *(index, time_s, state, covariance, pose, status, nis, dof, dof // 6, records),
-        inlier_ratio=0.95 + 0.04 * np.sin(0.3 * index),
+    explained = 0.95 + 0.04 * float(np.sin(0.3 * index))
+    return Estimate(
+        *(time_s, status, state.values, covariance, pose, nis, dof),
+        notes={"inlier_ratio": explained, "n_rectangles": dof // 6},
+        records=records,
     )
-
-
-def windowed(estimates: Iterable[FrameEstimate]) -> tuple[FrameEstimate, ...]:
-    """The estimates with their NIS over the last frames, by its definition."""
-    made: list[FrameEstimate] = []
-    for estimate in estimates:
-        made.append(estimate)
-        used = [each for each in made if each.nis_dof][-NIS_WINDOW_FRAMES:]
-        if used:
-            ratio = sum(each.nis for each in used) / sum(each.nis_dof for each in used)
-            made[-1] = replace(estimate, window_nis=ratio)
-    return tuple(made)
 
 
 @pytest.fixture(scope="session")
@@ -104,18 +100,17 @@ def make_run() -> Callable[..., SyntheticRun]:
         generator = np.random.default_rng(7)
         time_s: FloatArray = 0.5 * np.arange(frames, dtype=np.float64)
         states = [true_state(t) for t in time_s]
-        estimates = windowed(
+        estimates = tuple(
             frame_estimate(i, state, generator, inflation) for i, state in enumerate(states)
         )
-        truth = Truth(
+        truth = Trajectory(
             time_s=time_s,
-            r_hill=np.array([state.r_hill for state in states]),
-            v_hill=np.array([state.v_hill for state in states]),
-            com_model=np.array([state.com_model for state in states]),
-            R_world_body=np.array([state.R_world_body for state in states]),
-            omega_body=np.array([state.omega_body for state in states]),
-            inertia_ratios=np.array([state.inertia_ratios for state in states]),
-            T_cam_model=np.array([s.T_cam_model(T_CAM_WORLD, np.eye(3)) for s in states]),
+            layout=MASS_CENTRE_LAYOUT,
+            values={
+                name: np.array([state.values[name] for state in states])
+                for name in true_state(0.0).values
+            },
+            T_cam_target=np.array([s.T_cam_model(T_CAM_WORLD, np.eye(3)) for s in states]),
         )
         return SyntheticRun(estimates, truth)
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.rigid_body import ratios_from_inertia
@@ -37,7 +38,6 @@ from pcnav.evaluation.knowledge import (
     what_is_known,
 )
 from pcnav.report.summary import knowledge_text
-from pcnav.runs.results import SD_COLUMNS
 
 PRIOR = PriorMass(0.15**2 * np.eye(3), 0.01 * np.eye(5))
 STILL = np.zeros(3)
@@ -301,7 +301,7 @@ def test_the_table_has_every_state_and_combination() -> None:
     rows = list(csv.DictReader(io.StringIO(knowledge_csv(knowledge))))
     assert len(rows) == STATE_SIZE + 3 + 5
     told = {f"sd_{row['state']}" for row in rows[:STATE_SIZE]}
-    assert told == set(SD_COLUMNS)
+    assert told == set(MASS_CENTRE_LAYOUT.sd_columns)
     assert [row["state"] for row in rows[:STATE_SIZE]][6:10] == [
         *("com_x_m", "com_y_m", "com_z_m", "theta_x_rad"),
     ]

@@ -21,8 +21,12 @@ from scipy.stats import chi2
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
+from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSE_LAYOUT, POSITION, RATE, RATIOS, VELOCITY
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.estimators.interface import AxesPolicy
+from pcnav.evaluation.errors import errors, match_times, relabelled
 from pcnav.evaluation.metrics import (
     BLOCKS,
     PERCENTILES,
@@ -32,25 +36,19 @@ from pcnav.evaluation.metrics import (
     evaluate,
     squared_normalised_errors,
 )
-from pcnav.evaluation.track_errors import (
-    Truth,
-    best_symmetry,
-    match_times,
-    relabelled,
-    track_errors,
-)
 from pcnav.files.text_table import number
 from pcnav.report.summary import summary_table
-from pcnav.runs.result_writer import ResultWriter
-from pcnav.runs.results import Track, read_track
+from pcnav.runs.reader import read_run
+from pcnav.runs.run import Run
+from pcnav.runs.writer import RunWriter
 
 
-def stored(folder: Path, run: Any) -> Track:
+def stored(folder: Path, run: Any) -> Run:
     """The run's frames by way of the disk."""
-    with ResultWriter(folder) as writer:
+    with RunWriter(folder, run.output) as writer:
         for estimate in run.estimates:
             writer.add(estimate)
-    return read_track(folder, with_covariance=True)
+    return read_run(folder, with_covariance=True)
 
 
 def quantity(metrics: Metrics, key: str) -> tuple[str, FloatArray]:
@@ -68,37 +66,31 @@ def statistics(norms: FloatArray) -> FloatArray:
 @pytest.fixture(scope="module")
 def honest(
     make_run: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Any, Track, Path]:
+) -> tuple[Any, Run, Path]:
     run = make_run(400)
     folder = tmp_path_factory.mktemp("honest") / "run"
     return run, stored(folder, run), folder
 
 
-def test_state_errors_are_the_states_own(honest: tuple[Any, Track, Path]) -> None:
+def test_state_errors_are_the_states_own(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
-    errors = track_errors(track, run.truth)
+    found = errors(track, run.truth)
     known = np.flatnonzero(track.has_estimate)
     assert len(known) == 397
+    state = np.hstack([found[block] for block in track.trajectory.layout.blocks])
     for i in known[::40]:
-        state = run.estimates[i].state
-        true = NavigationState(
-            r_hill=run.truth.r_hill[i],
-            v_hill=run.truth.v_hill[i],
-            com_model=run.truth.com_model[i],
-            R_world_body=run.truth.R_world_body[i],
-            omega_body=run.truth.omega_body[i],
-            inertia_ratios=run.truth.inertia_ratios[i],
-        )
-        np.testing.assert_allclose(errors.state[i], state.ratio_error(true), rtol=1e-9, atol=1e-13)
-    assert np.isnan(errors.state[~track.has_estimate]).all()
+        own = NavigationState(*(run.estimates[i][block] for block in MASS_CENTRE_LAYOUT.blocks))
+        true = NavigationState.of(run.truth, i)
+        np.testing.assert_allclose(state[i], own.ratio_error(true), rtol=1e-9, atol=1e-13)
+    assert np.isnan(state[~track.has_estimate]).all()
 
 
-def test_pose_errors_agree_with_evo_on_the_written_file(honest: tuple[Any, Track, Path]) -> None:
+def test_pose_errors_agree_with_evo_on_the_written_file(honest: tuple[Any, Run, Path]) -> None:
     run, track, folder = honest
     estimated = file_interface.read_tum_trajectory_file(str(folder / "poses.tum"))
     first = int(np.argmax(track.has_estimate))
     reference = PoseTrajectory3D(
-        poses_se3=list(run.truth.T_cam_model[first:]), timestamps=run.truth.time_s[first:]
+        poses_se3=list(run.truth.T_cam_target[first:]), timestamps=run.truth.time_s[first:]
     )
     metrics = evaluate(track, run.truth)
     for key, relation in (
@@ -114,27 +106,35 @@ def test_pose_errors_agree_with_evo_on_the_written_file(honest: tuple[Any, Track
         np.testing.assert_allclose(ours[[0, 1, -1]], expected, rtol=1e-6)
 
 
-def test_every_quantity_is_the_norm_in_its_unit(honest: tuple[Any, Track, Path]) -> None:
+def test_every_quantity_is_the_norm_in_its_unit(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     metrics = evaluate(track, run.truth)
     k = track.has_estimate
-    relative = Rotation.from_matrix(run.truth.R_world_body[k]).inv() * Rotation.from_matrix(
-        track.R_world_body[k]
+    relative = Rotation.from_matrix(run.truth[ATTITUDE][k]).inv() * Rotation.from_matrix(
+        track.trajectory[ATTITUDE][k]
     )
     for key, unit, norms in (
         ("attitude", "deg", np.rad2deg(relative.magnitude())),
-        ("r_hill", "m", np.linalg.norm(track.r_hill - run.truth.r_hill, axis=1)[k]),
-        ("v_hill", "m/s", np.linalg.norm(track.v_hill - run.truth.v_hill, axis=1)[k]),
+        (
+            "r_hill",
+            "m",
+            np.linalg.norm(track.trajectory[POSITION] - run.truth[POSITION], axis=1)[k],
+        ),
+        (
+            "v_hill",
+            "m/s",
+            np.linalg.norm(track.trajectory[VELOCITY] - run.truth[VELOCITY], axis=1)[k],
+        ),
         (
             "omega_body",
             "deg/s",
-            np.linalg.norm(track.omega_body - run.truth.omega_body, axis=1)[k] * 180.0 / np.pi,
+            np.linalg.norm(track.trajectory[RATE] - run.truth[RATE], axis=1)[k] * 180.0 / np.pi,
         ),
-        ("com_model", "m", np.linalg.norm(track.com_model - run.truth.com_model, axis=1)[k]),
+        ("com_model", "m", np.linalg.norm(track.trajectory[CENTRE] - run.truth[CENTRE], axis=1)[k]),
         (
             "inertia_ratios",
             "1",
-            np.linalg.norm(track.inertia_ratios - run.truth.inertia_ratios, axis=1)[k],
+            np.linalg.norm(track.trajectory[RATIOS] - run.truth[RATIOS], axis=1)[k],
         ),
     ):
         assert norms.min() > 0.0
@@ -143,10 +143,10 @@ def test_every_quantity_is_the_norm_in_its_unit(honest: tuple[Any, Track, Path])
         np.testing.assert_allclose(numbers, statistics(norms), rtol=1e-7)
 
 
-def test_parts_of_the_run_are_parts_of_its_time(honest: tuple[Any, Track, Path]) -> None:
+def test_parts_of_the_run_are_parts_of_its_time(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     whole = evaluate(track, run.truth)
-    norms = np.linalg.norm(track.r_hill - run.truth.r_hill, axis=1)
+    norms = np.linalg.norm(track.trajectory[POSITION] - run.truth[POSITION], axis=1)
     r_hill = {each.key: each for each in whole.quantities}["r_hill"]
     assert r_hill.second_half.frames == 200
     # Frame 266 lies on the border of the last third, give or take a rounding error.
@@ -156,7 +156,7 @@ def test_parts_of_the_run_are_parts_of_its_time(honest: tuple[Any, Track, Path])
     assert r_hill.second_half.maximum == pytest.approx(norms[200:].max())
 
 
-def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple[Any, Track, Path]) -> None:
+def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     blocks = {block.name: block for block in evaluate(track, run.truth).nees}
     assert set(blocks) == set(BLOCKS)
@@ -171,7 +171,7 @@ def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple[Any, Track, 
         assert block.unusable_frames == 0
     whole = blocks["all"]
     assert whole.degrees == 397 * 20
-    # Errors of a filter hang together: the bounds are those of a single frame.
+    # Errors of a filter are correlated: the bounds are those of a single frame.
     np.testing.assert_allclose(
         [whole.lower, whole.upper], chi2.interval(0.95, 20) / np.array(20), rtol=1e-12
     )
@@ -211,7 +211,7 @@ def test_a_covariance_that_is_none_is_counted_not_used() -> None:
     assert np.isnan(consistency("x", squared[1:], np.full(4, 2)).mean_per_degree)
 
 
-def test_nis_sums_over_changing_degrees_of_freedom(honest: tuple[Any, Track, Path]) -> None:
+def test_nis_sums_over_changing_degrees_of_freedom(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     nis = evaluate(track, None).nis
     frames = [each for each in run.estimates if each.nis_dof]
@@ -225,7 +225,7 @@ def test_nis_sums_over_changing_degrees_of_freedom(honest: tuple[Any, Track, Pat
     assert nis.share_inside == pytest.approx(np.mean([0.025 <= p <= 0.975 for p in inside]))
 
 
-def test_what_a_run_says_of_itself(honest: tuple[Any, Track, Path]) -> None:
+def test_what_a_run_says_of_itself(honest: tuple[Any, Run, Path]) -> None:
     _, track, _ = honest
     metrics = evaluate(track, None)
     assert (metrics.frames, metrics.frames_with_estimate) == (400, 397)
@@ -237,13 +237,13 @@ def test_what_a_run_says_of_itself(honest: tuple[Any, Track, Path]) -> None:
     assert (metrics.quantities, metrics.nees) == ((), ())
 
 
-def test_a_truth_of_poses_alone_gives_pose_errors_alone(honest: tuple[Any, Track, Path]) -> None:
+def test_a_truth_of_poses_alone_gives_pose_errors_alone(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
-    poses = Truth(run.truth.time_s, T_cam_model=run.truth.T_cam_model)
+    poses = Trajectory(run.truth.time_s, POSE_LAYOUT, T_cam_target=run.truth.T_cam_target)
     metrics = evaluate(track, poses)
     assert [each.key for each in metrics.quantities] == ["position_cam", "attitude"]
     assert metrics.nees == ()
-    states = replace(run.truth, T_cam_model=None)
+    states = replace(run.truth, T_cam_target=None)
     keys = [each.key for each in evaluate(track, states).quantities]
     assert "position_cam" not in keys
     assert "attitude" in keys
@@ -252,11 +252,12 @@ def test_a_truth_of_poses_alone_gives_pose_errors_alone(honest: tuple[Any, Track
     np.testing.assert_allclose(with_poses, without, rtol=1e-6)
 
 
-def test_frames_are_matched_by_time_not_by_row(honest: tuple[Any, Track, Path]) -> None:
+def test_frames_are_matched_by_time_not_by_row(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     whole = evaluate(track, run.truth)
     rows = np.arange(len(run.truth.time_s))[::2]
-    every_second = Truth(run.truth.time_s[rows] + 4e-7, T_cam_model=run.truth.T_cam_model[rows])
+    some = run.truth.at(rows)
+    every_second = Trajectory(some.time_s + 4e-7, POSE_LAYOUT, T_cam_target=some.T_cam_target)
     metrics = evaluate(track, every_second)
     assert metrics.frames_compared == 198
     assert whole.errors is not None and metrics.errors is not None
@@ -286,36 +287,36 @@ HALF_TURN = make_transform(exp_rotation(np.array([0.0, 0.0, np.pi])), np.array([
 SYMMETRIES = np.stack([np.eye(4), HALF_TURN])
 
 
-def test_an_equivalent_truth_is_the_same_motion(honest: tuple[Any, Track, Path]) -> None:
+def test_an_equivalent_truth_is_the_same_motion(honest: tuple[Any, Run, Path]) -> None:
     run, _, _ = honest
     other: Any = relabelled(run.truth, HALF_TURN)
     i = 50
     # Where the mass centre is in the camera, and the direction of the angular momentum.
-    before = run.truth.T_cam_model[i] @ [*run.truth.com_model[i], 1.0]
-    after = other.T_cam_model[i] @ [*other.com_model[i], 1.0]
+    before = run.truth.T_cam_target[i] @ [*run.truth[CENTRE][i], 1.0]
+    after = other.T_cam_target[i] @ [*other[CENTRE][i], 1.0]
     np.testing.assert_allclose(after, before, atol=1e-12)
-    assert np.abs(other.com_model[i] - run.truth.com_model[i]).max() > 0.1
+    assert np.abs(other[CENTRE][i] - run.truth[CENTRE][i]).max() > 0.1
     np.testing.assert_allclose(
-        other.R_world_body[i] @ other.omega_body[i],
-        run.truth.R_world_body[i] @ run.truth.omega_body[i],
+        other[ATTITUDE][i] @ other[RATE][i],
+        run.truth[ATTITUDE][i] @ run.truth[RATE][i],
         atol=1e-14,
     )
     directions = []
     for truth in (run.truth, other):
-        inertia = inertia_from_ratios(truth.inertia_ratios[i])
-        momentum = truth.R_world_body[i] @ inertia @ truth.omega_body[i]
+        inertia = inertia_from_ratios(truth[RATIOS][i])
+        momentum = truth[ATTITUDE][i] @ inertia @ truth[RATE][i]
         directions.append(momentum / np.linalg.norm(momentum))
     np.testing.assert_allclose(directions[1], directions[0], atol=1e-12)
 
 
-def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple[Any, Track, Path]) -> None:
+def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     plain = evaluate(track, run.truth)
-    assert best_symmetry(track, run.truth, SYMMETRIES) == 0
+    assert evaluate(track, run.truth, symmetry_transforms=SYMMETRIES).symmetry == 0
     # The truth told in the other labels: without its symmetry the run looks half a turn wrong.
     labels = relabelled(run.truth, invert_transform(HALF_TURN))
     wrong = evaluate(track, labels)
-    right = evaluate(track, labels, SYMMETRIES)
+    right = evaluate(track, labels, symmetry_transforms=SYMMETRIES)
     assert right.symmetry == 1
     assert quantity(wrong, "attitude")[1][1] > 170.0
     for key in ("position_cam", "attitude", "com_model", "omega_body", "inertia_ratios"):
@@ -323,6 +324,16 @@ def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple[Any, Tr
             quantity(right, key)[1], quantity(plain, key)[1], rtol=1e-6, atol=1e-12
         )
     assert right.nees[-1].mean_per_degree == pytest.approx(plain.nees[-1].mean_per_degree)
+    # Half of the frames the other way: no one symmetry fits, of each frame one does.
+    assert run.truth.T_cam_target is not None and labels.T_cam_target is not None
+    mixed = run.truth.T_cam_target.copy()
+    mixed[::2] = labels.T_cam_target[::2]
+    poses = Trajectory(run.truth.time_s, POSE_LAYOUT, T_cam_target=mixed)
+    turned = errors(track, poses, AxesPolicy.SYMMETRY, symmetry_transforms=SYMMETRIES)
+    assert np.nanmax(np.linalg.norm(turned.theta_model_rad, axis=1)) > 3.0
+    fitted = errors(track, poses, AxesPolicy.SYMMETRY_OF_FRAME, symmetry_transforms=SYMMETRIES)
+    assert plain.errors is not None
+    np.testing.assert_allclose(fitted.theta_model_rad, plain.errors.theta_model_rad, atol=1e-9)
 
 
 def test_distribution_of_a_known_sample() -> None:
@@ -337,7 +348,7 @@ def test_distribution_of_a_known_sample() -> None:
     assert distribution(np.array([np.nan])).frames == 0
 
 
-def test_metrics_json_says_its_units(honest: tuple[Any, Track, Path]) -> None:
+def test_metrics_json_says_its_units(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     content = json.loads(json.dumps(evaluate(track, run.truth).to_json(), allow_nan=False))
     assert set(content["errors"]) == {
@@ -351,10 +362,11 @@ def test_metrics_json_says_its_units(honest: tuple[Any, Track, Path]) -> None:
     json.dumps(evaluate(replace_all_unknown(track), None).to_json(), allow_nan=False)
 
 
-def replace_all_unknown(track: Track) -> Track:
+def replace_all_unknown(track: Run) -> Run:
     """The same frames without a single estimate."""
-    nothing = np.full_like(track.r_hill, np.nan)
-    return replace(track, r_hill=nothing, nis=np.full(len(track), np.nan))
+    values = {name: np.full_like(v, np.nan) for name, v in track.trajectory.values.items()}
+    trajectory = replace(track.trajectory, values=values)
+    return replace(track, trajectory=trajectory, nis=np.full(len(track), np.nan))
 
 
 @pytest.mark.parametrize(
@@ -373,7 +385,7 @@ def test_numbers_keep_three_digits(value: float, text: str) -> None:
     assert number(value) == text
 
 
-def test_the_table_shows_errors_in_readable_units(honest: tuple[Any, Track, Path]) -> None:
+def test_the_table_shows_errors_in_readable_units(honest: tuple[Any, Run, Path]) -> None:
     run, track, _ = honest
     metrics = evaluate(track, run.truth)
 

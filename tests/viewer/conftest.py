@@ -1,13 +1,16 @@
 """A run of a few frames, shared by the tests of the web view."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from pcnav.config.pipeline_file import Pipeline
-from pcnav.pipeline import run
+from pcnav.pipeline import RunSummary, run
+from pcnav.runs.estimate import Estimate
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
+from pcnav.viewer.live import LiveView
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
 
@@ -44,3 +47,25 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Pa
 def loaded(run_folder: Path) -> LoadedRun:
     """The same, as the view has it."""
     return load_run(run_folder)
+
+
+def watched(
+    recording: Path,
+    out: Path,
+    pipeline: Pipeline,
+    view: LiveView,
+    on_frame: Callable[[int], None] = lambda done: None,
+) -> RunSummary:
+    """A run that a view is told of; ``on_frame`` is told how many frames it has been shown."""
+
+    def show(estimate: Estimate, done: int, _: int) -> None:
+        view.add(estimate)
+        on_frame(done)
+
+    return run(
+        recording,
+        out,
+        pipeline,
+        on_start=lambda as_run, output: view.expect(out.name, as_run, output),
+        on_estimate=show,
+    )

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcnav.cli.run_kinds import Work, attitudes_run, depth_run, images_run, tracks_run
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core import chi_square
@@ -23,7 +22,7 @@ from pcnav.viewer.loading import load_run
 from pcnav.viewer.panels import facts_html
 from pcnav.viewer.render_options import Layer
 from pcnav.viewer.server import LocalServer
-from tests.viewer.conftest import FRAMES, small_pipeline
+from tests.viewer.conftest import FRAMES, small_pipeline, watched
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "deg": 1.0, "deg/s": 1.0, "": 1.0}
 _QUANTITIES = {
@@ -41,8 +40,8 @@ class Kind:
     """A kind of run, and what the view has of it."""
 
     frames: int
-    work: Callable[[Path, int], Work]
-    """By an empty folder and the number of frames."""
+    simulated: Callable[[Path, int], Pipeline]
+    """Writes the recording of so many frames into a folder, and says how to run it."""
     groups: tuple[str, ...]
     absent: frozenset[Layer]
     used: str
@@ -57,25 +56,13 @@ def _pipeline(name: str, frames: int) -> tuple[Path, Pipeline]:
     return path, pipeline.model_copy(update={"scenario": scenario})
 
 
-def _stereo(name: str) -> Callable[[Path, int], Work]:
-    def work(folder: Path, frames: int) -> Work:
+def _simulated(name: str) -> Callable[[Path, int], Pipeline]:
+    def simulated(recording: Path, frames: int) -> Pipeline:
         path, pipeline = _pipeline(name, frames)
-        simulate(pipeline, path).write(folder / "recording")
-        return tracks_run(folder / "recording", path, pipeline, folder / "result", False)
+        simulate(pipeline, path).write(recording)
+        return pipeline
 
-    return work
-
-
-def _images(folder: Path, frames: int) -> Work:
-    path, pipeline = _pipeline("applsci2022", frames)
-    simulate(pipeline, path).write(folder / "recording")
-    return images_run(folder / "recording", pipeline, folder / "result", False)
-
-
-def _attitudes(folder: Path, frames: int) -> Work:
-    _, pipeline = _pipeline("deng2024", frames)
-    simulate(pipeline).write(folder / "recording")
-    return attitudes_run(folder / "recording", pipeline, folder / "result", False)
+    return simulated
 
 
 _NO_MODEL = frozenset(
@@ -88,13 +75,13 @@ _NO_PLACE = _NO_MODEL | {Layer.POSITION, Layer.TRAIL}
 _TURNING = ("attitude", "rate", "inertia ratios", "consistency")
 KINDS = {
     # The first estimate comes after 100 frames.
-    "hu2024": Kind(150, _stereo("hu2024"), ("position", *_TURNING), _NO_MODEL, "features"),
-    "segal2011": Kind(40, _stereo("segal2011"), ("position", *_TURNING), _NO_MODEL, "features"),
+    "hu2024": Kind(150, _simulated("hu2024"), ("position", *_TURNING), _NO_MODEL, "features"),
+    "segal2011": Kind(40, _simulated("segal2011"), ("position", *_TURNING), _NO_MODEL, "features"),
     "images": Kind(
-        *(40, _images, ("attitude", "rate", "consistency")),
+        *(40, _simulated("applsci2022"), ("attitude", "rate", "consistency")),
         *(_NO_PLACE | {Layer.PRINCIPAL, Layer.MOMENTUM}, "matches"),
     ),
-    "attitudes": Kind(40, _attitudes, _TURNING, _NO_PLACE, "attitudes"),
+    "attitudes": Kind(40, _simulated("deng2024"), _TURNING, _NO_PLACE, "attitudes"),
 }
 
 
@@ -108,26 +95,26 @@ class Seen:
     kind: Kind
 
 
-def _seen(kind: Kind, work: Work) -> Seen:
+def _seen(kind: Kind, recording: Path, pipeline: Pipeline, out: Path) -> Seen:
     served: list[LocalServer] = []
     counts: list[int] = []
     view = LiveView(0, served.append)
 
-    def advance(done: int, total: int, failed: int = 0, /) -> None:
+    def advance(done: int) -> None:
         snapshot = view.snapshot()
         assert snapshot.is_live and len(snapshot.runs[0]) == done
         counts.append(done)
 
     try:
-        done = work(advance, view)
+        watched(recording, out, pipeline, view, advance)
         assert counts == list(range(1, kind.frames + 1)) and len(served) == 1
         last = view.snapshot().runs[0]
-        stored = load_run(done.folder)
+        stored = load_run(out)
         view.finish(stored)
         assert view.snapshot().runs == (stored,) and not view.snapshot().is_live
     finally:
         view.stop()
-    return Seen(last, stored, done.folder, kind)
+    return Seen(last, stored, out, kind)
 
 
 @pytest.fixture(scope="module", params=["depth", *KINDS])
@@ -137,13 +124,13 @@ def seen(
     folder = tmp_path_factory.mktemp("kinds")
     if request.param == "depth":
         groups = ("position", "attitude", "rate", "mass centre", "inertia ratios", "consistency")
-        sequence, out = run_folder.parent / "sequence", folder / "result"
-        work = depth_run(sequence, None, small_pipeline(), out, False)
-        return _seen(
-            Kind(FRAMES, lambda folder, frames: work, groups, frozenset(), "rectangles"), work
-        )
+        absent: frozenset[Layer] = frozenset()
+        kind = Kind(FRAMES, lambda *_: small_pipeline(), groups, absent, "rectangles")
+        sequence = run_folder.parent / "sequence"
+        return _seen(kind, sequence, small_pipeline(), folder / "result")
     kind = KINDS[request.param]
-    return _seen(kind, kind.work(folder, kind.frames))
+    recording = folder / "recording"
+    return _seen(kind, recording, kind.simulated(recording, kind.frames), folder / "result")
 
 
 def _metrics(seen: Seen) -> Any:

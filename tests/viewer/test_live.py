@@ -14,19 +14,17 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from pcnav.cli.run_kinds import depth_run
 from pcnav.config.pipeline_file import read_pipeline
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.pipeline import run
 from pcnav.recordings.opening import open_sequence
-from pcnav.runs.results import FrameEstimate
+from pcnav.runs.estimate import Estimate
 from pcnav.target.satellite import load_target
 from pcnav.viewer.live import LiveView, run_live
-from pcnav.viewer.live_rows import DEPTH, depth_estimate
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
 from pcnav.viewer.server import LocalServer
-from tests.viewer.conftest import FRAMES, small_pipeline
+from tests.viewer.conftest import FRAMES, small_pipeline, watched
 
 
 @contextmanager
@@ -54,34 +52,32 @@ def stuck_page(port: int) -> Iterator[Connection]:
 
 
 @pytest.fixture(scope="module")
-def estimates(run_folder: Path) -> list[FrameEstimate]:
+def estimates(run_folder: Path) -> list[Estimate]:
     """Those of the run, made anew."""
     pipeline = read_pipeline(run_folder / "pipeline.toml")
     sequence = open_sequence(run_folder.parent / "sequence")
     assert sequence.info.target_mesh is not None
     target = load_target(sequence.info.target_mesh)
     tracker = Tracker(target, sequence.info, pipeline.perception, pipeline.filter, pipeline.seed)
-    return [tracker.step(frame)[0] for frame in sequence]
+    return [tracker.step(frame) for frame in sequence]
 
 
 @pytest.fixture
 def live(run_folder: Path) -> Iterator[LiveView]:
     view = LiveView(0, lambda _: None)
-    view.expect("live", read_pipeline(run_folder / "pipeline.toml"), DEPTH)
+    view.expect("live", read_pipeline(run_folder / "pipeline.toml"), Tracker.output)
     yield view
     view.stop()
 
 
-def test_what_was_handed_out_does_not_change(
-    live: LiveView, estimates: list[FrameEstimate]
-) -> None:
+def test_what_was_handed_out_does_not_change(live: LiveView, estimates: list[Estimate]) -> None:
     for estimate in estimates[:3]:
-        live.add(depth_estimate(estimate))
+        live.add(estimate)
     early = live.snapshot().runs[0]
     before = early.T_cam_model.copy()
     for repeat in range(200):
         for estimate in estimates[3:6]:
-            live.add(depth_estimate(estimate))
+            live.add(estimate)
         assert len(live.snapshot().runs[0]) == 3 + 3 * (repeat + 1)
     assert np.array_equal(early.T_cam_model, before, equal_nan=True)
 
@@ -99,9 +95,10 @@ def test_results_are_the_same_bytes_with_and_without_the_view(
     """And the page stays when the run has ended."""
     ports: list[int] = []
     sequence, out = run_folder.parent / "sequence", tmp_path / "result"
-    work = depth_run(sequence, None, small_pipeline(), out, False)
     summary, server = run_live(
-        lambda view: work(lambda *_: None, view), 0, lambda served: ports.append(served.get_port())
+        lambda view: watched(sequence, out, small_pipeline(), view),
+        0,
+        lambda served: ports.append(served.get_port()),
     )
     try:
         assert ports == [server.get_port()]
@@ -115,23 +112,22 @@ def test_results_are_the_same_bytes_with_and_without_the_view(
 def test_a_run_that_fails_leaves_no_server(run_folder: Path, tmp_path: Path) -> None:
     served: list[LocalServer] = []
 
-    def fail(done: int, total: int, failed: int = 0, /) -> None:
+    def fail(_: int) -> None:
         raise KeyboardInterrupt
 
     sequence, out = run_folder.parent / "sequence", tmp_path / "result"
-    work = depth_run(sequence, None, small_pipeline(), out, False)
     with pytest.raises(KeyboardInterrupt):
-        run_live(lambda view: work(fail, view), 0, served.append)
+        run_live(
+            lambda view: watched(sequence, out, small_pipeline(), view, fail), 0, served.append
+        )
     assert not (tmp_path / "result").exists()
     with pytest.raises(OSError):
         connect(f"ws://127.0.0.1:{served[0].get_port()}", open_timeout=1.0)
 
 
-def test_a_stuck_page_does_not_hold_up_the_run(
-    live: LiveView, estimates: list[FrameEstimate]
-) -> None:
+def test_a_stuck_page_does_not_hold_up_the_run(live: LiveView, estimates: list[Estimate]) -> None:
     """No call of the run waits for a page, and what is kept for the page stays bounded."""
-    live.add(depth_estimate(estimates[0]))
+    live.add(estimates[0])
     assert live.server is not None
     with stuck_page(live.server.get_port()):
         deadline = time.monotonic() + 20.0
@@ -142,7 +138,7 @@ def test_a_stuck_page_does_not_hold_up_the_run(
         for _ in range(100):
             for estimate in estimates[1:]:
                 started = time.thread_time()
-                live.add(depth_estimate(estimate))
+                live.add(estimate)
                 spent.append(time.thread_time() - started)
             time.sleep(0.005)
         buffer = client._websock_connection.get_message_buffer()
@@ -157,8 +153,8 @@ def test_a_killed_run_can_be_looked_at(run_folder: Path, tmp_path: Path) -> None
     """While frames are written the folder has all that the view needs."""
     seen: list[LoadedRun] = []
 
-    def look(estimate: FrameEstimate, total: int) -> None:
-        if estimate.index == FRAMES - 1:
+    def look(_: Estimate, done: int, total: int) -> None:
+        if done == total:
             (staging,) = tmp_path.glob(".result-*")
             seen.append(load_run(staging))
 

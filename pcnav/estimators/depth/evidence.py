@@ -6,7 +6,7 @@ import numpy as np
 
 from pcnav.core import chi_square
 from pcnav.filtering.error_state import UpdateResult
-from pcnav.runs.results import NIS_WINDOW_FRAMES
+from pcnav.runs.nis_window import NisWindow
 
 _POOR_EXPLAINED = 0.9
 """A track that explains less of its frames than this, over the window, is doubtful."""
@@ -24,7 +24,7 @@ class Evidence:
 
     def __init__(self) -> None:
         self._inlier_ratios: deque[float] = deque(maxlen=_WINDOW_FRAMES)
-        self._innovations: deque[tuple[float, int]] = deque(maxlen=NIS_WINDOW_FRAMES)
+        self._innovations = NisWindow()
         self._usual = float("nan")
         self._fell = False
 
@@ -35,14 +35,12 @@ class Evidence:
         if np.isnan(self._usual):
             self._usual = inlier_ratio
         self._usual += (inlier_ratio - self._usual) / _MEMORY_FRAMES
-        if result.joint_dof:
-            self._innovations.append((result.joint_nis, result.joint_dof))
+        self._innovations.add(result.joint_nis, result.joint_dof)
 
     @property
     def window_nis(self) -> float:
         """NIS over its degrees of freedom, over the last frames; nan without any."""
-        nis, dof = self._sums()
-        return nis / dof if dof else float("nan")
+        return self._innovations.per_degree
 
     @property
     def is_doubtful(self) -> bool:
@@ -51,9 +49,6 @@ class Evidence:
             return True
         if len(self._inlier_ratios) < _WINDOW_FRAMES:
             return False
-        nis, dof = self._sums()
+        nis, dof = self._innovations.nis, self._innovations.dof
         errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
         return errs or float(np.mean(self._inlier_ratios)) < _POOR_EXPLAINED
-
-    def _sums(self) -> tuple[float, int]:
-        return sum(nis for nis, _ in self._innovations), sum(dof for _, dof in self._innovations)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import (
@@ -23,11 +24,12 @@ from pcnav.estimators.depth.measuring import UPDATES, Kalman, Updated, pose_of, 
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_error
 from pcnav.estimators.depth.views import FrameView, silent_view
+from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult, innovation_gate
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame, SequenceInfo
-from pcnav.runs.results import FrameEstimate
+from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target
 from pcnav.target.symmetry import group_name
@@ -65,11 +67,13 @@ class _Track:
         return Status.AMBIGUOUS if ambiguous else Status.LOCKED
 
 
-class Tracker:
+class Tracker(Estimator):
     """Follows one target through a sequence: acquires it, then filters frame by frame.
 
     Nothing but the target, the pipeline's settings and the frames enters an estimate.
     """
+
+    output = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)
 
     def __init__(
         self,
@@ -93,25 +97,31 @@ class Tracker:
         self._status = Status.ACQUIRING
         self._track: _Track | None = None
         self._acquisition = self._new_acquisition(self._belief)
+        self._view: FrameView | None = None
+
+    @property
+    def view(self) -> FrameView | None:
+        """The last frame as it was understood; None before the first."""
+        return self._view
 
     @property
     def prior(self) -> PriorMass | None:
         """What was believed of the mass before the first frame; None until there is a track."""
         return None if self._track is None else self._belief.prior
 
-    def step(self, frame: Frame) -> tuple[FrameEstimate, FrameView]:
+    def step(self, frame: Frame, /) -> Estimate:
         """Take in one frame. Raises `InputError` when target and frame differ in units."""
         observer = ObserverPose.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
         if self._track is None:
-            estimate, view = self._acquire(frame, observer)
+            estimate, self._view = self._acquire(frame, observer)
         else:
-            estimate, view = self._follow(frame, observer, self._track)
+            estimate, self._view = self._follow(frame, observer, self._track)
         if estimate.status != self._status:
-            self._log_status(frame, estimate)
+            self._log_status(frame, estimate, self._view.inlier_ratio)
             self._status = Status(estimate.status)
-        return estimate, view
+        return estimate
 
-    def _log_status(self, frame: Frame, estimate: FrameEstimate) -> None:
+    def _log_status(self, frame: Frame, estimate: Estimate, inlier_ratio: float) -> None:
         group = ""
         if estimate.status == Status.AMBIGUOUS:
             group = f", symmetry group {group_name(self._target.symmetry_transforms)}"
@@ -121,7 +131,7 @@ class Tracker:
             self._status,
             estimate.status,
             group,
-            100.0 * estimate.inlier_ratio,
+            100.0 * inlier_ratio,
             estimate.window_nis,
         )
 
@@ -133,7 +143,7 @@ class Tracker:
             refined=self._refined,
         )
 
-    def _acquire(self, frame: Frame, observer: ObserverPose) -> tuple[FrameEstimate, FrameView]:
+    def _acquire(self, frame: Frame, observer: ObserverPose) -> tuple[Estimate, FrameView]:
         outcome = self._acquisition.add(frame, observer)
         if not isinstance(outcome, Initialised):
             return self._estimate(outcome, None, Status.ACQUIRING, observer), outcome
@@ -153,7 +163,7 @@ class Tracker:
 
     def _follow(
         self, frame: Frame, observer: ObserverPose, track: _Track
-    ) -> tuple[FrameEstimate, FrameView]:
+    ) -> tuple[Estimate, FrameView]:
         kalman = track.kalman
         kalman.predict(self._model, track.time_s, frame.time_s - track.time_s)
         track.time_s = frame.time_s
@@ -257,29 +267,27 @@ class Tracker:
 
     def _estimate(
         self, view: FrameView, result: UpdateResult | None, status: Status, observer: ObserverPose
-    ) -> FrameEstimate:
+    ) -> Estimate:
         track, frame = self._track, view.frame
         accepted = (True,) * len(view.measurements) if result is None else result.accepted
-        estimate = FrameEstimate(
-            index=frame.index,
+        estimate = Estimate(
             time_s=frame.time_s,
-            state=None,
-            covariance=None,
-            T_cam_model=None,
             status=str(status),
             nis=float("nan") if result is None else result.joint_nis,
             nis_dof=0 if result is None else result.joint_dof,
-            n_rectangles=sum(accepted[face] for face in view.face_of_record),
-            records=view.outcomes(accepted),
-            inlier_ratio=view.inlier_ratio,
             window_nis=float("nan") if track is None else track.evidence.window_nis,
+            notes={
+                "inlier_ratio": view.inlier_ratio,
+                "n_rectangles": sum(accepted[face] for face in view.face_of_record),
+            },
+            records=view.outcomes(accepted),
         )
         if track is None:
             return estimate
         kalman = track.kalman
         return replace(
             estimate,
-            state=kalman.state,
+            values=kalman.state.values,
             covariance=ratio_covariance(kalman.state, kalman.covariance),
-            T_cam_model=pose_of(kalman, observer),
+            T_cam_target=pose_of(kalman, observer),
         )

@@ -19,7 +19,7 @@ from pcnav.perception.association import MeasuredFace, Unused
 from pcnav.perception.reading import View
 from pcnav.perception.render_compare import Comparison, FaceEvidence
 from pcnav.recordings.sequence import Frame
-from pcnav.runs.results import ACCEPTED, RectangleRecord
+from pcnav.runs.records import ACCEPTED, RectangleRecord
 
 GATED = "failed the innovation gate"
 _UNKNOWN_SD = 1.0

@@ -15,6 +15,7 @@ from pcnav.core.spatial import rotation_from_xyzw
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import ratios_from_inertia
+from pcnav.estimators.features.answer import Motion, Used, stereo_estimate, stereo_output
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
 from pcnav.estimators.inertia_bank.hypotheses import Mixture, moment_matched
 from pcnav.estimators.inertia_bank.relative_state import (
@@ -24,9 +25,10 @@ from pcnav.estimators.inertia_bank.relative_state import (
     point_slice,
     reduced_pixels,
 )
+from pcnav.estimators.interface import Estimator
 from pcnav.filtering.batched_filter import BatchedUpdate
 from pcnav.recordings.tracks import TrackFrame
-from pcnav.runs.feature_estimate import FeatureEstimate, FeaturePoint, MotionEstimate
+from pcnav.runs.estimate import Estimate, FeaturePoint
 from pcnav.runs.status import Status
 
 _MIN_POINTS = 3
@@ -47,8 +49,8 @@ class _Following:
     """Frames in a row in which points were seen and none was used."""
 
 
-class InertiaBankEstimator:
-    """A `FeatureEstimator`: consumes frames of tracks, nothing of the target is known before."""
+class InertiaBankEstimator(Estimator):
+    """Consumes frames of stereo tracks; nothing of the target is known before."""
 
     def __init__(
         self, rig: StereoRig, orbit: KeplerOrbit, table: InertiaBankTable, seed: int = 0
@@ -57,12 +59,14 @@ class InertiaBankEstimator:
         self._rig, self._orbit, self._table = rig, orbit, table
         self._inertia = np.stack([inertia_matrix(values) for values in table.hypotheses])
         self._ratios = np.stack([ratios_from_inertia(inertia) for inertia in self._inertia])
+        weights = (f"weight_{k + 1}" for k in range(len(self._ratios)))
+        self.output = stereo_output(("hypothesis", *weights))
         self._bank: InertiaBank | None = None
         self._following = _Following()
         self._time_s: float | None = None
 
-    def step(self, frame: TrackFrame) -> FeatureEstimate:
-        """See `FeatureEstimator`."""
+    def step(self, frame: TrackFrame, /) -> Estimate:
+        """See `Estimator`."""
         self._check(frame)
         self._time_s = frame.time_s
         R_rig_hill = frame.R_cam_world @ self._orbit.R_hill_world(frame.time_s).T
@@ -75,9 +79,10 @@ class InertiaBankEstimator:
         self._take_note(frame.time_s, used, rejected)
         if self._following.frames_refused >= self._table.max_rejections:
             self._bank, self._following = None, _Following()
-            return FeatureEstimate(frame.time_s, Status.LOST, None, rejected=rejected)
+            lost = Used(rejected=rejected)
+            return stereo_estimate(frame, self._orbit, Status.LOST, of=lost)
         self._forget_and_add(self._bank, frame, R_rig_hill)
-        return self._estimate(self._bank, frame.time_s, result, used, rejected)
+        return self._answer(self._bank, frame, result, used, rejected)
 
     def _check(self, frame: TrackFrame) -> None:
         where = f"frame at {frame.time_s:g} s"
@@ -89,10 +94,10 @@ class InertiaBankEstimator:
         if not (np.all(np.isfinite(frame.pixels)) and np.all(disparity > 0.0)):
             raise InputError(where, "pixels", "expected finite pixels of positive disparity")
 
-    def _acquire(self, frame: TrackFrame, R_rig_hill: FloatArray) -> FeatureEstimate:
+    def _acquire(self, frame: TrackFrame, R_rig_hill: FloatArray) -> Estimate:
         """Begin with the first frame of enough points, which are triangulated."""
         if len(frame.features) < _MIN_POINTS:
-            return FeatureEstimate(frame.time_s, Status.ACQUIRING, None)
+            return stereo_estimate(frame, self._orbit, Status.ACQUIRING)
         positions, noise = triangulated(self._rig, R_rig_hill, frame.pixels[None])
         attitude = rotation_from_xyzw(np.array(self._table.attitude_xyzw))
         start = start_motion(self._table, positions, attitude[None])
@@ -101,7 +106,7 @@ class InertiaBankEstimator:
         self._bank.add(positions[:, :count], noise[:, :count])
         features = tuple(int(f) for f in frame.features[:count])
         self._following = _Following(features, dict.fromkeys(features, frame.time_s))
-        return self._estimate(self._bank, frame.time_s, None, features, ())
+        return self._answer(self._bank, frame, None, features, ())
 
     def _update(
         self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray
@@ -155,14 +160,14 @@ class InertiaBankEstimator:
         rejections = {f: now.rejections.get(f, 0) for f in stay}
         self._following = _Following((*stay, *added), seen, rejections, now.frames_refused)
 
-    def _estimate(
+    def _answer(
         self,
         bank: InertiaBank,
-        time_s: float,
+        frame: TrackFrame,
         result: BatchedUpdate | None,
         used: tuple[int, ...],
         rejected: tuple[int, ...],
-    ) -> FeatureEstimate:
+    ) -> Estimate:
         weights = bank.weights()[0]
         best = int(np.argmax(weights))
         blend = weights
@@ -177,22 +182,22 @@ class InertiaBankEstimator:
         )
         is_decided = bool(weights[best] >= _DECIDED)
         status = Status.LOCKED if is_decided else Status.AMBIGUOUS
-        motion = self._motion(mixture, time_s)
+        motion = self._motion(mixture, frame.time_s)
         if self._table.estimate is BankEstimate.MAP and not is_decided:
             motion = _with_doubt(motion, weights, self._ratios)
         notes = {f"weight_{k + 1}": float(weight) for k, weight in enumerate(weights)}
-        return FeatureEstimate(
-            time_s=time_s,
-            status=status if used else Status.COASTING,
-            motion=motion,
-            used=used,
-            rejected=rejected,
-            nis=float("nan") if result is None or not used else float(result.joint_nis[best]),
-            nis_dof=0 if result is None else int(result.joint_dof[best]),
-            notes={"hypothesis": float(best + 1), **notes},
+        nis = float("nan") if result is None or not used else float(result.joint_nis[best])
+        dof = 0 if result is None else int(result.joint_dof[best])
+        return stereo_estimate(
+            frame,
+            self._orbit,
+            status if used else Status.COASTING,
+            motion,
+            Used(used, rejected, nis, dof),
+            {"hypothesis": float(best + 1), **notes},
         )
 
-    def _motion(self, mixture: Mixture, time_s: float) -> MotionEstimate:
+    def _motion(self, mixture: Mixture, time_s: float) -> Motion:
         """In the terms that all feature estimators report: world attitude, body errors."""
         states: RelativeStates = mixture.states
         n = states.size
@@ -206,18 +211,18 @@ class InertiaBankEstimator:
             )
             for k, feature in enumerate(self._following.features)
         }
-        return MotionEstimate(
+        return Motion(
             r_hill=states.r_hill[0],
             v_hill=states.v_hill[0],
             R_world_body=self._orbit.R_hill_world(time_s).T @ states.R_hill_body[0],
             omega_body=states.omega_body[0],
             inertia_ratios=mixture.parameters[0],
             covariance=covariance[np.ix_(rows, rows)],
-            features=points,
+            points=points,
         )
 
 
-def _with_doubt(motion: MotionEstimate, weights: FloatArray, ratios: FloatArray) -> MotionEstimate:
+def _with_doubt(motion: Motion, weights: FloatArray, ratios: FloatArray) -> Motion:
     """One hypothesis followed while others may be right: how far its inertia is from theirs.
 
     ``weights`` (H,) and ``ratios`` (H, 5) of all hypotheses. The second moment about the one

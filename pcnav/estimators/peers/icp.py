@@ -16,7 +16,8 @@ from pcnav.core._extras import small_gicp
 from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
-from pcnav.estimators.peers.interface import Baseline, Given
+from pcnav.estimators.interface import Given
+from pcnav.estimators.peers.baseline import Baseline
 from pcnav.perception.returns import returns_of
 from pcnav.recordings.poses import nearest_rotation
 from pcnav.recordings.sequence import Frame
@@ -26,9 +27,8 @@ SAMPLES = 20_000
 START_TURN_DEG = 5.0
 START_SHIFT_FRACTION = 0.01
 """Of the target's diameter: 0.1 m for one of 10 m."""
-FEWER_NEIGHBOURS, NEIGHBOURS = 10, 20
-"""Points that a covariance is estimated from: small_gicp's default, and half of it, which gives
-smaller position errors in most cases and larger ones of attitude."""
+NEIGHBOURS = 20
+"""Points that a covariance is estimated from: small_gicp's default."""
 _FIRST_REACH = 0.05
 _REACH = 0.02
 """Largest distance of corresponding points over the diameter, in the first frame and later ones."""

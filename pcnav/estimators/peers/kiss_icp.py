@@ -9,10 +9,6 @@ shifted to the centroid of the first: the motion to be found is then a turn abou
 middle, not about a camera many sizes away.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from time import perf_counter
-
 import numpy as np
 from kiss_icp.config import KISSConfig
 from kiss_icp.config.config import (
@@ -25,6 +21,8 @@ from kiss_icp.kiss_icp import KissICP
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import invert_transform, make_transform
+from pcnav.estimators.interface import Given
+from pcnav.estimators.peers.baseline import Baseline
 from pcnav.perception.returns import returns_of
 from pcnav.recordings.sequence import Frame
 
@@ -41,21 +39,6 @@ _MIN_MOTION = 1.0 / 1000.0
 _CONVERGENCE = 1e-6
 """Lengths of KISS-ICP's settings as shares of the size."""
 _EXTENT_PERCENTILES = (2.0, 98.0)
-
-
-@dataclass(frozen=True)
-class OdometryStep:
-    """What odometry says of one frame."""
-
-    index: int
-    time_s: float
-    T_now_first: FloatArray | None
-    """(4, 4) takes a point of the target, in camera axes at the first frame with returns, to where
-    it is in the camera now; None where fewer than 50 points came back."""
-    n_points: int
-    """Returns within reach."""
-    duration_s: float
-    """Time spent on the frame, its cloud included."""
 
 
 class Odometry:
@@ -76,9 +59,12 @@ class Odometry:
         self._origin = np.zeros(3)
         self._kiss: KissICP | None = None
 
-    def register(self, frame: Frame) -> OdometryStep:
-        """The motion since the first frame. The target may drift by its own size from there."""
-        start = perf_counter()
+    def register(self, frame: Frame) -> FloatArray | None:
+        """(4, 4) T_now_first, the motion since the first frame with returns.
+
+        It takes a point of the target, in camera axes then, to where it is in the camera now; None
+        where fewer than 50 points came back. The target may drift by its own size from there.
+        """
         points = returns_of(frame)
         if self._kiss is None and len(points) >= _MIN_POINTS:
             self._size_m = self._size_m or _extent(points)
@@ -94,15 +80,20 @@ class Odometry:
                 # last_pose takes the present sensor axes to those of the map, the first frame's.
                 T_now_map = invert_transform(self._kiss.last_pose)
                 T_now_first = T_cam_centred @ T_now_map @ invert_transform(T_cam_centred)
-        return OdometryStep(
-            frame.index, frame.time_s, T_now_first, len(points), perf_counter() - start
-        )
+        return T_now_first
 
 
-def follow(frames: Iterable[Frame], size_m: float | None = None) -> Iterator[OdometryStep]:
-    """One step of `Odometry` for every frame, read as they are asked for."""
-    odometry = Odometry(size_m)
-    return (odometry.register(frame) for frame in frames)
+class KissIcp(Baseline):
+    """The peer without a model: how the target moved since the first frame, whose pose is given."""
+
+    def __init__(self, given: Given) -> None:
+        self._T_cam_model_first = given.first_pose
+        self._odometry = Odometry(given.target.diameter_m)
+
+    def pose(self, frame: Frame) -> FloatArray | None:
+        """None where fewer than 50 points came back."""
+        T_now_first = self._odometry.register(frame)
+        return None if T_now_first is None else T_now_first @ self._T_cam_model_first
 
 
 def _extent(points: FloatArray) -> float:

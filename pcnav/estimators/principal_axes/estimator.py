@@ -16,12 +16,18 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.estimators.features.answer import Used, stereo_estimate, stereo_output
+from pcnav.estimators.interface import Estimator
 from pcnav.estimators.principal_axes.arc_start import start_from_arc
 from pcnav.estimators.principal_axes.feature_following import FeatureFollower, Taken
 from pcnav.estimators.principal_axes.feature_states import PrincipalState
-from pcnav.estimators.principal_axes.principal_choice import axes_certainty, motion_estimate
+from pcnav.estimators.principal_axes.principal_choice import (
+    NOTES,
+    axes_certainty,
+    reported_motion,
+)
 from pcnav.recordings.tracks import TrackFrame
-from pcnav.runs.feature_estimate import FeatureEstimate
+from pcnav.runs.estimate import Estimate
 from pcnav.runs.status import Status
 
 _MIN_POINTS = 3
@@ -29,8 +35,10 @@ _TRY_EVERY = 0.25
 """Of the shortest arc, between tries to start."""
 
 
-class PrincipalAxesEstimator:
-    """A `FeatureEstimator`: consumes frames of tracks, nothing of the target is known before."""
+class PrincipalAxesEstimator(Estimator):
+    """Consumes frames of stereo tracks; nothing of the target is known before."""
+
+    output = stereo_output(NOTES)
 
     def __init__(
         self, rig: StereoRig, orbit: KeplerOrbit, table: PrincipalAxesTable, seed: int = 0
@@ -64,19 +72,23 @@ class PrincipalAxesEstimator:
         """The features whose photogrammetric frame (6) gave the principal axes their signs."""
         return self._follower.triple if self._follower is not None else None
 
-    def step(self, frame: TrackFrame) -> FeatureEstimate:
-        """See `FeatureEstimator`."""
+    def step(self, frame: TrackFrame, /) -> Estimate:
+        """See `Estimator`."""
         self._check(frame)
         self._time_s = frame.time_s
-        frame = _well_formed(frame, self._rig)
+        seen = _well_formed(frame, self._rig)
         if self._follower is None:
-            return self._acquire(frame)
+            begun = self._acquire(seen)
+            if begun is None:
+                return stereo_estimate(frame, self._orbit, Status.ACQUIRING)
+            return self._answer(begun, frame, Taken(used=self._used_at_start))
         self._follower.predict(frame.time_s)
-        taken = self._follower.take(frame) if len(frame.features) else Taken()
+        taken = self._follower.take(seen) if len(seen.features) else Taken()
         if self._follower.is_lost:
             self._follower, self._arc = None, []
-            return FeatureEstimate(frame.time_s, Status.LOST, None, rejected=taken.rejected)
-        return _estimate(self._follower, frame.time_s, taken)
+            lost = Used(rejected=taken.rejected)
+            return stereo_estimate(frame, self._orbit, Status.LOST, of=lost)
+        return self._answer(self._follower, frame, taken)
 
     def _check(self, frame: TrackFrame) -> None:
         if self._time_s is not None and frame.time_s <= self._time_s:
@@ -86,7 +98,7 @@ class PrincipalAxesEstimator:
             expected = f"expected every feature once at {frame.time_s:g} s"
             raise InputError("tracks", "feature", expected)
 
-    def _acquire(self, frame: TrackFrame) -> FeatureEstimate:
+    def _acquire(self, frame: TrackFrame) -> FeatureFollower | None:
         """Gather an arc and start when it shows the principal axes, or is as long as it may be."""
         table = self._table
         if len(frame.features) >= _MIN_POINTS:
@@ -96,10 +108,9 @@ class PrincipalAxesEstimator:
             if length >= table.arc_s - 1e-9 and frame.time_s >= self._next_try_s:
                 self._next_try_s = frame.time_s + _TRY_EVERY * table.arc_s
                 self._start(length + 2.0 * _TRY_EVERY * table.arc_s >= table.max_arc_s)
-        if self._follower is None:
-            return FeatureEstimate(frame.time_s, Status.ACQUIRING, None)
-        self._follower.predict(frame.time_s)
-        return _estimate(self._follower, frame.time_s, Taken(used=self._used_at_start))
+        if self._follower is not None:
+            self._follower.predict(frame.time_s)
+        return self._follower
 
     def _start(self, at_last: bool) -> None:
         start = start_from_arc(self._arc, self._rig, self._orbit, self._table, self._rng)
@@ -109,6 +120,23 @@ class PrincipalAxesEstimator:
             self._follower = FeatureFollower(start, self._rig, self._orbit, self._table, self._rng)
             self._arc, self._used_at_start = [], start.used
 
+    def _answer(self, follower: FeatureFollower, frame: TrackFrame, taken: Taken) -> Estimate:
+        state, covariance, result = follower.state, follower.covariance, taken.result
+        certainty = axes_certainty(state, covariance)
+        status = Status.COASTING
+        if taken.used:
+            status = Status.LOCKED if certainty.is_determined else Status.AMBIGUOUS
+        nis = float("nan") if result is None else result.joint_nis
+        dof = 0 if result is None else result.joint_dof
+        return stereo_estimate(
+            frame,
+            self._orbit,
+            status,
+            reported_motion(state, covariance, follower.features),
+            Used(taken.used, taken.rejected, nis, dof),
+            certainty.notes(),
+        )
+
 
 def _well_formed(frame: TrackFrame, rig: StereoRig) -> TrackFrame:
     """The frame without features that cannot be points before the rig."""
@@ -116,22 +144,3 @@ def _well_formed(frame: TrackFrame, rig: StereoRig) -> TrackFrame:
     if kept.all():
         return frame
     return replace(frame, features=frame.features[kept], pixels=frame.pixels[kept])
-
-
-def _estimate(follower: FeatureFollower, time_s: float, taken: Taken) -> FeatureEstimate:
-    state, covariance = follower.state, follower.covariance
-    certainty = axes_certainty(state, covariance)
-    status = Status.COASTING
-    if taken.used:
-        status = Status.LOCKED if certainty.is_determined else Status.AMBIGUOUS
-    result = taken.result
-    return FeatureEstimate(
-        time_s=time_s,
-        status=status,
-        motion=motion_estimate(state, covariance, follower.features),
-        used=taken.used,
-        rejected=taken.rejected,
-        nis=result.joint_nis if result is not None else float("nan"),
-        nis_dof=result.joint_dof if result is not None else 0,
-        notes=certainty.notes(),
-    )

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.blocks import MOTION_LAYOUT
 from pcnav.dynamics.principal_inertia import middle_ratio, moments_from_ratios, moments_jacobian
+from pcnav.estimators.features.answer import Motion
 from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.feature_states import (
     OMEGA,
@@ -21,8 +23,9 @@ from pcnav.estimators.principal_axes.principal_frame import (
     free_axes,
     principal_axes,
 )
-from pcnav.runs.feature_estimate import FeaturePoint, MotionEstimate
+from pcnav.runs.estimate import FeaturePoint
 
+NOTES = ("p_x", "p_y", "p_z", "moment_gap_over_sd", "axes_sd_rad")
 _CLEAR_SD = 3.0
 """Moments closer than so many standard deviations of their gap are near equal."""
 _MAX_TILT_SD_RAD = 0.15
@@ -58,14 +61,9 @@ class AxesCertainty:
         return self.significance > _CLEAR_SD and self.tilt_sd_rad < _MAX_TILT_SD_RAD
 
     def notes(self) -> dict[str, float]:
-        """For the columns of a result."""
-        return {
-            "p_x": self.ratios[0],
-            "p_y": self.ratios[1],
-            "p_z": self.ratios[2],
-            "moment_gap_over_sd": self.significance,
-            "axes_sd_rad": self.tilt_sd_rad,
-        }
+        """The columns `NOTES` of a result."""
+        values = (*self.ratios, self.significance, self.tilt_sd_rad)
+        return dict(zip(NOTES, values, strict=True))
 
 
 def axes_certainty(state: PrincipalState, covariance: FloatArray) -> AxesCertainty:
@@ -112,9 +110,9 @@ def _nearest_choice(R_body_new: FloatArray) -> FloatArray:
     return np.asarray(PRINCIPAL_CHOICES[int(fit.argmax())], np.float64)
 
 
-def motion_estimate(
+def reported_motion(
     state: PrincipalState, covariance: FloatArray, features: tuple[int, ...]
-) -> MotionEstimate:
+) -> Motion:
     """What the filter reports: in its axes the products of inertia are zero by definition."""
     moments = moments_from_ratios(state.ratios)
     change = state.additive()
@@ -122,19 +120,19 @@ def motion_estimate(
     rows = np.concatenate(
         [np.arange(block.start, block.stop) for block in (R_HILL, V_HILL, THETA, OMEGA)]
     )
-    selected = np.zeros((17, len(covariance)))
+    selected = np.zeros((MOTION_LAYOUT.size, len(covariance)))
     selected[np.arange(12), rows] = 1.0
     selected[12:14, RATIOS] = moments_jacobian(state.ratios)[1:]
     points = {
         name: FeaturePoint(state.points[k], covariance[point_slice(k), point_slice(k)])
         for k, name in enumerate(features)
     }
-    return MotionEstimate(
+    return Motion(
         r_hill=state.r_hill,
         v_hill=state.v_hill,
         R_world_body=state.R_world_body,
         omega_body=state.omega_body,
         inertia_ratios=np.array([moments[1], moments[2], 0.0, 0.0, 0.0]),
         covariance=selected @ covariance @ selected.T,
-        features=points,
+        points=points,
     )

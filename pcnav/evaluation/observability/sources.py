@@ -11,6 +11,7 @@ from pcnav.config.pipeline_file import EstimatorKind, Pipeline, read_pipeline
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, rotation_from_xyzw
+from pcnav.dynamics.blocks import ATTITUDE, MOTION_LAYOUT, ROTATION_LAYOUT
 from pcnav.dynamics.inertia_parameters import parameters_of
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.rigid_body import inertia_from_ratios
@@ -19,7 +20,6 @@ from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, TorqueFreeModel
 from pcnav.estimators.depth.mass import prior_belief
 from pcnav.estimators.image_motion.chain import run_chain
-from pcnav.estimators.image_motion.source import is_seen_by_one_camera
 from pcnav.evaluation.observability.depth import Views, depth_subject
 from pcnav.evaluation.observability.report import ObservabilityReport, Subject, judge
 from pcnav.evaluation.observability.subjects import (
@@ -32,14 +32,14 @@ from pcnav.evaluation.observability.subjects import (
 )
 from pcnav.files.csv_table import read_csv
 from pcnav.files.text_table import TextTable
-from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.opening import format_of, open_sequence
+from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.stereo_tracks import read_stereo_tracks
 from pcnav.recordings.tracks import StereoTracks
-from pcnav.runs.feature_results import FEATURE_COLUMNS, FEATURES_FILE, MOTION_COLUMNS
-from pcnav.runs.image_results import SD_COLUMNS as IMAGE_SD_COLUMNS
-from pcnav.runs.image_results import ImageTrack
-from pcnav.runs.results import PIPELINE_FILE, STATES_FILE, Track, read_track
+from pcnav.runs.reader import read_run
+from pcnav.runs.result_files import FEATURE_COLUMNS, FEATURES_FILE, PIPELINE_FILE, STATES_FILE
+from pcnav.runs.run import Run
 from pcnav.simulation.depth import stated_range_sigma
 from pcnav.simulation.images import simulated_tracks
 from pcnav.simulation.motion import true_motion
@@ -130,9 +130,23 @@ def tables_for_report(judged: Callable[[], ObservabilityReport]) -> tuple[TextTa
         return ()
 
 
-def can_be_judged(track: ImageTrack) -> bool:
-    """Whether a run on images has attitudes enough to tell a motion."""
-    return int(np.count_nonzero(_of_longest_segment(track.segment, track.has_attitude))) >= _FEWEST
+def tables_of_run(run: Run, recording: Recording, target: Target | None) -> tuple[TextTable, ...]:
+    """What the motion of a finished run makes observable; none of one that cannot be judged."""
+    pipeline, folder = run.pipeline, run.folder
+    if pipeline is None or folder is None or not run.has_estimate.any():
+        return ()
+    if isinstance(recording, Sequence):
+        if target is None or not run.trajectory.layout.blocks:
+            return ()
+        known = target
+        return tables_for_report(
+            lambda: observability_of_depth(recording.name, pipeline, recording, known, run)
+        )
+    if "segment" in run.notes:
+        segment = run.notes["segment"].astype(np.intp)
+        if np.count_nonzero(_of_longest_segment(segment, run.has_estimate)) < _FEWEST:
+            return ()
+    return tables_for_report(lambda: observability_of_run(folder, title=recording.name))
 
 
 def _of_longest_segment(segment: IntArray, known: BoolArray) -> BoolArray:
@@ -186,7 +200,7 @@ def _of_image_pipeline(
 
 def _image_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[RotationState]:
     """The motion is the one that fits the attitudes of the longest segment."""
-    names = ("time_s", "q_x", "q_y", "q_z", "q_w", "segment", *IMAGE_SD_COLUMNS)
+    names = ("time_s", *ATTITUDE.columns, "segment", *ATTITUDE.sd_columns)
     rows = read_csv(folder / STATES_FILE, names).numbers(names)
     has_attitude = np.isfinite(rows[:, 1])
     at = _of_longest_segment(rows[:, 5].astype(np.intp), has_attitude)
@@ -210,7 +224,7 @@ def _image_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[Rotation
 
 def _attitude_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[RotationState]:
     """The motion is the one that leads to the last estimate."""
-    names = (*MOTION_COLUMNS[:1], *MOTION_COLUMNS[7:], "sd_measured_rad")
+    names = ("time_s", *ROTATION_LAYOUT.columns, "sd_measured_rad")
     rows = read_csv(folder / STATES_FILE, names).numbers(names)
     known = np.flatnonzero(np.isfinite(rows[:, 1:-1]).all(axis=1))
     measured = rows[np.isfinite(rows[:, -1]), -1]
@@ -226,7 +240,7 @@ def _attitude_run(title: str, folder: Path, pipeline: Pipeline) -> Subject[Rotat
     model = TorqueFreeModel(0.0, table.propagation)
     start = carried(model, end, float(last[0]), float(rows[0, 0]))
     noise = measured[:, None, None] ** 2 * np.eye(3)
-    chained = is_seen_by_one_camera(Path(pipeline.sequence or ""))
+    chained = format_of(Path(pipeline.sequence or "")).kind is RecordingKind.IMAGES
     return measured_attitudes_subject(title, table, start, rows[:, 0], noise, chained)
 
 
@@ -258,7 +272,7 @@ def _of_depth_run(
         raise InputError(folder / PIPELINE_FILE, "target_mesh", "expected the target's mesh")
     try:
         return observability_of_depth(
-            title, pipeline, sequence, load_target(shown), read_track(folder), wanted
+            title, pipeline, sequence, load_target(shown), read_run(folder), wanted
         )
     except ValueError as error:
         raise InputError(folder / STATES_FILE, "rows", str(error)) from error
@@ -269,22 +283,23 @@ def observability_of_depth(
     pipeline: Pipeline,
     sequence: Sequence,
     target: Target,
-    track: Track,
+    run: Run,
     wanted: Wanted = None,
 ) -> ObservabilityReport:
     """As `observability_of_run`, of a run on depth frames that is at hand.
 
-    Raises ``ValueError`` for a track without an estimate.
+    Raises ``ValueError`` for a run without an estimate.
     """
-    known, info = np.flatnonzero(track.has_estimate), sequence.info
+    known, info = np.flatnonzero(run.has_estimate), sequence.info
     if not known.size:
         raise ValueError("expected at least one estimate")
     first, last = int(known[0]), int(known[-1])
-    state = track.state(last)
-    assert state is not None, "the frame has an estimate"
-    hill = R_hill_world(float(track.time_s[last]), info.mean_motion_rad_s)
+    trajectory = run.trajectory
+    state = NavigationState.of(trajectory, last)
+    assert trajectory.T_cam_target is not None, "the frame has an estimate"
+    hill = R_hill_world(float(run.time_s[last]), info.mean_motion_rad_s)
     # The pose is that of the model in the camera; the camera's own attitude is what is left.
-    R_cam_world = track.T_cam_model[last, :3, :3] @ state.R_world_body.T
+    R_cam_world = trajectory.T_cam_target[last, :3, :3] @ state.R_world_body.T
     range_sigma_m = pipeline.perception.range_sigma_m or info.range_sigma_m
     subject = depth_subject(
         title,
@@ -292,8 +307,8 @@ def observability_of_depth(
         prior_belief(target, info.initial, pipeline.filter),
         Views(target, sequence.frame(last).camera, range_sigma_m),
         info.mean_motion_rad_s,
-        (float(track.time_s[last]), state),
-        track.time_s[first : last + 1],
+        (float(run.time_s[last]), state),
+        run.time_s[first : last + 1],
         np.asarray(R_cam_world @ hill.T),
     )
     return judge(subject, wanted)
@@ -313,7 +328,8 @@ def _of_features(
 
 def _last_motion(folder: Path) -> FeatureMotion:
     """The last estimate of a run on feature tracks."""
-    rows = read_csv(folder / STATES_FILE, MOTION_COLUMNS).numbers(MOTION_COLUMNS)
+    columns = ("time_s", *MOTION_LAYOUT.columns)
+    rows = read_csv(folder / STATES_FILE, columns).numbers(columns)
     rows = rows[np.isfinite(rows).all(axis=1)]
     features = read_csv(folder / FEATURES_FILE, FEATURE_COLUMNS[:4])
     points = _points(features.numbers(FEATURE_COLUMNS[:4]))

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.filtering.error_state import UpdateResult
-from pcnav.runs.results import NIS_WINDOW_FRAMES
+from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
 from pcnav.runs.status import Status
 
 

@@ -12,7 +12,7 @@ from pcnav.estimators.depth.views import GATED, FrameView, silent_view, view_of_
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
 from pcnav.recordings.sequence import Frame
-from pcnav.runs.results import ACCEPTED
+from pcnav.runs.records import ACCEPTED
 from pcnav.target.satellite import Rectangle, Target
 
 Shoot = Callable[..., Frame]
