@@ -348,7 +348,10 @@ BROKEN: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
         lambda s: (s / "sequence.toml").write_text("[sensor]\nrange_sigma_m = 0.01\n"),
         ("sequence", "target_mesh", "--target"),
     ),
-    "truth damaged": (text("truth.csv", "\n0.25,", "\nx,"), ("truth.csv", "line 3", "22 numbers")),
+    "truth damaged": (
+        text("truth.csv", "\n0.25,", "\nx,"),
+        ("truth.csv", "line 3", "expected a number"),
+    ),
     "no scene": (shutil.rmtree, ("sequence", "folder", SCENE)),
     "file for the folder": (
         file_instead,

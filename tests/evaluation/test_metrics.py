@@ -21,7 +21,16 @@ from scipy.stats import chi2
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
-from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSE_LAYOUT, POSITION, RATE, RATIOS, VELOCITY
+from pcnav.dynamics.blocks import (
+    ATTITUDE,
+    CENTRE,
+    MASS_CENTRE_LAYOUT,
+    POSE_LAYOUT,
+    POSITION,
+    RATE,
+    RATIOS,
+    VELOCITY,
+)
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.dynamics.trajectory import Trajectory
