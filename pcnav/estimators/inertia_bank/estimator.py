@@ -4,7 +4,7 @@ A bank of iterated filters, one per hypothesis of the target's inertia, sees the
 innovations weigh the hypotheses; the most probable filter, or the mean of all, is the estimate.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.estimators.features.answer import Motion, Used, stereo_estimate, stereo_output
+from pcnav.estimators.features.bookkeeping import FeatureBook, check_frame
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
 from pcnav.estimators.inertia_bank.hypotheses import Mixture, moment_matched
 from pcnav.estimators.inertia_bank.relative_state import (
@@ -36,19 +37,6 @@ _DECIDED = 0.9
 """A hypothesis of less weight leaves the estimate ambiguous."""
 
 
-@dataclass(frozen=True)
-class _Following:
-    """What is followed: the numbers of the points in the state, and how they fare."""
-
-    features: tuple[int, ...] = ()
-    """In the order of the state."""
-    last_seen_s: dict[int, float] = field(default_factory=dict)
-    rejections: dict[int, int] = field(default_factory=dict)
-    """In a row."""
-    frames_refused: int = 0
-    """Frames in a row in which points were seen and none was used."""
-
-
 class InertiaBankEstimator(Estimator):
     """Consumes frames of stereo tracks; nothing of the target is known before."""
 
@@ -62,7 +50,7 @@ class InertiaBankEstimator(Estimator):
         weights = (f"weight_{k + 1}" for k in range(len(self._ratios)))
         self.output = stereo_output(("hypothesis", *weights))
         self._bank: InertiaBank | None = None
-        self._following = _Following()
+        self._book = FeatureBook()
         self._time_s: float | None = None
 
     def step(self, frame: TrackFrame, /) -> Estimate:
@@ -76,22 +64,19 @@ class InertiaBankEstimator(Estimator):
         accepted = result.accepted[0] if result is not None else np.zeros(0, dtype=np.bool_)
         used = tuple(f for f, ok in zip(seen, accepted, strict=True) if ok)
         rejected = tuple(f for f, ok in zip(seen, accepted, strict=True) if not ok)
-        self._take_note(frame.time_s, used, rejected)
-        if self._following.frames_refused >= self._table.max_rejections:
-            self._bank, self._following = None, _Following()
+        self._book = self._book.noted(frame.time_s, used, rejected)
+        if self._book.frames_refused >= self._table.max_rejections:
+            self._bank, self._book = None, FeatureBook()
             lost = Used(rejected=rejected)
             return stereo_estimate(frame, self._orbit, Status.LOST, of=lost)
         self._forget_and_add(self._bank, frame, R_rig_hill)
         return self._answer(self._bank, frame, result, used, rejected)
 
     def _check(self, frame: TrackFrame) -> None:
-        where = f"frame at {frame.time_s:g} s"
-        if self._time_s is not None and not frame.time_s > self._time_s:
-            raise InputError(where, "time_s", f"expected more than {self._time_s:g}")
-        if len(np.unique(frame.features)) != len(frame.features):
-            raise InputError(where, "feature", "expected every feature once")
+        check_frame(frame, self._time_s)
         disparity = StereoRig.disparity(frame.pixels)
         if not (np.all(np.isfinite(frame.pixels)) and np.all(disparity > 0.0)):
+            where = f"frame at {frame.time_s:g} s"
             raise InputError(where, "pixels", "expected finite pixels of positive disparity")
 
     def _acquire(self, frame: TrackFrame, R_rig_hill: FloatArray) -> Estimate:
@@ -105,60 +90,40 @@ class InertiaBankEstimator(Estimator):
         count = min(len(frame.features), self._table.max_features)
         self._bank.add(positions[:, :count], noise[:, :count])
         features = tuple(int(f) for f in frame.features[:count])
-        self._following = _Following(features, dict.fromkeys(features, frame.time_s))
+        self._book = FeatureBook().added(frame.time_s, features)
         return self._answer(self._bank, frame, None, features, ())
 
     def _update(
         self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray
     ) -> tuple[BatchedUpdate | None, tuple[int, ...]]:
         """Move to the frame and update with the points that are in the state; their numbers."""
-        place = {feature: k for k, feature in enumerate(self._following.features)}
-        known = [k for k, feature in enumerate(frame.features) if int(feature) in place]
-        seen = tuple(int(frame.features[k]) for k in known)
-        if not known:
+        slots = self._book.slots(frame.features)
+        known = slots >= 0
+        if not known.any():
             return bank.step(frame.time_s, None), ()
-        points: IntArray = np.array([place[feature] for feature in seen], dtype=np.intp)
         pixels = reduced_pixels(frame.pixels[known])[None]
-        measured = PixelMeasurements(self._rig, R_rig_hill, points, pixels)
-        return bank.step(frame.time_s, measured), seen
-
-    def _take_note(self, time_s: float, used: tuple[int, ...], rejected: tuple[int, ...]) -> None:
-        before = self._following
-        refused = before.frames_refused
-        self._following = replace(
-            before,
-            last_seen_s={**before.last_seen_s, **dict.fromkeys((*used, *rejected), time_s)},
-            rejections={
-                **before.rejections,
-                **dict.fromkeys(used, 0),
-                **{f: before.rejections.get(f, 0) + 1 for f in rejected},
-            },
-            # A frame without any point says nothing either way.
-            frames_refused=0 if used else refused + int(bool(rejected)),
-        )
+        measured = PixelMeasurements(self._rig, R_rig_hill, slots[known], pixels)
+        return bank.step(frame.time_s, measured), tuple(frame.features[known].tolist())
 
     def _forget_and_add(self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray) -> None:
         """Drop points that are always rejected or make room for new ones; add the new ones."""
-        now = self._following
-        most, refused = self._table.max_features, self._table.max_rejections
-        stay = [f for f in now.features if now.rejections.get(f, 0) < refused]
-        new = [k for k, f in enumerate(frame.features) if int(f) not in now.features][:most]
+        book, most = self._book, self._table.max_features
+        unknown = [k for k, slot in enumerate(book.slots(frame.features)) if slot < 0]
+        new = unknown[:most]
+        dropped = set(book.rejected(self._table.max_rejections))
+        stay = [name for name in book.features if name not in dropped]
         # Those in view are not dropped for others in view.
-        out_of_view = [f for f in stay if now.last_seen_s[f] < frame.time_s]
-        out_of_view.sort(key=lambda f: now.last_seen_s[f])
-        surplus = max(0, len(stay) + len(new) - most)
-        dropped = set(out_of_view[:surplus])
-        stay = [f for f in stay if f not in dropped]
+        out_of_view = [name for name in stay if book.last_seen_s[name] < frame.time_s]
+        out_of_view.sort(key=lambda name: book.last_seen_s[name])
+        dropped |= set(out_of_view[: max(0, len(stay) + len(new) - most)])
+        if dropped:
+            stay = [name for name in stay if name not in dropped]
+            bank.keep(np.array([book.features.index(name) for name in stay], dtype=np.intp))
         new = new[: most - len(stay)]
-        if len(stay) < len(now.features):
-            kept: IntArray = np.array([now.features.index(f) for f in stay], dtype=np.intp)
-            bank.keep(kept)
         if new:
             bank.add(*triangulated(self._rig, R_rig_hill, frame.pixels[new][None]))
-        added = [int(frame.features[k]) for k in new]
-        seen = {f: now.last_seen_s[f] for f in stay} | dict.fromkeys(added, frame.time_s)
-        rejections = {f: now.rejections.get(f, 0) for f in stay}
-        self._following = _Following((*stay, *added), seen, rejections, now.frames_refused)
+        added = frame.features[new].tolist()
+        self._book = book.without(dropped).added(frame.time_s, added)
 
     def _answer(
         self,
@@ -209,7 +174,7 @@ class InertiaBankEstimator(Estimator):
             feature: FeaturePoint(
                 states.points_body[0, k], covariance[point_slice(k), point_slice(k)]
             )
-            for k, feature in enumerate(self._following.features)
+            for k, feature in enumerate(self._book.features)
         }
         return Motion(
             r_hill=states.r_hill[0],

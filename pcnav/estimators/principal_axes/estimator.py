@@ -13,10 +13,10 @@ import numpy as np
 
 from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.core.arrays import FloatArray
-from pcnav.core.errors import InputError
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.features.answer import Used, stereo_estimate, stereo_output
+from pcnav.estimators.features.bookkeeping import check_frame
 from pcnav.estimators.interface import Estimator
 from pcnav.estimators.principal_axes.arc_start import start_from_arc
 from pcnav.estimators.principal_axes.feature_following import FeatureFollower, Taken
@@ -74,7 +74,7 @@ class PrincipalAxesEstimator(Estimator):
 
     def step(self, frame: TrackFrame, /) -> Estimate:
         """See `Estimator`."""
-        self._check(frame)
+        check_frame(frame, self._time_s)
         self._time_s = frame.time_s
         seen = _well_formed(frame, self._rig)
         if self._follower is None:
@@ -89,14 +89,6 @@ class PrincipalAxesEstimator(Estimator):
             lost = Used(rejected=taken.rejected)
             return stereo_estimate(frame, self._orbit, Status.LOST, of=lost)
         return self._answer(self._follower, frame, taken)
-
-    def _check(self, frame: TrackFrame) -> None:
-        if self._time_s is not None and frame.time_s <= self._time_s:
-            expected = f"expected times in order, got {frame.time_s:g} after {self._time_s:g}"
-            raise InputError("tracks", "time_s", expected)
-        if len(set(frame.features.tolist())) != len(frame.features):
-            expected = f"expected every feature once at {frame.time_s:g} s"
-            raise InputError("tracks", "feature", expected)
 
     def _acquire(self, frame: TrackFrame) -> FeatureFollower | None:
         """Gather an arc and start when it shows the principal axes, or is as long as it may be."""

@@ -1,7 +1,7 @@
 """Following the features of a target with the filter of its principal axes (Hu 2024, section 4)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from pcnav.core.spatial import rotation_angle
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.attitude_inertia.rotation_model import AttitudeSet
+from pcnav.estimators.features.bookkeeping import FeatureBook
 from pcnav.estimators.features.feature_map import TriangulatedFrame, moves_rigidly, triangulated
 from pcnav.estimators.features.photogrammetric_frame import align
 from pcnav.estimators.principal_axes.arc_fit import longest_steps
@@ -50,47 +51,6 @@ class Taken:
     rejected: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Points:
-    """The features in the state and how they fare."""
-
-    features: tuple[int, ...]
-    """In the order of the state."""
-    last_used_s: dict[int, float]
-    rejections: dict[int, int] = field(default_factory=dict)
-    """In a row."""
-    frames_refused: int = 0
-    """Frames in a row in which features were seen and none was used."""
-    candidates: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
-    """Features that one frame has shown: point (body axes, m) and covariance."""
-
-    def slots(self, features: IntArray) -> IntArray:
-        """(n,) places in the state of features; -1 for those not in it."""
-        place = {name: slot for slot, name in enumerate(self.features)}
-        return np.array([place.get(name, -1) for name in features.tolist()], dtype=np.intp)
-
-    def noted(self, time_s: float, used: Sequence[int], rejected: Sequence[int]) -> "_Points":
-        """How the features fared in a frame."""
-        rejections = {name: n for name, n in self.rejections.items() if name not in used}
-        for name in rejected:
-            rejections[name] = rejections.get(name, 0) + 1
-        return replace(
-            self,
-            last_used_s={**self.last_used_s, **dict.fromkeys(used, time_s)},
-            rejections=rejections,
-            frames_refused=self.frames_refused + 1 if rejected and not used else 0,
-        )
-
-    def without(self, names: Sequence[int]) -> "_Points":
-        """Some of them forgotten."""
-        return replace(
-            self,
-            features=tuple(f for f in self.features if f not in names),
-            last_used_s={f: t for f, t in self.last_used_s.items() if f not in names},
-            rejections={f: n for f, n in self.rejections.items() if f not in names},
-        )
-
-
 class FeatureFollower:
     """The filter from its start on: predicts, measures, and keeps its points and axes."""
 
@@ -109,7 +69,9 @@ class FeatureFollower:
         self.triple = start.triple
         self._time_s = start.time_s
         self._filter = self._filter_of(start.state, start.covariance)
-        self._points = _Points(start.features, dict.fromkeys(start.features, start.time_s))
+        self._book = FeatureBook().added(start.time_s, start.features)
+        self._candidates: dict[int, tuple[FloatArray, FloatArray]] = {}
+        """Features that one frame has shown: point (body axes, m) and covariance."""
         self._shape = dict(zip(start.features, start.state.points, strict=True))
 
     @property
@@ -125,12 +87,12 @@ class FeatureFollower:
     @property
     def features(self) -> tuple[int, ...]:
         """In the order of the state's points."""
-        return self._points.features
+        return self._book.features
 
     @property
     def is_lost(self) -> bool:
         """Whether what is seen has not been what is expected for too long."""
-        return self._points.frames_refused >= self._table.max_rejections
+        return self._book.frames_refused >= self._table.max_rejections
 
     def predict(self, time_s: float) -> None:
         """Move to a time; nothing happens at the present one."""
@@ -142,15 +104,15 @@ class FeatureFollower:
     def take(self, frame: TrackFrame) -> Taken:
         """Measure the features of a frame at the present time."""
         seen = triangulated(frame, self._rig)
-        slots = self._points.slots(frame.features)
-        after_gap = self._time_s - max(self._points.last_used_s.values()) >= _GAP_S
+        slots = self._book.slots(frame.features)
+        after_gap = self._time_s - max(self._book.last_used_s.values()) >= _GAP_S
         if after_gap and not self._table.unique_frame:
             self._choose_freely(slots)
         trusted = slots >= 0
-        if after_gap or self._points.frames_refused:
+        if after_gap or self._book.frames_refused:
             trusted = self._agreeing(seen, slots)
         taken = self._measured(frame, seen, slots, trusted, after_gap)
-        self._points = self._points.noted(self._time_s, taken.used, taken.rejected)
+        self._book = self._book.noted(self._time_s, taken.used, taken.rejected)
         if taken.used:
             self._keep_axes_unique()
             self._drop_rejected()
@@ -275,50 +237,43 @@ class FeatureFollower:
 
     def _drop_rejected(self) -> None:
         """Forget points that are rejected again and again."""
-        self._drop(
-            [
-                name
-                for name, count in self._points.rejections.items()
-                if count >= self._table.max_rejections and name in self.features
-            ]
-        )
+        self._drop(self._book.rejected(self._table.max_rejections))
 
     def _add_new(self, seen: TriangulatedFrame) -> None:
         """Add features that two frames agree on."""
-        unknown = np.flatnonzero(self._points.slots(seen.features) < 0)
+        unknown = np.flatnonzero(self._book.slots(seen.features) < 0)
         if not len(unknown):
             return
-        state, candidates = self.state, dict(self._points.candidates)
+        state = self.state
         R = state.R_world_body
         R_hill_world = self._orbit.R_hill_world(seen.time_s)
         r_world = R_hill_world.T @ state.r_hill
         for k in unknown:
             name = int(seen.features[k])
             p, noise = R.T @ (seen.p_world[k] - r_world), R.T @ seen.noise[k] @ R
-            before, earlier = candidates.pop(name, (p, noise))
-            apart = p - before
-            agree = apart @ np.linalg.solve(noise + earlier, apart) < _NEW_POINT_DISTANCE
-            if name in self._points.candidates and agree:
+            before = self._candidates.pop(name, None)
+            if before is not None and _distance(p, noise, *before) < _NEW_POINT_DISTANCE:
                 self._add(name, p, noise, R_hill_world)
             else:
-                candidates[name] = p, noise
-        self._points = replace(self._points, candidates=candidates)
+                self._candidates[name] = p, noise
 
     def _add(self, name: int, p: FloatArray, noise: FloatArray, R_hill_world: FloatArray) -> None:
         if len(self.features) >= self._table.max_features:
-            self._drop([min(self.features, key=lambda f: self._points.last_used_s[f])])
+            self._drop([min(self.features, key=lambda f: self._book.last_used_s[f])])
         R_body_hill = (R_hill_world @ self.state.R_world_body).T
         grown = with_point(self.state, self.covariance, p, noise, R_body_hill)
         self._filter = self._filter_of(*grown)
-        self._points = replace(
-            self._points,
-            features=(*self.features, name),
-            last_used_s={**self._points.last_used_s, name: self._time_s},
-        )
+        self._book = self._book.added(self._time_s, [name])
 
     def _drop(self, names: Sequence[int]) -> None:
         if names:
             slots = [self.features.index(name) for name in names]
             left = without_points(self.state, self.covariance, slots)
             self._filter = self._filter_of(*left)
-            self._points = self._points.without(names)
+            self._book = self._book.without(names)
+
+
+def _distance(p: FloatArray, noise: FloatArray, before: FloatArray, earlier: FloatArray) -> float:
+    """Squared, of two observations of a point (3,) with covariances (3, 3)."""
+    apart = p - before
+    return float(apart @ np.linalg.solve(noise + earlier, apart))

@@ -146,7 +146,7 @@ def test_too_few_points_and_bad_frames():
     assert waiting.status == "acquiring"
     assert not waiting.has_estimate
     estimator.step(made[1])
-    with pytest.raises(InputError, match="time_s: expected more than 2"):
+    with pytest.raises(InputError, match="time_s: expected times in order, more than 2"):
         estimator.step(made[1])
     with pytest.raises(InputError, match="every feature once"):
         estimator.step(some(made[2], np.array([0, 1, 1])))
