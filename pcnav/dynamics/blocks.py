@@ -100,6 +100,11 @@ class Layout:
             start += block.size
         return slices
 
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Where its blocks stand, in its order."""
+        return tuple(self._slices.values())
+
     def slice_of(self, block: Block) -> slice:
         """Where a block stands in the error state. Raises ``KeyError`` for one it does not have."""
         return self._slices[block.name]
@@ -107,7 +112,7 @@ class Layout:
     def __contains__(self, block: object) -> bool:
         return block in self.blocks
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Components of the error state."""
         return sum(block.size for block in self.blocks)

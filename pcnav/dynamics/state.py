@@ -6,7 +6,15 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, make_transform
-from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, VELOCITY
+from pcnav.dynamics.blocks import (
+    ATTITUDE,
+    CENTRE,
+    MASS_CENTRE_LAYOUT,
+    POSITION,
+    RATE,
+    RATIOS,
+    VELOCITY,
+)
 from pcnav.dynamics.inertia_parameters import (
     inside,
     parameters_from_ratios,
@@ -17,13 +25,8 @@ from pcnav.dynamics.inertia_parameters import (
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.trajectory import Trajectory
 
-STATE_SIZE = 20
-R_HILL = slice(0, 3)
-V_HILL = slice(3, 6)
-COM_MODEL = slice(6, 9)
-THETA_BODY = slice(9, 12)
-OMEGA_BODY = slice(12, 15)
-INERTIA_RATIOS = slice(15, 20)
+STATE_SIZE = MASS_CENTRE_LAYOUT.size
+R_HILL, V_HILL, COM_MODEL, THETA_BODY, OMEGA_BODY, INERTIA_RATIOS = MASS_CENTRE_LAYOUT.slices
 """Slices of the error state, in the order of DESIGN.
 
 Inside the filter the last five are errors of the parameters of

@@ -8,12 +8,12 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, mean_squared, root_mean_square
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
-    OMEGA,
-    R_HILL,
-    RATIOS,
-    THETA,
-    V_HILL,
+    PA_MOTION_SIZE,
+    PA_OMEGA,
+    PA_R_HILL,
+    PA_RATIOS,
+    PA_THETA,
+    PA_V_HILL,
 )
 from pcnav.files.text_table import TextTable
 from pcnav.report.figures import ALERT, LINE
@@ -55,16 +55,16 @@ class Quantity(ShownBlock):
         return float(np.mean(np.abs(error[known]) <= 3.0 * sd[known]))
 
 
-ATTITUDE = Quantity("attitude", THETA, "deg", _DEGREES, "fig06")
+ATTITUDE = Quantity("attitude", PA_THETA, "deg", _DEGREES, "fig06")
 TURNING = (
     ATTITUDE,
-    Quantity("rate", OMEGA, "deg/s", _DEGREES, "fig07"),
-    Quantity("inertia ratios p_x, p_z", RATIOS, "1", 1.0, "fig08", "xz"),
+    Quantity("rate", PA_OMEGA, "deg/s", _DEGREES, "fig07"),
+    Quantity("inertia ratios p_x, p_z", PA_RATIOS, "1", 1.0, "fig08", "xz"),
 )
 QUANTITIES = (
     *TURNING,
-    Quantity("position", R_HILL, "m", 1.0, "fig10"),
-    Quantity("velocity", V_HILL, "m/s", 1.0, "fig11"),
+    Quantity("position", PA_R_HILL, "m", 1.0, "fig10"),
+    Quantity("velocity", PA_V_HILL, "m/s", 1.0, "fig11"),
 )
 _PAPER_SAYS = "converges, small about zero", "non-zero offsets that change over occlusions"
 
@@ -154,7 +154,7 @@ def blackout_table(runs: Sequence[JudgedRun]) -> TextTable:
 
     def at(time_s: float) -> tuple[float, float]:
         rows = [min(int(np.searchsorted(run.time_s, time_s)), len(run.time_s) - 1) for run in runs]
-        sd = [np.linalg.norm(run.sd[k, THETA]) for run, k in zip(runs, rows, strict=True)]
+        sd = [np.linalg.norm(run.sd[k, PA_THETA]) for run, k in zip(runs, rows, strict=True)]
         error = [ATTITUDE.norms(run)[k] for run, k in zip(runs, rows, strict=True)]
         return float(np.median(error)), 3.0 * _DEGREES * float(np.median(sd))
 
@@ -207,7 +207,7 @@ class Consistency:
         whole = mean_squared(np.stack([run.nees for run in runs]), size)
         motion = np.stack([run.motion_nees for run in runs])
         return Consistency(
-            runs[0].time_s, whole, mean_squared(motion, np.minimum(size, MOTION_SIZE))
+            runs[0].time_s, whole, mean_squared(motion, np.minimum(size, PA_MOTION_SIZE))
         )
 
     @property

@@ -15,7 +15,7 @@ from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
+    PA_MOTION_SIZE,
     PrincipalState,
     propagate_rotation,
 )
@@ -90,7 +90,7 @@ class JudgedRun:
         """To be filled in."""
         n = len(time_s)
         motion, places, one = (
-            np.full((n, *shape), np.nan) for shape in ((MOTION_SIZE,), (points, 3), ())
+            np.full((n, *shape), np.nan) for shape in ((PA_MOTION_SIZE,), (points, 3), ())
         )
         unknown = (motion, one, places, places.copy(), one.copy(), one.copy(), one.copy())
         seen, matches = np.zeros(n, dtype=np.bool_), np.zeros(4, dtype=np.intp)
@@ -111,11 +111,14 @@ class JudgedRun:
                 true.v_hill - state.v_hill,
             ]
         )
-        self.sd[n], self.point_sd[n, slots] = sd[:MOTION_SIZE], sd[MOTION_SIZE:].reshape(-1, 3)
+        self.sd[n], self.point_sd[n, slots] = (
+            sd[:PA_MOTION_SIZE],
+            sd[PA_MOTION_SIZE:].reshape(-1, 3),
+        )
         self.point_error[n, slots] = true.points - state.points
         self.middle_ratio_error[n] = middle_ratio(true.ratios) - middle_ratio(state.ratios)
         local = state.local(true)
-        motion, motion_P = local[:MOTION_SIZE], P[:MOTION_SIZE, :MOTION_SIZE]
+        motion, motion_P = local[:PA_MOTION_SIZE], P[:PA_MOTION_SIZE, :PA_MOTION_SIZE]
         self.nees[n] = local @ np.linalg.solve(P, local)
         self.motion_nees[n] = motion @ np.linalg.solve(motion_P, motion)
         self.size[n] = len(local)

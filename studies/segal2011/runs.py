@@ -12,7 +12,7 @@ from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
 from pcnav.estimators.inertia_bank.hypotheses import moment_matched
 from pcnav.estimators.inertia_bank.relative_state import (
-    MOTION,
+    IB_MOTION,
     PixelMeasurements,
     RelativeStates,
     reduced_pixels,
@@ -193,8 +193,8 @@ def run_batch(batch: RunBatch[Bank]) -> Found:
                 logs[k] = logs[k - 1] - 0.5 * lost.reshape(runs, h)
         truth = _truth(bank.states, motion, k, np.repeat(points, h, axis=0))
         errors[k] = _errors(bank.states, truth).reshape(runs, h, -1)
-        local = bank.states.local(truth)[:, MOTION]
-        P = bank.covariance[:, MOTION, MOTION]
+        local = bank.states.local(truth)[:, IB_MOTION]
+        P = bank.covariance[:, IB_MOTION, IB_MOTION]
         nees[k] = squared_normalised_errors(local, P).reshape(runs, h)
     if case.blend:
         blended[0] = _blended_errors(bank, innovation[-1], case.blend, truth, h)

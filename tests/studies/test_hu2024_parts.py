@@ -7,7 +7,7 @@ import pytest
 
 from pcnav.batch.monte_carlo import Case, batches, runs_of
 from pcnav.dynamics import blocks
-from pcnav.estimators.principal_axes.feature_states import MOTION_SIZE
+from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE
 from pcnav.simulation.motion import rotate_torque_free
 from studies.hu2024 import paper
 from studies.hu2024.errors import (
@@ -116,7 +116,7 @@ def test_errors_of_both_filters(runs):
     for run in unique:
         assert np.isnan(run.error[0]).all()
         assert np.isfinite(run.error[-1]).all()
-        assert run.error.shape[1] == MOTION_SIZE
+        assert run.error.shape[1] == PA_MOTION_SIZE
         assert not run.seen[(run.time_s >= 13.0) & (run.time_s < 15.0)].any()
     assert ATTITUDE.share_inside(unique) == 1.0
     assert ATTITUDE.share_inside(free) < 0.9

@@ -20,14 +20,15 @@ import numpy as np
 from pcnav.config.attitude_inertia import Propagation
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, rotation_from_xyzw, skew
+from pcnav.dynamics.blocks import ROTATION_LAYOUT
 from pcnav.dynamics.inertia_parameters import INERTIA_UNITS, inertia_of, inside, shares
 from pcnav.dynamics.process_noise import white_acceleration_noise
 from pcnav.dynamics.rotation_step import Slope, at_rest, rotate, torque_free_by_inertia
 from pcnav.filtering.error_state import MotionModel
 
-THETA, OMEGA, INERTIA = slice(0, 3), slice(3, 6), slice(6, 11)
+THETA, OMEGA, INERTIA = ROTATION_LAYOUT.slices
 """Attitude error (body axes, right, rad), rate (rad/s), N_yy, N_zz, N_xy, N_xz, N_yz."""
-SIZE = 11
+SIZE = ROTATION_LAYOUT.size
 _QUANTITIES = 8
 """Rate and inertia."""
 

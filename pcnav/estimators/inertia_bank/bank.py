@@ -12,11 +12,11 @@ from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.inertia_bank.hypotheses import log_likelihood, normalised
 from pcnav.estimators.inertia_bank.relative_state import (
-    MOTION_SIZE,
-    OMEGA,
-    R_HILL,
-    THETA,
-    V_HILL,
+    IB_MOTION_SIZE,
+    IB_OMEGA,
+    IB_R_HILL,
+    IB_THETA,
+    IB_V_HILL,
     PixelMeasurements,
     PixelsAhead,
     RelativeMotion,
@@ -49,9 +49,9 @@ def start_motion(
         points_body=np.zeros((runs, 0, 3)),
         coupled=table.kinematic_coupling,
     )
-    sd = np.zeros(MOTION_SIZE)
-    sd[R_HILL], sd[V_HILL] = table.mass_centre_sd_m, table.velocity_sd_m_s
-    sd[THETA], sd[OMEGA] = np.radians(table.attitude_sd_deg), np.radians(table.rate_sd_deg_s)
+    sd = np.zeros(IB_MOTION_SIZE)
+    sd[IB_R_HILL], sd[IB_V_HILL] = table.mass_centre_sd_m, table.velocity_sd_m_s
+    sd[IB_THETA], sd[IB_OMEGA] = np.radians(table.attitude_sd_deg), np.radians(table.rate_sd_deg_s)
     # The priors are independent in body terms.
     to_own = states.motion_from_body_errors()
     return states, (to_own * sd**2) @ np.swapaxes(to_own, -1, -2)
@@ -72,8 +72,8 @@ def add_points(
     by_known = np.zeros((batch, 3 * m, n))
     if not states.coupled:
         for i in range(m):
-            by_known[:, 3 * i : 3 * i + 3, R_HILL] = -own_axes
-            by_known[:, 3 * i : 3 * i + 3, THETA] = skew(arms[:, i])
+            by_known[:, 3 * i : 3 * i + 3, IB_R_HILL] = -own_axes
+            by_known[:, 3 * i : 3 * i + 3, IB_THETA] = skew(arms[:, i])
     larger = np.zeros((batch, n + 3 * m, n + 3 * m))
     larger[:, :n, :n] = covariance
     cross = by_known @ covariance
@@ -91,7 +91,7 @@ def keep_points(
 ) -> tuple[RelativeStates, FloatArray]:
     """States and covariances with these points only: the others are marginalised."""
     rows = np.concatenate(
-        [np.arange(MOTION_SIZE), *(np.r_[point_slice(int(i))] for i in kept)]
+        [np.arange(IB_MOTION_SIZE), *(np.r_[point_slice(int(i))] for i in kept)]
     ).astype(np.intp)
     return states.with_points(states.points_body[:, kept]), covariance[:, rows[:, None], rows]
 

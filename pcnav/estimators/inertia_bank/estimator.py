@@ -20,7 +20,7 @@ from pcnav.estimators.features.bookkeeping import FeatureBook, check_frame
 from pcnav.estimators.inertia_bank.bank import InertiaBank, start_motion, triangulated
 from pcnav.estimators.inertia_bank.hypotheses import Mixture, moment_matched
 from pcnav.estimators.inertia_bank.relative_state import (
-    MOTION_SIZE,
+    IB_MOTION_SIZE,
     PixelMeasurements,
     RelativeStates,
     point_slice,
@@ -169,7 +169,7 @@ class InertiaBankEstimator(Estimator):
         to_body = np.eye(n + mixture.parameters.shape[1])
         to_body[:n, :n] = states.to_body_errors()[0]
         covariance = to_body @ mixture.covariance[0] @ to_body.T
-        rows = np.r_[:MOTION_SIZE, n : len(covariance)]
+        rows = np.r_[:IB_MOTION_SIZE, n : len(covariance)]
         points = {
             feature: FeaturePoint(
                 states.points_body[0, k], covariance[point_slice(k), point_slice(k)]
@@ -195,5 +195,5 @@ def _with_doubt(motion: Motion, weights: FloatArray, ratios: FloatArray) -> Moti
     """
     away = ratios - motion.inertia_ratios
     covariance = motion.covariance.copy()
-    covariance[MOTION_SIZE:, MOTION_SIZE:] += away.T @ (weights[:, None] * away)
+    covariance[IB_MOTION_SIZE:, IB_MOTION_SIZE:] += away.T @ (weights[:, None] * away)
     return replace(motion, covariance=covariance)

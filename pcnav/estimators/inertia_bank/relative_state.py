@@ -27,17 +27,16 @@ from scipy.linalg import block_diag
 from pcnav.core.arrays import FloatArray, IntArray, picked
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.core.stereo import StereoRig
+from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATE, VELOCITY, Layout
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.process_noise import white_acceleration_noise
 from pcnav.dynamics.rotation_step import rotate, torque_free
 
-R_HILL = slice(0, 3)
-V_HILL = slice(3, 6)
-THETA = slice(6, 9)
-OMEGA = slice(9, 12)
-MOTION = slice(0, 12)
-MOTION_SIZE = 12
-"""Error states before the points: r, v (coupled: nu), attitude (body axes, right), rate."""
+RELATIVE_LAYOUT = Layout((POSITION, VELOCITY, ATTITUDE, RATE))
+"""Errors before the points: r, v (coupled: nu), attitude (body axes, right), rate."""
+IB_R_HILL, IB_V_HILL, IB_THETA, IB_OMEGA = RELATIVE_LAYOUT.slices
+IB_MOTION_SIZE = RELATIVE_LAYOUT.size
+IB_MOTION = slice(0, IB_MOTION_SIZE)
 
 
 @dataclass(frozen=True)
@@ -60,12 +59,12 @@ class RelativeStates:
     @property
     def size(self) -> int:
         """Of the error."""
-        return MOTION_SIZE + 3 * int(self.points_body.shape[-2])
+        return IB_MOTION_SIZE + 3 * int(self.points_body.shape[-2])
 
     @property
     def curved(self) -> slice:
         """See `ManifoldState`."""
-        return slice(THETA.start, OMEGA.stop)
+        return slice(IB_THETA.start, IB_OMEGA.stop)
 
     def positions(self) -> FloatArray:
         """(..., N, 3) the points from the chaser, rho_i of (2), Hill axes, m."""
@@ -74,12 +73,12 @@ class RelativeStates:
 
     def retract(self, error: FloatArray) -> "RelativeStates":
         """The states moved by errors (..., 12 + 3N)."""
-        by_points = error[..., MOTION_SIZE:].reshape(self.points_body.shape)
-        r = self.r_hill + error[..., R_HILL]
-        turn = exp_rotation(error[..., THETA])
+        by_points = error[..., IB_MOTION_SIZE:].reshape(self.points_body.shape)
+        r = self.r_hill + error[..., IB_R_HILL]
+        turn = exp_rotation(error[..., IB_THETA])
         R = self.R_hill_body @ turn
-        omega = self.omega_body + error[..., OMEGA]
-        v = self.v_hill + error[..., V_HILL]
+        omega = self.omega_body + error[..., IB_OMEGA]
+        v = self.v_hill + error[..., IB_V_HILL]
         if self.coupled:
             before, after = self._in_hill(self.omega_body), self._in_hill(omega)
             v = v - np.cross(before, self.r_hill) + np.cross(after, r)
@@ -92,8 +91,8 @@ class RelativeStates:
     def retraction_block(self, error: FloatArray) -> FloatArray:
         """See `ManifoldState`: of attitude and rate; positions add, whatever the attitude does."""
         block = np.zeros((*error.shape[:-1], 6, 6))
-        block[..., :3, :3] = left_jacobian(-error[..., THETA])
-        block[..., 3:, 3:] = exp_rotation(-error[..., THETA]) if self.coupled else np.eye(3)
+        block[..., :3, :3] = left_jacobian(-error[..., IB_THETA])
+        block[..., 3:, 3:] = exp_rotation(-error[..., IB_THETA]) if self.coupled else np.eye(3)
         return block
 
     def admissible(self, error: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -128,23 +127,23 @@ class RelativeStates:
         Coupled: ``dv = d nu + [w]x dr - [r]x D e`` and ``d omega = e + [omega]x theta``, with e the
         error of the rate along the estimated body axes and ``w = D omega``.
         """
-        matrix = self._identity(MOTION_SIZE)
+        matrix = self._identity(IB_MOTION_SIZE)
         if self.coupled:
-            matrix[..., V_HILL, R_HILL] = skew(self._in_hill(self.omega_body))
-            matrix[..., V_HILL, OMEGA] = -skew(self.r_hill) @ self.R_hill_body
-            matrix[..., OMEGA, THETA] = skew(self.omega_body)
+            matrix[..., IB_V_HILL, IB_R_HILL] = skew(self._in_hill(self.omega_body))
+            matrix[..., IB_V_HILL, IB_OMEGA] = -skew(self.r_hill) @ self.R_hill_body
+            matrix[..., IB_OMEGA, IB_THETA] = skew(self.omega_body)
         return matrix
 
     def motion_from_body_errors(self) -> FloatArray:
         """(..., 12, 12) the inverse of `motion_to_body_errors`."""
-        matrix = self._identity(MOTION_SIZE)
+        matrix = self._identity(IB_MOTION_SIZE)
         if self.coupled:
             by_rate = skew(self.r_hill) @ self.R_hill_body
             turning = skew(self.omega_body)
-            matrix[..., V_HILL, R_HILL] = -skew(self._in_hill(self.omega_body))
-            matrix[..., V_HILL, OMEGA] = by_rate
-            matrix[..., V_HILL, THETA] = -by_rate @ turning
-            matrix[..., OMEGA, THETA] = -turning
+            matrix[..., IB_V_HILL, IB_R_HILL] = -skew(self._in_hill(self.omega_body))
+            matrix[..., IB_V_HILL, IB_OMEGA] = by_rate
+            matrix[..., IB_V_HILL, IB_THETA] = -by_rate @ turning
+            matrix[..., IB_OMEGA, IB_THETA] = -turning
         return matrix
 
     def to_body_errors(self) -> FloatArray:
@@ -153,14 +152,14 @@ class RelativeStates:
         Coupled: ``dP = D^T (eta - dr) + [P]x theta`` with eta the error of a position.
         """
         matrix = self._identity(self.size)
-        matrix[..., MOTION, MOTION] = self.motion_to_body_errors()
+        matrix[..., IB_MOTION, IB_MOTION] = self.motion_to_body_errors()
         if not self.coupled:
             return matrix
         R_body_hill = np.swapaxes(self.R_hill_body, -1, -2)
         for i in range(self.points_body.shape[-2]):
             rows = point_slice(i)
-            matrix[..., rows, R_HILL] = -R_body_hill
-            matrix[..., rows, THETA] = skew(self.points_body[..., i, :])
+            matrix[..., rows, IB_R_HILL] = -R_body_hill
+            matrix[..., rows, IB_THETA] = skew(self.points_body[..., i, :])
             matrix[..., rows, rows] = R_body_hill
         return matrix
 
@@ -181,7 +180,7 @@ class RelativeStates:
 
 def point_slice(i: int) -> slice:
     """Where point i is in the error."""
-    return slice(MOTION_SIZE + 3 * i, MOTION_SIZE + 3 * i + 3)
+    return slice(IB_MOTION_SIZE + 3 * i, IB_MOTION_SIZE + 3 * i + 3)
 
 
 @dataclass(frozen=True)
@@ -218,7 +217,7 @@ class RelativeMotion:
         noise = self._motion_noise(abs(step_s))
         if not states.coupled:
             Q = np.zeros_like(F)
-            Q[..., MOTION, MOTION] = noise
+            Q[..., IB_MOTION, IB_MOTION] = noise
             return moved, F, Q
         _couple(F, states, moved)
         by_motion = _errors_by_motion(moved)
@@ -240,31 +239,33 @@ def _couple(F: FloatArray, before: RelativeStates, after: RelativeStates) -> Non
     taken from the errors before it: what (25) integrates to over a step.
     """
     motion = (
-        after.motion_from_body_errors() @ F[..., MOTION, MOTION] @ before.motion_to_body_errors()
+        after.motion_from_body_errors()
+        @ F[..., IB_MOTION, IB_MOTION]
+        @ before.motion_to_body_errors()
     )
     R1 = after.R_hill_body
     turn = R1 @ np.swapaxes(before.R_hill_body, -1, -2)
-    moved = motion[..., R_HILL, :].copy()
-    moved[..., R_HILL] -= turn
-    turned = -motion[..., THETA, :]
-    turned[..., THETA] += np.eye(3)
+    moved = motion[..., IB_R_HILL, :].copy()
+    moved[..., IB_R_HILL] -= turn
+    turned = -motion[..., IB_THETA, :]
+    turned[..., IB_THETA] += np.eye(3)
     arms = R1[..., None, :, :] @ skew(before.points_body) @ turned[..., None, :, :]
-    F[..., MOTION, MOTION] = motion
+    F[..., IB_MOTION, IB_MOTION] = motion
     for i in range(before.points_body.shape[-2]):
         rows = point_slice(i)
-        F[..., rows, MOTION] = moved + arms[..., i, :, :]
+        F[..., rows, IB_MOTION] = moved + arms[..., i, :, :]
         F[..., rows, rows] = turn
 
 
 def _errors_by_motion(states: RelativeStates) -> FloatArray:
     """(..., n, 12) coupled errors of errors of the motion in body terms, the points fixed in it."""
-    matrix = np.zeros((*states.r_hill.shape[:-1], states.size, MOTION_SIZE))
-    matrix[..., MOTION, :] = states.motion_from_body_errors()
+    matrix = np.zeros((*states.r_hill.shape[:-1], states.size, IB_MOTION_SIZE))
+    matrix[..., IB_MOTION, :] = states.motion_from_body_errors()
     arms = -states.R_hill_body[..., None, :, :] @ skew(states.points_body)
     for i in range(states.points_body.shape[-2]):
         rows = point_slice(i)
-        matrix[..., rows, R_HILL] = np.eye(3)
-        matrix[..., rows, THETA] = arms[..., i, :, :]
+        matrix[..., rows, IB_R_HILL] = np.eye(3)
+        matrix[..., rows, IB_THETA] = arms[..., i, :, :]
     return matrix
 
 
@@ -306,8 +307,8 @@ class PixelMeasurements:
         # Without coupling a point moves with the mass centre, the attitude and in the body.
         by_body = None if states.coupled else by_hill @ states.R_hill_body[..., None, :, :]
         if by_body is not None:
-            jacobian[..., R_HILL] = by_hill
-            jacobian[..., THETA] = -by_body @ skew(states.points_body[..., self.points, :])
+            jacobian[..., IB_R_HILL] = by_hill
+            jacobian[..., IB_THETA] = -by_body @ skew(states.points_body[..., self.points, :])
         by_point = by_hill if by_body is None else by_body
         for k, i in enumerate(self.points):
             jacobian[..., k, :, point_slice(int(i))] = by_point[..., k, :, :]

@@ -8,9 +8,9 @@ import numpy as np
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
-    RATIOS,
-    THETA,
+    PA_MOTION_SIZE,
+    PA_RATIOS,
+    PA_THETA,
     PrincipalAxesModel,
     PrincipalState,
 )
@@ -83,7 +83,7 @@ class _PixelProblem(ArcProblem[PrincipalState, NormalEquations]):
         return sum(4 * len(view.features) for view in self.views)
 
     def linearised(self, state: PrincipalState) -> NormalEquations:
-        size = MOTION_SIZE + 3 * len(state.points)
+        size = PA_MOTION_SIZE + 3 * len(state.points)
         transition = np.eye(size)
         normal, gradient, cost = _priors(state, self.start)
         for k, view in enumerate(self.views):
@@ -118,10 +118,10 @@ class _PixelProblem(ArcProblem[PrincipalState, NormalEquations]):
 
 def _priors(first: PrincipalState, start: PrincipalState) -> tuple[FloatArray, FloatArray, float]:
     """What the weak priors add."""
-    size = MOTION_SIZE + 3 * len(first.points)
+    size = PA_MOTION_SIZE + 3 * len(first.points)
     normal, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
     away = first.local(start)
-    for block, sd in ((THETA, _TILT_SD_RAD), (RATIOS, _RATIO_SD)):
+    for block, sd in ((PA_THETA, _TILT_SD_RAD), (PA_RATIOS, _RATIO_SD)):
         normal[block, block] = np.eye(block.stop - block.start) / sd**2
         gradient[block] = away[block] / sd**2
         cost += float(away[block] @ away[block]) / sd**2
@@ -129,7 +129,7 @@ def _priors(first: PrincipalState, start: PrincipalState) -> tuple[FloatArray, F
     middle = first.points.mean(axis=0)
     reach = float(np.square(first.points - middle).sum(axis=1).max())
     by = np.zeros((3, size))
-    by[:, MOTION_SIZE:] = np.tile(np.eye(3), n) / n
+    by[:, PA_MOTION_SIZE:] = np.tile(np.eye(3), n) / n
     normal += by.T @ by / reach
     gradient -= by.T @ middle / reach
     return normal, gradient, cost + float(middle @ middle) / reach

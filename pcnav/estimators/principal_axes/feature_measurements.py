@@ -7,8 +7,8 @@ import numpy as np
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.stereo import StereoRig
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
-    R_HILL,
+    PA_MOTION_SIZE,
+    PA_R_HILL,
     PrincipalState,
     point_slice,
 )
@@ -59,9 +59,9 @@ class FeatureView:
         by_point = by_rig @ R_rig_body
         jacobian = np.zeros((n, 4, state.size))
         # The error of the attitude turns the axes under the points: it moves none of them.
-        jacobian[:, :, R_HILL] = by_rig @ self._R_rig_hill
+        jacobian[:, :, PA_R_HILL] = by_rig @ self._R_rig_hill
         for k, slot in enumerate(self._slots.tolist()):
-            start = MOTION_SIZE + 3 * slot
+            start = PA_MOTION_SIZE + 3 * slot
             jacobian[k, :, start : start + 3] = by_point[k]
         return self._frame.pixels - self._rig.project(p_rig), jacobian
 
@@ -103,6 +103,6 @@ class PointMeasurement:
         """(3, n) the rows of H in (35), in the errors of `feature_states`."""
         R_hill_body = self.R_hill_world @ state.R_world_body
         jacobian = np.zeros((3, state.size))
-        jacobian[:, R_HILL] = np.eye(3)
+        jacobian[:, PA_R_HILL] = np.eye(3)
         jacobian[:, point_slice(self.slot)] = R_hill_body
         return jacobian

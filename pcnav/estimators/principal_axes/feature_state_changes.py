@@ -13,11 +13,11 @@ from pcnav.dynamics.principal_inertia import (
     ratios_jacobian,
 )
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
-    OMEGA,
-    R_HILL,
-    RATIOS,
-    THETA,
+    PA_MOTION_SIZE,
+    PA_OMEGA,
+    PA_R_HILL,
+    PA_RATIOS,
+    PA_THETA,
     PrincipalState,
     point_slice,
 )
@@ -35,9 +35,9 @@ def relabelled(
     moments = moments_from_ratios(state.ratios)[order]
     by_moments = ratios_jacobian(moments)
     change = np.zeros_like(covariance)
-    for block in (THETA, OMEGA, *(point_slice(k) for k in range(len(state.points)))):
+    for block in (PA_THETA, PA_OMEGA, *(point_slice(k) for k in range(len(state.points)))):
         change[block, block] = R_body_new.T
-    change[RATIOS, RATIOS] = by_moments @ moments_jacobian(state.ratios)[order]
+    change[PA_RATIOS, PA_RATIOS] = by_moments @ moments_jacobian(state.ratios)[order]
     change[8:14, 8:14] = np.eye(6)
     moved = replace(
         state,
@@ -55,7 +55,7 @@ def without_points(
     """State and covariance without the points at some places."""
     kept = np.setdiff1d(np.arange(len(state.points)), slots)
     rows = np.concatenate(
-        [np.arange(MOTION_SIZE), (MOTION_SIZE + 3 * kept[:, None] + np.arange(3)).ravel()]
+        [np.arange(PA_MOTION_SIZE), (PA_MOTION_SIZE + 3 * kept[:, None] + np.arange(3)).ravel()]
     )
     return replace(state, points=state.points[kept]), covariance[np.ix_(rows, rows)]
 
@@ -74,7 +74,7 @@ def with_point(
     """
     size = len(covariance)
     by = np.zeros((3, size))
-    by[:, R_HILL] = -R_body_hill
+    by[:, PA_R_HILL] = -R_body_hill
     grown = np.zeros((size + 3, size + 3))
     grown[:size, :size] = covariance
     grown[size:, :size] = by @ covariance

@@ -28,6 +28,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, skew
+from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATE, VELOCITY, Block, Layout
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.principal_inertia import (
@@ -42,13 +43,21 @@ from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_
 from pcnav.dynamics.rotation_step import Rotation, rotate
 from pcnav.filtering.error_state import MotionModel
 
-THETA = slice(0, 3)
-OMEGA = slice(3, 6)
-RATIOS = slice(6, 8)
-R_HILL = slice(8, 11)
-V_HILL = slice(11, 14)
-MOTION_SIZE = 14
-"""Components before the points."""
+PRINCIPAL_RATIOS = Block(
+    name="principal_ratios",
+    quantity="principal_ratios",
+    title="ratios of the principal moments",
+    unit="1",
+    shown_unit="1",
+    columns=("p_x", "p_z"),
+    error_columns=("p_x", "p_z"),
+    components=("p_x", "p_z"),
+    constant=True,
+)
+PRINCIPAL_LAYOUT = Layout((ATTITUDE, RATE, PRINCIPAL_RATIOS, POSITION, VELOCITY))
+"""The error state before the points."""
+PA_THETA, PA_OMEGA, PA_RATIOS, PA_R_HILL, PA_V_HILL = PRINCIPAL_LAYOUT.slices
+PA_MOTION_SIZE = PRINCIPAL_LAYOUT.size
 
 _INERTIA = np.r_[0:3, 6:8]
 """Attitude and ratios, which err together: see `pcnav.dynamics.principal_inertia`."""
@@ -61,7 +70,7 @@ _MAX_TURN_RAD = 0.05
 
 def point_slice(slot: int) -> slice:
     """Where the point at a place of the state lies in the error state."""
-    return slice(MOTION_SIZE + 3 * slot, MOTION_SIZE + 3 * slot + 3)
+    return slice(PA_MOTION_SIZE + 3 * slot, PA_MOTION_SIZE + 3 * slot + 3)
 
 
 @dataclass(frozen=True)
@@ -85,10 +94,10 @@ class PrincipalState:
         """The state moved by a (14 + 3N,) error; see the module and `_turn_of`."""
         if not error.any():
             return self
-        axes, ratios = move_axes(self.ratios, error[THETA], error[RATIOS])
+        axes, ratios = move_axes(self.ratios, error[PA_THETA], error[PA_RATIOS])
         turn = axes
-        e = error[MOTION_SIZE:].reshape(-1, 3)
-        omega, points = self.omega_body + error[OMEGA], self.points + e
+        e = error[PA_MOTION_SIZE:].reshape(-1, 3)
+        omega, points = self.omega_body + error[PA_OMEGA], self.points + e
         psi = self._turn_of(e)
         if float(psi @ psi) > _STRAIGHT_RAD**2:
             K = skew(psi)
@@ -98,15 +107,15 @@ class PrincipalState:
             R_world_body=self.R_world_body @ axes,
             omega_body=omega @ turn,
             ratios=ratios,
-            r_hill=self.r_hill + error[R_HILL],
-            v_hill=self.v_hill + error[V_HILL],
+            r_hill=self.r_hill + error[PA_R_HILL],
+            v_hill=self.v_hill + error[PA_V_HILL],
             points=points @ turn,
         )
 
     @property
     def size(self) -> int:
         """Of the error."""
-        return MOTION_SIZE + 3 * len(self.points)
+        return PA_MOTION_SIZE + 3 * len(self.points)
 
     @property
     def curved(self) -> slice:
@@ -118,26 +127,26 @@ class PrincipalState:
         jacobian = np.eye(len(error))
         if not error.any():
             return jacobian
-        axes, ratios = move_axes(self.ratios, error[THETA], error[RATIOS])
+        axes, ratios = move_axes(self.ratios, error[PA_THETA], error[PA_RATIOS])
         jacobian[np.ix_(_INERTIA, _INERTIA)] = transport(self.ratios, axes, ratios)
         back = axes.T
-        e = error[MOTION_SIZE:].reshape(-1, 3)
+        e = error[PA_MOTION_SIZE:].reshape(-1, 3)
         psi = self._turn_of(e)
         bent = float(psi @ psi) > _STRAIGHT_RAD**2
         if bent:
             # exp(psi) (v + e - psi x v) moves by exp(psi) de, and with psi by the bends.
             E, J, K = exp_rotation(psi), left_jacobian(psi), skew(psi)
             start = np.vstack([self.omega_body, self.points])
-            moved = start + np.vstack([error[OMEGA], e]) + start @ K
+            moved = start + np.vstack([error[PA_OMEGA], e]) + start @ K
             by_points = self._turn_by_points()
             bends = back @ (E @ skew(start) - skew(moved @ E.T) @ J) @ by_points
             back = back @ E
-        jacobian[OMEGA, OMEGA] = back
-        for first in range(MOTION_SIZE, len(error), 3):
+        jacobian[PA_OMEGA, PA_OMEGA] = back
+        for first in range(PA_MOTION_SIZE, len(error), 3):
             jacobian[first : first + 3, first : first + 3] = back
         if bent:
-            jacobian[OMEGA, MOTION_SIZE:] += bends[0]
-            jacobian[MOTION_SIZE:, MOTION_SIZE:] += bends[1:].reshape(-1, by_points.shape[1])
+            jacobian[PA_OMEGA, PA_MOTION_SIZE:] += bends[0]
+            jacobian[PA_MOTION_SIZE:, PA_MOTION_SIZE:] += bends[1:].reshape(-1, by_points.shape[1])
         return jacobian
 
     def local(self, other: "PrincipalState") -> FloatArray:
@@ -167,8 +176,8 @@ class PrincipalState:
         components: what results and tables are in.
         """
         change = np.eye(self.size)
-        change[OMEGA, THETA] = skew(self.omega_body)
-        change[MOTION_SIZE:, THETA] = skew(self.points).reshape(-1, 3)
+        change[PA_OMEGA, PA_THETA] = skew(self.omega_body)
+        change[PA_MOTION_SIZE:, PA_THETA] = skew(self.points).reshape(-1, 3)
         return change
 
     def _turn_of(self, e: FloatArray) -> FloatArray:
@@ -211,8 +220,8 @@ class PrincipalState:
         The triangle inequality of the moments is ``|p| <= 1`` for all three ratios, and p_x and p_z
         imply p_y.
         """
-        for k in (RATIOS.start, RATIOS.start + 1, RATIOS.start):
-            value = self.ratios[k - RATIOS.start] + error[k]
+        for k in (PA_RATIOS.start, PA_RATIOS.start + 1, PA_RATIOS.start):
+            value = self.ratios[k - PA_RATIOS.start] + error[k]
             excess = value - np.clip(value, -MAX_RATIO, MAX_RATIO)
             if excess != 0.0:
                 error = error - covariance[:, k] * (excess / covariance[k, k])
@@ -240,15 +249,15 @@ class PrincipalAxesModel(MotionModel[PrincipalState]):
         rotation = propagate_rotation(state.omega_body, state.ratios, step_s)
         # From errors as they are defined here to plain differences, over the step, and back.
         to_plain = rotation.transition
-        to_plain[:, THETA] += to_plain[:, OMEGA] @ skew(state.omega_body)
+        to_plain[:, PA_THETA] += to_plain[:, PA_OMEGA] @ skew(state.omega_body)
         from_plain = np.zeros((size, 6))
-        from_plain[THETA, THETA] = from_plain[OMEGA, OMEGA] = np.eye(3)
-        from_plain[OMEGA, THETA] = -skew(rotation.omega_body)
-        from_plain[MOTION_SIZE:, THETA] = -skew(state.points).reshape(-1, 3)
+        from_plain[PA_THETA, PA_THETA] = from_plain[PA_OMEGA, PA_OMEGA] = np.eye(3)
+        from_plain[PA_OMEGA, PA_THETA] = -skew(rotation.omega_body)
+        from_plain[PA_MOTION_SIZE:, PA_THETA] = -skew(state.points).reshape(-1, 3)
         transition = np.eye(size)
         transition[:, :8] = from_plain @ to_plain[:6]
-        transition[RATIOS, RATIOS] += np.eye(2)
-        transition[MOTION_SIZE:, THETA] -= from_plain[MOTION_SIZE:, THETA]
+        transition[PA_RATIOS, PA_RATIOS] += np.eye(2)
+        transition[PA_MOTION_SIZE:, PA_THETA] -= from_plain[PA_MOTION_SIZE:, PA_THETA]
         r, v, transition[8:14, 8:14] = self._orbit_step(state, time_s, step_s)
         moved = replace(
             state,

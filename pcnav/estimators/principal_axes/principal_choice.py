@@ -10,11 +10,11 @@ from pcnav.dynamics.principal_inertia import middle_ratio, moments_from_ratios, 
 from pcnav.estimators.features.answer import Motion
 from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.feature_states import (
-    OMEGA,
-    R_HILL,
-    RATIOS,
-    THETA,
-    V_HILL,
+    PA_OMEGA,
+    PA_R_HILL,
+    PA_RATIOS,
+    PA_THETA,
+    PA_V_HILL,
     PrincipalState,
     point_slice,
 )
@@ -70,9 +70,9 @@ def axes_certainty(state: PrincipalState, covariance: FloatArray) -> AxesCertain
     """What state and covariance (n, n) say of the axes."""
     moments = moments_from_ratios(state.ratios)
     by = -np.diff(moments_jacobian(state.ratios), axis=0)
-    gap_sd = np.sqrt(np.einsum("ip,pq,iq->i", by, covariance[RATIOS, RATIOS], by))
+    gap_sd = np.sqrt(np.einsum("ip,pq,iq->i", by, covariance[PA_RATIOS, PA_RATIOS], by))
     px, pz = state.ratios.tolist()
-    tilt = float(np.linalg.eigvalsh(covariance[THETA, THETA])[-1])
+    tilt = float(np.linalg.eigvalsh(covariance[PA_THETA, PA_THETA])[-1])
     return AxesCertainty(
         ratios=(px, middle_ratio(state.ratios), pz),
         gaps=-np.diff(moments),
@@ -118,11 +118,11 @@ def reported_motion(
     change = state.additive()
     covariance = change @ covariance @ change.T
     rows = np.concatenate(
-        [np.arange(block.start, block.stop) for block in (R_HILL, V_HILL, THETA, OMEGA)]
+        [np.arange(block.start, block.stop) for block in (PA_R_HILL, PA_V_HILL, PA_THETA, PA_OMEGA)]
     )
     selected = np.zeros((MOTION_LAYOUT.size, len(covariance)))
     selected[np.arange(12), rows] = 1.0
-    selected[12:14, RATIOS] = moments_jacobian(state.ratios)[1:]
+    selected[12:14, PA_RATIOS] = moments_jacobian(state.ratios)[1:]
     points = {
         name: FeaturePoint(state.points[k], covariance[point_slice(k), point_slice(k)])
         for k, name in enumerate(features)

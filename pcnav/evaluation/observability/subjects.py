@@ -25,8 +25,8 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     RotationState,
     TorqueFreeModel,
 )
-from pcnav.estimators.inertia_bank.relative_state import MOTION_SIZE as BANK_SIZE
 from pcnav.estimators.inertia_bank.relative_state import (
+    IB_MOTION_SIZE,
     PixelMeasurements,
     RelativeMotion,
     RelativeStates,
@@ -34,7 +34,7 @@ from pcnav.estimators.inertia_bank.relative_state import (
 )
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
+    PA_MOTION_SIZE,
     PrincipalAxesModel,
     PrincipalState,
     ratios_from_moments,
@@ -256,9 +256,9 @@ def principal_subject(
 
     start = carried(model, state, at.time_s, float(timing.times_s[0]))
     arc = reference_arc(model, start, timing.times_s, sensor, timing.weights)
-    sd = np.full(MOTION_SIZE + points.size, _POINT_SD_M)
+    sd = np.full(PA_MOTION_SIZE + points.size, _POINT_SD_M)
     blocks = (("attitude", 3), ("rate", 3), ("ratios", 2), ("position", 3), ("velocity", 3))
-    sd[:MOTION_SIZE] = np.concatenate([np.full(size, _PRIOR_SD[name]) for name, size in blocks])
+    sd[:PA_MOTION_SIZE] = np.concatenate([np.full(size, _PRIOR_SD[name]) for name, size in blocks])
     return Subject(
         title=title,
         estimator="principal_axes",
@@ -331,7 +331,7 @@ def _bank_prior(table: InertiaBankTable, start: RelativeStates) -> FloatArray:
 
 
 def _bank_edge(state: RelativeStates) -> FloatArray:
-    return np.asarray(state.to_body_errors()[:BANK_SIZE])
+    return np.asarray(state.to_body_errors()[:IB_MOTION_SIZE])
 
 
 def carried(model: MotionModel[S], state: S, from_s: float, to_s: float) -> S:

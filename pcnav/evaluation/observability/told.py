@@ -15,8 +15,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     printed_ratios_jacobian,
 )
 from pcnav.estimators.attitude_inertia.rotation_model import SIZE as ROTATION_SIZE
-from pcnav.estimators.principal_axes.feature_states import MOTION_SIZE as PRINCIPAL_SIZE
-from pcnav.estimators.principal_axes.feature_states import PrincipalState
+from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE, PrincipalState
 
 S = TypeVar("S")
 
@@ -88,7 +87,7 @@ def _ratios_of_rotation(state: RotationState) -> FloatArray:
 
 
 def _motion_of_principal(state: PrincipalState) -> FloatArray:
-    return np.eye(PRINCIPAL_SIZE, PRINCIPAL_SIZE + 3 * len(state.points))
+    return np.eye(PA_MOTION_SIZE, PA_MOTION_SIZE + 3 * len(state.points))
 
 
 DEPTH: Told[NavigationState] = Told(

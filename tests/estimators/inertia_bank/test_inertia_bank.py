@@ -21,14 +21,14 @@ TABLE = InertiaBankTable(
     attitude_xyzw=tuple(xyzw_from_rotation(paper.R_HILL_PAPER).tolist()),
     attitude_sd_deg=1.0,
 )
-MOTION = paper.true_motion(omega_body=5.0 * paper.OMEGA_0, duration_s=160.0, interval_s=2.0)
+IB_MOTION = paper.true_motion(omega_body=5.0 * paper.OMEGA_0, duration_s=160.0, interval_s=2.0)
 
 
 def frames(rng, points, count=80):
     made = []
     for k in range(count):
-        t = float(MOTION.times_s[k])
-        p_rig = (MOTION.r_hill[k] + points @ MOTION.R_hill_body[k].T) @ paper.R_RIG_HILL.T
+        t = float(IB_MOTION.times_s[k])
+        p_rig = (IB_MOTION.r_hill[k] + points @ IB_MOTION.R_hill_body[k].T) @ paper.R_RIG_HILL.T
         pixels = RIG.project(p_rig) + RIG.pixel_sigma_px * rng.normal(size=(len(points), 4))
         R_cam_world = paper.R_RIG_HILL @ paper.ORBIT.R_hill_world(t)
         made.append(TrackFrame(t, R_cam_world, np.arange(len(points)), pixels))
@@ -47,13 +47,13 @@ def points_of(rng, count=8):
 
 def normalised_square(estimate, k):
     motion = motion_of(estimate)
-    R_hill_world = paper.ORBIT.R_hill_world(float(MOTION.times_s[k]))
+    R_hill_world = paper.ORBIT.R_hill_world(float(IB_MOTION.times_s[k]))
     error = np.concatenate(
         [
-            MOTION.r_hill[k] - motion.r_hill,
-            MOTION.v_hill[k] - motion.v_hill,
-            log_rotation((R_hill_world @ motion.R_world_body).T @ MOTION.R_hill_body[k]),
-            MOTION.omega_body[k] - motion.omega_body,
+            IB_MOTION.r_hill[k] - motion.r_hill,
+            IB_MOTION.v_hill[k] - motion.v_hill,
+            log_rotation((R_hill_world @ motion.R_world_body).T @ IB_MOTION.R_hill_body[k]),
+            IB_MOTION.omega_body[k] - motion.omega_body,
         ]
     )
     return error @ np.linalg.solve(motion.covariance[:12, :12], error)
@@ -76,7 +76,7 @@ def test_finds_the_true_inertia_and_motion(kind):
     )
     # Far outside with probability 1e-6 for 12 components; the errors at two frames correlate.
     assert all(normalised_square(estimates[k], k) < 50.0 for k in (20, 50, 79))
-    assert np.linalg.norm(motion_of(last).r_hill - MOTION.r_hill[79]) < 0.3
+    assert np.linalg.norm(motion_of(last).r_hill - IB_MOTION.r_hill[79]) < 0.3
     point_errors = [
         np.linalg.norm(motion_of(last).points[i].p_body - points[i]) for i in range(len(points))
     ]

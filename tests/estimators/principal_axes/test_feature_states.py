@@ -23,7 +23,7 @@ from pcnav.estimators.principal_axes.feature_state_changes import (
     without_points,
 )
 from pcnav.estimators.principal_axes.feature_states import (
-    MOTION_SIZE,
+    PA_MOTION_SIZE,
     PrincipalAxesModel,
     PrincipalState,
     propagate_rotation,
@@ -52,7 +52,7 @@ def random_state(rng, points=4) -> PrincipalState:
 
 
 def numerical(function, state):
-    size = MOTION_SIZE + 3 * len(state.points)
+    size = PA_MOTION_SIZE + 3 * len(state.points)
     columns = [
         (function(state.retract(STEP * e)) - function(state.retract(-STEP * e))) / (2.0 * STEP)
         for e in np.eye(size)
