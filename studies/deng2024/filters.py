@@ -21,7 +21,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
 )
 from pcnav.estimators.image_motion.rates import continuous_xyzw
 from pcnav.evaluation.metrics import squared_normalised_errors
-from pcnav.evaluation.observability.told import ROTATION
+from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.files.text_table import TextTable
 from pcnav.filtering.batched_filter import Together
 from pcnav.filtering.error_state import ErrorStateFilter

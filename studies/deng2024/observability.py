@@ -16,10 +16,10 @@ from pcnav.evaluation.observability.attitude import (
     attitude_ranks,
     rank_in_words,
 )
-from pcnav.evaluation.observability.information import expected_knowledge, time_to_reach
+from pcnav.evaluation.observability.information import expected_uncertainty, time_to_reach
 from pcnav.evaluation.observability.rank import ObservabilityRank
+from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.evaluation.observability.subjects import attitude_subject
-from pcnav.evaluation.observability.told import ROTATION
 from pcnav.files.text_table import TextTable
 
 from ..folder import StudyFigure
@@ -181,7 +181,7 @@ def arc_case(motion: ArcMotion) -> ArcCase:
     start, body = motion.body.state, motion.body
     times_s = np.arange(0.0, motion.length_s + 0.5, 1.0)
     subject = attitude_subject(motion.name, SENSOR, start, times_s)
-    whole = expected_knowledge(subject.arc, subject.prior_covariance, ROTATION.edge)
+    whole = expected_uncertainty(subject.arc, subject.prior_covariance, ROTATION.output_jacobian)
     at_end = subject.frames - 1
     share = whole.prior_part[at_end, INERTIA] / whole.sd[at_end, INERTIA] ** 2
     unknown = np.array(RATIO_NAMES)[share > MAX_PRIOR_SHARE].tolist()
@@ -227,7 +227,7 @@ def comparison_table(found: Estimates, prior: AttitudeInertiaTable) -> TextTable
     times_s = found.motion.times_s
     subject = attitude_subject(found.name, prior, found.motion.body.state, times_s)
     arc = subject.arc.first(subject.frames)
-    known = expected_knowledge(arc, subject.prior_covariance, ROTATION.edge)
+    known = expected_uncertainty(arc, subject.prior_covariance, ROTATION.output_jacobian)
     rows = []
     for part in (0.25, 0.5, 1.0):
         at_s = part * float(times_s[-1])

@@ -2,23 +2,20 @@
 
 import numpy as np
 
-from pcnav.config.depth import FilterTable
+from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.dynamics.rigid_body import inertia_from_ratios
-from pcnav.dynamics.state import NavigationState
-from pcnav.estimators.depth.mass import MassBelief
+from pcnav.dynamics.state import STATE_SIZE, NavigationState
+from pcnav.estimators.depth.mass import prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, PoseReference
-from pcnav.evaluation.observability.information import reference_arc
-from pcnav.evaluation.observability.report import Subject
-from pcnav.evaluation.observability.subjects import carried, timing_of
-from pcnav.evaluation.observability.told import DEPTH
-from pcnav.filtering.error_state import Measurement
+from pcnav.evaluation.observability.reported import DEPTH
+from pcnav.evaluation.observability.subjects import Linearised, Subject, TargetMotion, timing_of
 from pcnav.perception.render_compare import RenderComparer
+from pcnav.recordings.sequence import SequenceInfo
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 
@@ -37,6 +34,7 @@ class Views:
     """
 
     def __init__(self, target: Target, camera: PinholeCamera, range_sigma_m: float) -> None:
+        self.target = target
         self._comparer = RenderComparer(target, camera, range_sigma_m)
         self._renderer = DepthRenderer(target.mesh, camera)
         self.lever_m = self._comparer.lever_m
@@ -64,11 +62,10 @@ class Views:
 
 def depth_subject(
     title: str,
-    filtering: FilterTable,
-    belief: MassBelief,
+    pipeline: Pipeline,
+    about: SequenceInfo,
     views: Views,
-    mean_motion_rad_s: float,
-    at: tuple[float, NavigationState],
+    motion: TargetMotion,
     times_s: FloatArray,
     R_cam_hill: FloatArray,
 ) -> Subject[NavigationState]:
@@ -76,44 +73,44 @@ def depth_subject(
 
     Args:
         title: of what is judged.
-        filtering: process noise.
-        belief: mass properties before the first frame.
+        pipeline: settings of the filter.
+        about: orbit and prior knowledge of the recording.
         views: of the target and the camera.
-        mean_motion_rad_s: of the chaser's orbit.
-        at: a time, s, and the state of the motion then.
+        motion: the target at one time.
         times_s: (n,) of the frames.
         R_cam_hill: (3, 3) of a camera at the chaser's mass centre.
     """
-    n, (at_s, state) = mean_motion_rad_s, at
+    n, filtering = about.mean_motion_rad_s, pipeline.filter
     model = MassCentreModel(
         n, filtering.acceleration_psd_m2_s3, filtering.angular_acceleration_psd_rad2_s3
     )
-    timing = timing_of(times_s, state.omega_body)
+    timing = timing_of(times_s, motion.state.omega_body)
+    belief = prior_belief(views.target, about.initial, filtering)
+    prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
 
-    def sensor(seen: NavigationState, k: int) -> list[Measurement[NavigationState]]:
+    def sensor(seen: NavigationState, k: int) -> FloatArray:
         hill = R_hill_world(float(timing.times_s[k]), n)
         observer = ObserverPose(make_transform(R_cam_hill @ hill, np.zeros(3)), hill)
         pose = seen.T_cam_model(observer.T_cam_world, hill)
         information = views.information(pose)
         if not information.any():
-            return []
+            return np.zeros((0, STATE_SIZE))
         reference = PoseReference(pose, observer)
-        return [
-            PoseMeasurement.from_information(reference, information, np.zeros(6), views.lever_m)
-        ]
+        measured = PoseMeasurement.from_information(
+            reference, information, np.zeros(6), views.lever_m
+        )
+        return measured.jacobian(seen)
 
-    start = carried(model, state, at_s, float(timing.times_s[0]))
-    arc = reference_arc(model, start, timing.times_s, sensor, timing.weights)
-    return Subject(
-        title=title,
+    linearised = Linearised(
         estimator="depth",
-        told=DEPTH,
-        arc=arc,
-        frames=timing.frames,
-        frames_seen=len(timing.recorded_s),
-        prior_covariance=start_covariance(belief.com_covariance_m2, belief.parameter_covariance),
-        omega_body=arc.states[timing.frames - 1].omega_body,
-        inertia=inertia_from_ratios(state.inertia_ratios),
+        reported=DEPTH,
+        state=motion.state,
+        propagate=model.propagate,
+        sensor=sensor,
+        prior=lambda state: prior,
+        omega_body=lambda state: state.omega_body,
+        inertia=motion.state.inertia,
         note="Every frame is compared with the rendered view; the camera keeps its direction in "
         "Hill axes.",
     )
+    return Subject.of(title, motion.time_s, timing, linearised)

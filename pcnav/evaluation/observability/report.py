@@ -8,7 +8,7 @@ asks the same of the rotation alone, of an endless arc without noise.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,17 +22,14 @@ from pcnav.evaluation.knowledge import (
 )
 from pcnav.evaluation.observability.attitude import attitude_rank, rank_in_words
 from pcnav.evaluation.observability.information import (
-    ExpectedKnowledge,
-    ReferenceArc,
-    expected_knowledge,
+    ExpectedUncertainty,
+    expected_uncertainty,
     time_to_reach,
 )
 from pcnav.evaluation.observability.rank import ObservabilityRank
-from pcnav.evaluation.observability.told import Told
+from pcnav.evaluation.observability.reported import ReportedState
+from pcnav.evaluation.observability.subjects import Subject
 from pcnav.files.text_table import TextTable, number
-from pcnav.filtering.error_state import ManifoldState
-
-S = TypeVar("S", bound=ManifoldState)
 
 WANTED: Mapping[str, float] = {
     "position": 0.01,
@@ -47,29 +44,6 @@ EXTENSIONS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Lengths at which the expected standard deviations are tabulated, over that of the arc."""
 
 _DEGREES = {"rad": "deg", "rad/s": "deg/s"}
-
-
-@dataclass(frozen=True)
-class Subject(Generic[S]):
-    """A trajectory to be judged, extended beyond the arc that was or will be seen."""
-
-    title: str
-    estimator: str
-    told: Told[S]
-    arc: ReferenceArc[S]
-    """With the extension."""
-    frames: int
-    """How many of its frames belong to the arc itself."""
-    frames_seen: int
-    """How many frames the arc had before it was thinned."""
-    prior_covariance: FloatArray
-    """(n, n) before the first frame."""
-    omega_body: FloatArray
-    """(3,) at the end of the arc, rad/s."""
-    inertia: FloatArray
-    """(3, 3) of any scale, body axes."""
-    note: str
-    """What the measurements are taken to be."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +90,12 @@ class ObservabilityReport:
         return (self._facts(), self._states(), self._weakest(), self._lengths())
 
     def _facts(self) -> TextTable:
-        told = len(self.states) - len(self.not_observable)
+        known = len(self.states) - len(self.not_observable)
         gap = f"{float(self.rank.relative[min(self.rank.rank, self.rank.size - 1)]):.1e}"
         rows = (
             ("estimator", self.estimator),
             ("arc", f"{number(self.arc_s)} s, {self.frames} frames"),
-            (FROM_DATA, f"{told} of {len(self.states)} states"),
+            (FROM_DATA, f"{known} of {len(self.states)} states"),
             ("not known from data", ", ".join(self.not_observable) or "none"),
             ("local rank of the rotation (Deng 2024)", rank_in_words(self.rank)),
             ("smallest singular value over the largest, or the largest dropped", gap),
@@ -129,33 +103,15 @@ class ObservabilityReport:
         return TextTable("facts", self.title, ("", ""), rows, self.note, text_columns=2)
 
     def _states(self) -> TextTable:
-        rows = tuple(_knowledge_row(state) for state in self.states)
         note = (
             "Left by the prior: of a constant its prior sd, in a motion what errors of the prior "
             "put into it. The share is the prior's part of the variance. "
             f"{KNOWN_RULE}"
         )
-        header = (
-            "state",
-            "verdict",
-            "unit",
-            "left by the prior",
-            "sd after the arc",
-            "prior's share",
-        )
-        return TextTable("states", "States after the arc", header, rows, note, text_columns=3)
+        return _knowledge_table("states", "States after the arc", "state", self.states, note)
 
     def _weakest(self) -> TextTable:
-        rows = tuple(_knowledge_row(state) for state in self.weakest)
-        header = (
-            "direction",
-            "verdict",
-            "unit",
-            "left by the prior",
-            "sd after the arc",
-            "prior's share",
-        )
-        return TextTable("weakest", "Weakest directions", header, rows, text_columns=3)
+        return _knowledge_table("weakest", "Weakest directions", "direction", self.weakest)
 
     def _lengths(self) -> TextTable:
         rows = []
@@ -179,37 +135,40 @@ class ObservabilityReport:
         return f"more than {number(self.extended_s)}"
 
 
-def judge(subject: Subject[S], wanted: Mapping[str, float] | None = None) -> ObservabilityReport:
+def observability_of(
+    subject: Subject[Any], wanted: Mapping[str, float] | None = None
+) -> ObservabilityReport:
     """What the trajectory of a subject makes observable.
 
     ``wanted`` replaces standard deviations of `WANTED`, by the name of a group of states.
     """
     wanted = {**WANTED, **(wanted or {})}
-    told, arc = subject.told, subject.arc
-    whole = expected_knowledge(arc, subject.prior_covariance, told.edge, subject.frames - 1)
-    edge = told.edge(arc.states[0])
-    prior = edge @ subject.prior_covariance @ edge.T
-    arc_s = float(arc.times_s[subject.frames - 1] - arc.times_s[0])
-    extended_s = float(arc.times_s[-1] - arc.times_s[0])
+    arc, reported, last = subject.arc, subject.estimator.reported, subject.frames - 1
+    found = expected_uncertainty(arc, subject.prior_covariance, reported.output_jacobian, last)
+    jacobian = reported.output_jacobian(arc.states[0])
+    prior = jacobian @ subject.prior_covariance @ jacobian.T
+    past_s = arc.times_s - arc.times_s[0]
+    arc_s, extended_s = float(past_s[last]), float(past_s[-1])
     lengths = tuple(share * arc_s for share in EXTENSIONS if share * arc_s <= 1.001 * extended_s)
-    at = [int(np.argmin(np.abs(arc.times_s - arc.times_s[0] - length))) for length in lengths]
-    goals = [wanted[group.name] for group in told.groups for _ in group.terms]
+    at = [int(np.argmin(np.abs(past_s - length))) for length in lengths]
+    goals = [wanted[group.name] for group in reported.groups for _ in group.terms]
+    sought = enumerate(zip(reported.names, reported.units, goals, strict=True))
     return ObservabilityReport(
         title=f"Observability: {subject.title}",
-        estimator=subject.estimator,
+        estimator=subject.estimator.estimator,
         arc_s=arc_s,
-        frames=subject.frames_seen,
+        frames=len(subject.timing.recorded_s),
         extended_s=extended_s,
-        rank=_rank(subject.omega_body, subject.inertia),
-        states=_states(told, prior, whole),
-        weakest=_weakest(told, prior, whole),
+        rank=_rank(subject.omega_body, subject.estimator.inertia),
+        states=_states(reported, prior, found),
+        weakest=_weakest(reported, prior, found),
         lengths_s=lengths,
-        predicted_sd=whole.sd[at],
+        predicted_sd=found.sd[at],
         reach=tuple(
-            Reach(name, unit, goal, time_to_reach(whole.times_s, whole.sd[:, k], goal))
-            for k, (name, unit, goal) in enumerate(zip(told.names, told.units, goals, strict=True))
+            Reach(name, unit, goal, time_to_reach(found.times_s, found.sd[:, k], goal))
+            for k, (name, unit, goal) in sought
         ),
-        note=subject.note,
+        note=subject.estimator.note,
     )
 
 
@@ -221,55 +180,60 @@ def _rank(omega_body: FloatArray, inertia: FloatArray) -> ObservabilityRank:
 
 
 def _states(
-    told: Told[S], prior: FloatArray, known: ExpectedKnowledge
+    reported: ReportedState[Any], prior: FloatArray, found: ExpectedUncertainty
 ) -> tuple[StateKnowledge, ...]:
-    found = []
-    for group, block in zip(told.groups, told.slices(), strict=True):
-        for k, term in zip(range(block.start, block.stop), group.terms, strict=True):
-            weights = np.zeros(len(prior))
-            weights[k] = 1.0
-            found.append(_one(term, group.unit, weights, group.constant, prior, known))
-    return tuple(found)
+    constant = [group.constant for group in reported.groups for _ in group.terms]
+    each = zip(reported.names, reported.units, np.eye(len(prior)), constant, strict=True)
+    return tuple(_known(*state, prior, found) for state in each)
 
 
 def _weakest(
-    told: Told[S], prior: FloatArray, known: ExpectedKnowledge
+    reported: ReportedState[Any], prior: FloatArray, found: ExpectedUncertainty
 ) -> tuple[StateKnowledge, ...]:
     """The principal axis of each group along which it is known least, and every other along which
     the prior still speaks."""
-    found = []
-    for group, block in zip(told.groups, told.slices(), strict=True):
-        # Against the identity: principal axes of the covariance, told by few states each.
-        axes = independent_combinations(np.eye(len(group.terms)), known.covariance[block, block])
+    weakest = []
+    for group in reported.groups:
+        # Against the identity: principal axes of the covariance, of few states each.
+        axes = independent_combinations(
+            np.eye(len(group.terms)), found.covariance[group.rows, group.rows]
+        )
         for rank, row in enumerate(axes):
             whole = np.zeros(len(prior))
-            whole[block] = row
+            whole[group.rows] = row
             name = in_words(row, group.terms)
-            one = _one(name, group.unit, whole, group.constant, prior, known)
+            one = _known(name, group.unit, whole, group.constant, prior, found)
             if rank == 0 or not one.known:
-                found.append(one)
-    return tuple(sorted(found, key=lambda each: -each.prior_share))
+                weakest.append(one)
+    return tuple(sorted(weakest, key=lambda each: -each.prior_share))
 
 
-def _one(
+def _known(
     name: str,
     unit: str,
     weights: FloatArray,
     constant: bool,
     prior: FloatArray,
-    known: ExpectedKnowledge,
+    found: ExpectedUncertainty,
 ) -> StateKnowledge:
-    variance = max(float(weights @ known.covariance @ weights), np.finfo(float).tiny)
-    part = max(float(weights @ known.covariance_from_prior @ weights), 0.0)
+    variance = max(float(weights @ found.covariance @ weights), np.finfo(float).tiny)
+    part = max(float(weights @ found.covariance_from_prior @ weights), 0.0)
     before = float(weights @ prior @ weights) if constant else part
     share = float(np.clip(part / variance, 0.0, 1.0))
     return StateKnowledge(name, unit, float(np.sqrt(before)), float(np.sqrt(variance)), share)
 
 
-def _knowledge_row(state: StateKnowledge) -> tuple[str, ...]:
-    scale, unit = _shown(state.unit)
-    sds = (number(scale * state.prior_sd), number(scale * state.posterior_sd))
-    return (state.name, state.verdict, unit, *sds, f"{100.0 * state.prior_share:.0f} %")
+def _knowledge_table(
+    key: str, title: str, first: str, states: tuple[StateKnowledge, ...], note: str = ""
+) -> TextTable:
+    rows = []
+    for state in states:
+        scale, unit = _shown(state.unit)
+        sds = (number(scale * state.prior_sd), number(scale * state.posterior_sd))
+        share = f"{100.0 * state.prior_share:.0f} %"
+        rows.append((state.name, state.verdict, unit, *sds, share))
+    columns = ("verdict", "unit", "left by the prior", "sd after the arc", "prior's share")
+    return TextTable(key, title, (first, *columns), tuple(rows), note, text_columns=3)
 
 
 def _shown(unit: str) -> tuple[float, str]:

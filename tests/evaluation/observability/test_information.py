@@ -1,6 +1,7 @@
 """The information of arcs: against batch least squares, closed forms and simple systems."""
 
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,78 +12,47 @@ from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.core.spatial import exp_rotation
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.kepler import KeplerOrbit
+from pcnav.dynamics.rigid_body import ratios_from_inertia
+from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.attitude_inertia.rotation_model import (
     INERTIA,
+    AttitudeSet,
     RotationState,
     parameters_from_printed,
 )
 from pcnav.evaluation.observability.information import (
-    expected_knowledge,
+    expected_uncertainty,
     reference_arc,
     start_information,
     time_to_reach,
+    whitened,
 )
-from pcnav.evaluation.observability.report import judge
+from pcnav.evaluation.observability.report import observability_of
+from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.evaluation.observability.subjects import (
-    FeatureMotion,
+    TargetMotion,
     attitude_subject,
     bank_subject,
     principal_subject,
     timing_of,
 )
-from pcnav.evaluation.observability.told import ROTATION
-from pcnav.filtering.error_state import MotionModel
 from pcnav.recordings.tracks import StereoTracks, TrackFrame
+from pcnav.simulation.motion import rotate_torque_free
+
+PLACE = np.array([[1.0, 0.0]]) / 0.2
+"""Of a point on a line, whose state is position and velocity; seen to 0.2."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """Position and velocity of a point on a line."""
-
-    x: np.ndarray
-
-    def retract(self, error):
-        return Line(self.x + error)
-
-    curved = slice(0, 0)
-
-    def retraction_block(self, error):
-        return np.empty((0, 0))
-
-    def admissible(self, error, covariance):
-        return error
+def coast(state, time_s, step_s, density=0.0):
+    F = np.array([[1.0, step_s], [0.0, 1.0]])
+    Q = density * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
+    return F @ state, F, Q
 
 
-@dataclass(frozen=True)
-class Coast(MotionModel[Line]):
-    density: float = 0.0
-
-    def propagate(self, state, time_s, step_s):
-        F = np.array([[1.0, step_s], [0.0, 1.0]])
-        Q = self.density * np.array([[step_s**3 / 3, step_s**2 / 2], [step_s**2 / 2, step_s]])
-        return Line(F @ state.x), F, Q
-
-
-@dataclass(frozen=True)
-class Place:
-    value: float
-
-    @property
-    def covariance(self):
-        return np.array([[0.04]])
-
-    def residual(self, state):
-        return np.array([self.value - state.x[0]])
-
-    def jacobian(self, state):
-        return np.array([[1.0, 0.0]])
-
-
-def _line(count=9, density=0.0, weights=None):
-    times_s = np.arange(float(count))
-    start = Line(np.array([1.0, 0.5]))
+def _line(count=9, density=0.0, weights=None, seen=PLACE):
+    times_s, start = np.arange(float(count)), np.array([1.0, 0.5])
     return reference_arc(
-        Coast(density), start, times_s, lambda state, k: [Place(state.x[0])], weights
+        partial(coast, density=density), start, times_s, lambda state, k: seen, weights
     )
 
 
@@ -91,7 +61,7 @@ def test_information_of_a_straight_line():
     design = np.column_stack([np.ones(9), np.arange(9.0)])
     np.testing.assert_allclose(start_information(arc, 2), design.T @ design / 0.04)
     prior = np.diag([4.0, 9.0])
-    known = expected_knowledge(arc, prior)
+    known = expected_uncertainty(arc, prior)
     at_start = np.linalg.inv(design.T @ design / 0.04 + np.linalg.inv(prior))
     F = np.array([[1.0, 8.0], [0.0, 1.0]])
     np.testing.assert_allclose(known.covariance, F @ at_start @ F.T, rtol=1e-9)
@@ -103,31 +73,26 @@ def test_information_of_a_straight_line():
 
 
 def test_a_state_that_nothing_measures_is_the_priors():
-    times_s = np.arange(5.0)
-    arc = reference_arc(Coast(), Line(np.zeros(2)), times_s, lambda state, k: [])
-    known = expected_knowledge(arc, np.eye(2))
+    known = expected_uncertainty(_line(5, seen=np.zeros((0, 2))), np.eye(2))
     np.testing.assert_allclose(known.prior_part, known.sd**2)
 
 
 def test_a_frame_of_weight_three_is_three_frames():
     once = _line(weights=np.full(9, 3.0))
-    arc = _line()
-    thrice = reference_arc(
-        arc.model, arc.states[0], arc.times_s, lambda state, k: [Place(state.x[0])] * 3
-    )
+    thrice = _line(seen=np.tile(PLACE, (3, 1)))
     prior = np.eye(2)
     np.testing.assert_allclose(
-        expected_knowledge(once, prior).sd, expected_knowledge(thrice, prior).sd, rtol=1e-9
+        expected_uncertainty(once, prior).sd, expected_uncertainty(thrice, prior).sd, rtol=1e-9
     )
     np.testing.assert_allclose(start_information(once, 2), start_information(thrice, 2))
 
 
-def test_process_noise_and_edge_enter():
-    quiet = expected_knowledge(_line(), np.eye(2))
-    loud = expected_knowledge(_line(density=0.1), np.eye(2), lambda state: np.array([[0.0, 2.0]]))
+def test_process_noise_and_output_jacobian_enter():
+    quiet = expected_uncertainty(_line(), np.eye(2))
+    loud = expected_uncertainty(_line(density=0.1), np.eye(2), lambda state: np.array([[0.0, 2.0]]))
     assert loud.sd.shape == (9, 1)
     assert loud.sd[-1, 0] > 2.0 * quiet.sd[-1, 1]
-    middle = expected_knowledge(_line(), np.eye(2), frame=4)
+    middle = expected_uncertainty(_line(), np.eye(2), frame=4)
     np.testing.assert_allclose(np.sqrt(np.diag(middle.covariance)), middle.sd[4])
 
 
@@ -160,7 +125,7 @@ def _attitude_report(ratios, rate, duration_s=150.0):
     start = RotationState(np.eye(3), rate, parameters_from_printed(np.array(ratios)))
     table = AttitudeInertiaTable(inertia_ratio_sd=0.2, angular_acceleration_psd_rad2_s3=0.0)
     times_s = np.arange(0.0, duration_s, 1.0)
-    return judge(attitude_subject("test", table, start, times_s))
+    return observability_of(attitude_subject("test", table, start, times_s))
 
 
 def test_report_of_a_nutation_and_of_a_spin():
@@ -195,8 +160,8 @@ def test_expected_sd_of_attitudes_is_that_of_the_fit():
     for k, (before, time_s) in enumerate(zip([0.0, *arc.times_s], arc.times_s, strict=False)):
         if k:
             h = time_s - before
-            reference = arc.model.propagate(reference, before, h)[0]
-            sides = [[arc.model.propagate(s, before, h)[0] for s in pair] for pair in sides]
+            reference = arc.propagate(reference, before, h)[0]
+            sides = [[arc.propagate(s, before, h)[0] for s in pair] for pair in sides]
         H = np.array(
             [(reference.local(a) - reference.local(b))[:3] / (2.0 * step) for a, b in sides]
         ).T
@@ -205,15 +170,16 @@ def test_expected_sd_of_attitudes_is_that_of_the_fit():
     np.testing.assert_allclose(
         numerical / np.outer(scale, scale), information / np.outer(scale, scale), atol=1e-5
     )
-    known = expected_knowledge(arc, subject.prior_covariance, ROTATION.edge)
-    covariance = ROTATION.edge(start) @ np.linalg.inv(information) @ ROTATION.edge(start).T
+    known = expected_uncertainty(arc, subject.prior_covariance, ROTATION.output_jacobian)
+    reported = ROTATION.output_jacobian(start)
+    covariance = reported @ np.linalg.inv(information) @ reported.T
     # Constants: at the end what they are at the start.
     np.testing.assert_allclose(
         known.sd[-1, INERTIA], np.sqrt(np.diag(covariance))[INERTIA], rtol=1e-6
     )
 
 
-def _tracks(frames: int = 40) -> tuple[StereoTracks, FeatureMotion]:
+def _tracks(moments=(1.0, 0.8, 0.6), frames: int = 40) -> tuple[StereoTracks, TargetMotion]:
     rng = np.random.default_rng(2)
     rig = StereoRig(1.0, 1000.0, (511.5, 511.5), (1024, 1024), 0.1)
     orbit = KeplerOrbit(1e-3, 0.0, 0.0)
@@ -223,20 +189,21 @@ def _tracks(frames: int = 40) -> tuple[StereoTracks, FeatureMotion]:
     tracks = StereoTracks(
         "test", rig, orbit, tuple(TrackFrame(float(t), looking, seen, blank) for t in range(frames))
     )
-    motion = FeatureMotion(
-        time_s=float(frames - 1),
+    state = NavigationState(
         r_hill=np.array([15.0, 0.5, -0.5]),
         v_hill=np.array([0.01, 0.0, 0.01]),
+        com_model=np.zeros(3),
         R_world_body=exp_rotation(np.array([0.3, 0.2, -0.1])),
         omega_body=RATE,
-        inertia=np.diag([1.0, 0.8, 0.6]),
-        points=dict(enumerate(rng.uniform(-1.0, 1.0, (6, 3)))),
+        inertia_ratios=ratios_from_inertia(np.diag(moments)),
     )
+    points = dict(enumerate(rng.uniform(-1.0, 1.0, (6, 3))))
+    motion = TargetMotion(float(frames - 1), state, points)
     return tracks, motion
 
 
 def test_features_tell_the_principal_ratios_of_a_nutation():
-    report = judge(principal_subject("test", PrincipalAxesTable(), *_tracks()))
+    report = observability_of(principal_subject("test", PrincipalAxesTable(), *_tracks()))
     assert report.not_observable == ()
     by_name = {state.name: state for state in report.states}
     assert by_name["p_x"].posterior_sd < 0.05
@@ -246,16 +213,38 @@ def test_features_tell_the_principal_ratios_of_a_nutation():
 def test_a_spinning_ball_hides_its_axes_and_its_centre_along_the_spin():
     """The bank believes in an inertia. Of a ball no axis differs; and all points turn about the
     same axis wherever on it the centre lies."""
-    tracks, motion = _tracks()
-    ball = FeatureMotion(**{**motion.__dict__, "inertia": np.eye(3)})
-    report = judge(bank_subject("test", InertiaBankTable(), tracks, ball))
+    tracks, ball = _tracks((1.0, 1.0, 1.0))
+    report = observability_of(bank_subject("test", InertiaBankTable(), tracks, ball))
     assert {"attitude x", "attitude y", "attitude z"} <= set(report.not_observable)
     hidden = [each for each in report.weakest if "position" in each.name and not each.known]
-    axis = tracks.orbit.R_hill_world(motion.time_s) @ motion.R_world_body @ RATE
+    axis = tracks.orbit.R_hill_world(ball.time_s) @ ball.state.R_world_body @ RATE
     axis /= np.linalg.norm(axis) * np.sign(axis[np.argmax(np.abs(axis))])
     (along,) = hidden
     largest = "xyz"[int(np.argmax(np.abs(axis)))]
     assert along.name.split(" + ")[0] == f"{np.max(np.abs(axis)):.2f} position {largest}"
-    known = judge(bank_subject("test", InertiaBankTable(), tracks, motion))
+    known = observability_of(bank_subject("test", InertiaBankTable(), *_tracks()))
     worst = {state.name: state.posterior_sd for state in known.states}
     assert worst["attitude x"] < 0.9 * np.radians(5.0)
+
+
+@pytest.mark.parametrize("moments", [(1.0, 0.8, 0.6), (0.6, 0.8, 1.0), (0.8, 0.6, 1.0)])
+def test_the_arc_in_principal_axes_is_the_motion_of_the_body(moments):
+    """Whatever the order of the moments: in left-handed axes a free body turns another way."""
+    tracks, motion = _tracks(moments)
+    later = replace(motion, time_s=0.0)
+    subject = principal_subject("test", PrincipalAxesTable(), tracks, later)
+    end, times_s = subject.arc.states[subject.frames - 1], np.array([0.0, 39.0])
+    assert np.linalg.det(end.R_world_body) == pytest.approx(1.0)
+    state, points = motion.state, np.stack(list(motion.points.values()))
+    R, omega = rotate_torque_free(state.R_world_body, state.omega_body, np.diag(moments), times_s)
+    np.testing.assert_allclose(end.points @ end.R_world_body.T, points @ R[1].T, atol=1e-6)
+    np.testing.assert_allclose(end.R_world_body @ end.omega_body, R[1] @ omega[1], atol=1e-7)
+
+
+def test_measurements_are_whitened():
+    state = RotationState(np.eye(3), RATE, parameters_from_printed(PRINTED))
+    noise = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]])
+    measured = AttitudeSet(state.R_world_body, noise)
+    H = measured.jacobian(state)
+    W = whitened(np.concatenate([H, H]), np.stack([noise, noise]))
+    np.testing.assert_allclose(W.T @ W, 2.0 * H[0].T @ np.linalg.solve(noise, H[0]), atol=1e-12)
