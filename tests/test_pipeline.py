@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from evo.tools.file_interface import read_tum_trajectory_file
 
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.pipeline_file import EstimatorTable, Pipeline, read_pipeline
 from pcnav.config.scenario import ScenarioTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
@@ -31,6 +31,7 @@ from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
 
 FRAMES = 24
+PEERS = ("open3d_icp", "small_gicp", "kiss_icp")
 ESTIMATES = ("states.csv", "poses.tum", "measurements.csv")
 
 
@@ -249,3 +250,42 @@ def test_the_mesh_is_the_sequences_before_the_pipelines(
     run(scene, tmp_path / "two", Pipeline(target_mesh=str(other)))
     assert read_pipeline(tmp_path / "two" / "pipeline.toml").target_mesh == str(made.mesh.resolve())
     assert any("twinwing" in record.getMessage() for record in caplog.records)
+
+
+@pytest.mark.usefixtures("quick_drawings")
+@pytest.mark.parametrize("name", ["open3d_icp", "small_gicp", "kiss_icp", "pcnav_single_frame"])
+def test_peers_run_like_any_estimator(made: Made, tmp_path: Path, name: str) -> None:
+    """From the pose that pcnav acquires: the truth tells them nothing."""
+    if name == "small_gicp":
+        pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
+    sequence = tmp_path / made.sequence.name
+    shutil.copytree(made.sequence, sequence)
+    summary = run(made.sequence, tmp_path / "one", estimator=name)
+    found = read_run(tmp_path / "one")
+    acquired = read_run(made.result).status.index("locked") if name in PEERS else 0
+    locked = ("locked",) * (FRAMES - acquired)
+    assert found.status == ("acquiring",) * acquired + locked
+    assert found.estimator == name and found.pipeline is not None
+    names = ("metrics.json", "pipeline.toml", "poses.tum", "report.html", "states.csv")
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == list(names)
+    quantities = {each.key: each for each in summary.metrics.quantities}
+    assert set(quantities) == {"position_cam", "attitude"}
+    assert quantities["position_cam"].whole.maximum < 0.1
+    assert quantities["attitude"].whole.maximum < 2.0
+    for file in ("scene_gt.json", "truth.csv"):
+        (sequence / file).unlink()
+    # The pipeline as run names the estimator, too.
+    run(sequence, tmp_path / "two", found.pipeline, target_mesh=made.mesh)
+    for file in ("states.csv", "poses.tum"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+
+
+def test_an_estimator_that_does_not_fit_is_refused(made: Made, tmp_path: Path) -> None:
+    for name, told in (("nobody", "expected one of depth, pcnav"), ("hu2024", "expected one of")):
+        with pytest.raises(InputError, match=told) as raised:
+            run(made.sequence, tmp_path / "result", estimator=name)
+        assert "--estimator" in str(raised.value)
+    with pytest.raises(InputError, match=r"expected a folder with tracks\.csv"):
+        run(made.sequence, tmp_path / "result", estimator="principal_axes")
+    with pytest.raises(InputError, match=r"estimator\.kind: expected one of"):
+        run(made.sequence, tmp_path / "result", Pipeline(estimator=EstimatorTable(kind="nobody")))

@@ -121,11 +121,11 @@ def _poses(whose: str, T: FloatArray) -> dict[str, FloatArray]:
 def _trajectory(T_true: FloatArray, T_estimated: FloatArray) -> dict[str, float]:
     """Over the frames with a pose, as they follow each other; nothing is aligned."""
     known = np.isfinite(T_estimated).all(axis=(1, 2))
-    relative = relative_errors(T_true[known], T_estimated[known])
+    shift_m, turn_rad = relative_errors(T_true[known], T_estimated[known])
     return {
         "ate_rmse_m": root_mean_square(absolute_errors(T_true[known], T_estimated[known])),
-        "rpe_translation_rmse_m": root_mean_square(relative.translation_m),
-        "rpe_rotation_rmse_deg": float(np.rad2deg(root_mean_square(relative.rotation_rad))),
+        "rpe_translation_rmse_m": root_mean_square(shift_m),
+        "rpe_rotation_rmse_deg": float(np.rad2deg(root_mean_square(turn_rad))),
     }
 
 

@@ -61,13 +61,14 @@ def chosen(
     a recording whose kind has several estimators when none is asked for.
     """
     if estimator is not None:
-        return _fitting(path, estimator, "--estimator")
+        return _fitting(path, estimator, source, (path, "--estimator"))
     if pipeline is not None:
-        return _fitting(path, str(pipeline.estimator.kind), source)
-    kind = _kind_of(path, ALL_KINDS) or RecordingKind.DEPTH
-    if kind in _WITHOUT_DEFAULT:
-        raise InputError(path, "--pipeline", _WITHOUT_DEFAULT[kind])
-    return Choice(str(_BY_DEFAULT[kind]), kind)
+        kind = str(pipeline.estimator.kind)
+        return _fitting(path, kind, source, (source, "estimator.kind"))
+    found = _kind_of(path, ALL_KINDS) or RecordingKind.DEPTH
+    if found in _WITHOUT_DEFAULT:
+        raise InputError(path, "--pipeline", _WITHOUT_DEFAULT[found])
+    return Choice(str(_BY_DEFAULT[found]), found)
 
 
 def refuse_mesh(path: Path, choice: Choice) -> None:
@@ -77,10 +78,12 @@ def refuse_mesh(path: Path, choice: Choice) -> None:
         raise InputError(path, "--target", f"expected none: {_NO_MESH[of]}")
 
 
-def _fitting(path: Path, estimator: str, source: Path | str) -> Choice:
-    field = "name" if source == "--estimator" else "estimator.kind"
+def _fitting(
+    path: Path, estimator: str, source: Path | str, asked: tuple[Path | str, str]
+) -> Choice:
+    """The estimator that is asked for, where ``asked`` says: a file or path, and a field."""
     if estimator not in ESTIMATORS:
-        raise InputError(source, field, f"expected one of {', '.join(ESTIMATORS)}, got {estimator}")
+        raise InputError(*asked, f"expected one of {', '.join(ESTIMATORS)}, got {estimator}")
     takes = ESTIMATORS[estimator].takes
     kind, found = _kind_of(path, takes), _kind_of(path, ALL_KINDS)
     if kind is not None:
@@ -91,7 +94,7 @@ def _fitting(path: Path, estimator: str, source: Path | str) -> Choice:
     if estimator == EstimatorKind.IMAGE_MOTION:
         raise _no_images(path)
     if found in _FOR_KIND:
-        raise InputError(source, field, f'expected {_FOR_KIND[found]}, got "{estimator}"')
+        raise InputError(*asked, f'expected {_FOR_KIND[found]}, got "{estimator}"')
     if found is RecordingKind.ATTITUDES:
         raise InputError(path, "--pipeline", _ATTITUDES)
     if RecordingKind.STEREO_TRACKS in takes:

@@ -51,6 +51,18 @@ EXPLAINED: Mapping[str, Explained] = {
         "now what extended precision finds",
         relative=0.5,
     ),
+    "*/states.csv*/window_nis*": Explained("every estimator has it now", relative=math.inf),
+    "*/points.csv*": Explained("estimated points frame by frame", relative=math.inf),
+    "*/segments.csv*": Explained("where body axes were begun anew", relative=math.inf),
+    "applsci2022/*/covariances.npz.csv*": Explained("every estimator has them", relative=math.inf),
+    "images/result/covariances.npz.csv*": Explained("as above", relative=math.inf),
+    "deng2024/result/covariances.npz.csv*": Explained("as above", relative=math.inf),
+    "applsci2022/attitudes/states.csv/outcome": Explained(
+        "what became of the images that attitudes are taken from", relative=math.inf
+    ),
+    "applsci2022/attitudes/metrics.json/errors.attitude_deg.title": Explained(
+        "said of every run whose axes are those of its first frame", relative=math.inf
+    ),
     "study-hu2024/study/tables/fig06_11.csv/free: largest": Explained(
         "axes as they come depend on the numbering of the points, which the unique triple no "
         "longer does",
