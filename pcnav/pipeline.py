@@ -30,8 +30,9 @@ from pcnav.recordings.recording import Recording, truth_folder
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.stereo_tracks import read_truth_features
 from pcnav.recordings.truth import read_truth
+from pcnav.report.content import ReportContent
 from pcnav.report.overlay import frame_picture
-from pcnav.report.run_report import ReportContent, write_report
+from pcnav.report.run_report import write_report
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import read_run
@@ -40,6 +41,7 @@ from pcnav.runs.run import Run
 from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target, load_target
+from pcnav.target.symmetry import group_name
 
 _LOG = logging.getLogger("pcnav")
 
@@ -169,7 +171,8 @@ def run(
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
             run=found,
             metrics=metrics,
-            target=inputs.target,
+            target=None if inputs.target is None else inputs.target.name,
+            symmetry="C1" if symmetries is None else group_name(symmetries),
             knowledge=knowledge,
             observability=tables_of_run(found, inputs.recording, inputs.target),
             configuration=inputs.as_run.stated(of_a_run=True),

@@ -10,7 +10,7 @@ from rich.table import Table
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.files.new_folder import new_folder
 from pcnav.files.text_table import TextTable
-from pcnav.report import page
+from pcnav.report.page import Drawing, Part, Piece, document
 from pcnav.runs.provenance import library_versions, pipeline_toml
 
 INDEX_FILE = "index.html"
@@ -93,26 +93,15 @@ def write_study(staging: Path, study: Study) -> None:
 
 
 def _page(study: Study, versions: Mapping[str, str]) -> str:
-    body = [page.heading(study.title, study.lead), page.cards(study.headline)]
-    for chapter in study.chapters:
-        pieces = [page.paragraph(text) for text in chapter.text]
-        pieces += [_titled_table(table) for table in chapter.tables]
-        if chapter.figures:
-            drawn = [
-                page.image(f.title, f.caption, "image/svg+xml", f.svg) for f in chapter.figures
-            ]
-            pieces.append(page.grid(drawn))
-        body.append(page.section(chapter.title, *pieces))
-    made = [page.paragraph(f"{study.runs} Monte Carlo runs. The pipelines as run:")]
+    parts = [Part(chapter.title, _pieces(chapter)) for chapter in study.chapters]
+    made: list[Piece] = [f"{study.runs} Monte Carlo runs. The pipelines as run:"]
     for name, pipeline in study.pipelines.items():
-        made.append(page.paragraph(f"{name}.toml"))
-        made.append(page.settings(pipeline.model_dump(mode="json")))
-    made.append(page.settings({"versions": dict(versions)}))
-    body.append(page.section("How the study was made", *made))
-    return page.page(study.title, body)
+        made += [f"{name}.toml", pipeline.model_dump(mode="json")]
+    made.append({"versions": dict(versions)})
+    parts.append(Part("How the study was made", made))
+    return document(study.title, study.lead, study.headline, parts)
 
 
-def _titled_table(table: TextTable) -> str:
-    rows = page.table(table.header, table.rows, table.text_columns)
-    note = page.paragraph(table.note) if table.note else ""
-    return "\n".join([page.subheading(table.title), rows, note])
+def _pieces(chapter: Chapter) -> list[Piece]:
+    figures = tuple(Drawing(each.title, each.caption, each.svg) for each in chapter.figures)
+    return [*chapter.text, *chapter.tables, *([figures] if figures else [])]

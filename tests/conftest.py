@@ -35,3 +35,9 @@ def shared_data() -> Path:
     if not data.is_dir():
         pytest.skip(f"shared recordings are absent: no folder {data.name} in {data.parent.name}")
     return data
+
+
+@pytest.fixture
+def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports without pictures, which take most of a test's time, where it is not about them."""
+    monkeypatch.setattr("pcnav.report.figures.svg_bytes", lambda figure: b"")

@@ -22,8 +22,6 @@ from pcnav.dynamics.blocks import RATE
 from pcnav.dynamics.state import STATE_SIZE
 from pcnav.pipeline import run
 from pcnav.recordings.truth import read_truth
-from pcnav.report import depth_report as report
-from pcnav.report import status
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.reader import read_records, read_run
 from pcnav.runs.records import ACCEPTED
@@ -61,13 +59,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     told: list[tuple[Estimate, int, int]] = []
     run(sequence, result, Pipeline(seed=5), on_estimate=lambda *news: told.append(news))
     return Made(sequence, result, mesh, told)
-
-
-@pytest.fixture
-def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports without pictures, which take most of a test's time, where it is not about them."""
-    for module, draw in ((report, "svg_bytes"), (report, "png_bytes"), (status, "svg_bytes")):
-        monkeypatch.setattr(module, draw, lambda figure: b"")
 
 
 def same_estimates(one: Path, other: Path) -> bool:

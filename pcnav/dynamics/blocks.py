@@ -5,6 +5,7 @@ block asks the layout for them by name, so that estimators with different states
 one evaluation and one report.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -38,6 +39,11 @@ class Block:
     def size(self) -> int:
         """Number of components of the error."""
         return len(self.error_columns)
+
+    @property
+    def to_shown(self) -> float:
+        """Factor from the unit as stored to that as people read it."""
+        return 1.0 if self.unit == self.shown_unit else 180.0 / math.pi
 
     @property
     def sd_columns(self) -> tuple[str, ...]:

@@ -159,11 +159,9 @@ def _points(compared: Errors) -> FloatArray | None:
 
 
 def _of_block(block: Block) -> Quantity:
-    scale = np.rad2deg(1.0) if block.unit != block.shown_unit else 1.0
-
     def of(compared: Errors) -> FloatArray | None:
         found = compared.state.get(block.name)
-        return None if found is None else scale * found
+        return None if found is None else block.to_shown * found
 
     return Quantity(block.quantity, block.title, block.shown_unit, of)
 
@@ -241,15 +239,24 @@ def nis_consistency(run: Run) -> Consistency:
 
 
 def nees_consistency(run: Run, compared: Errors) -> tuple[Consistency, ...]:
-    """NEES of every block of the error state and of all of it.
+    """NEES of every block of the error state and of all of it: see `squared_errors`."""
+    frames = compared.has(*run.trajectory.layout.blocks)
+    return tuple(
+        consistency(name, squared[frames], np.full(np.count_nonzero(frames), degrees))
+        for name, (squared, degrees) in squared_errors(run, compared).items()
+    )
 
-    Of what the estimator does not hold fixed: a component without any variance is no estimate.
-    Empty without covariances or full truth.
+
+def squared_errors(run: Run, compared: Errors) -> dict[str, tuple[FloatArray, int]]:
+    """Squared normalised errors (n,) and their degrees of freedom by block, all of them last.
+
+    Of what the estimator does not hold fixed: a component without any variance is no estimate. nan
+    in frames without a truth. Empty without covariances or full truth.
     """
     layout, covariance = run.trajectory.layout, run.trajectory.covariance
-    frames = np.flatnonzero(compared.has(*layout.blocks)) if layout.blocks else np.zeros(0)
-    if covariance is None or not frames.size:
-        return ()
+    frames = np.flatnonzero(compared.has(*layout.blocks))
+    if covariance is None or not layout.blocks or not frames.size:
+        return {}
     state = np.hstack([compared[block] for block in layout.blocks])[frames]
     entry = ESTIMATORS.get(run.estimator)
     P = covariance[frames]
@@ -260,13 +267,16 @@ def nees_consistency(run: Run, compared: Errors) -> tuple[Consistency, ...]:
     parts = {block.name: layout.slice_of(block) for block in layout.blocks}
     if len(parts) > 1:
         parts["all"] = slice(0, layout.size)
-    results = []
+    found = {}
     for name, part in parts.items():
         chosen = np.arange(layout.size)[part][free[part]]
         if chosen.size:
-            squared = squared_normalised_errors(state[:, chosen], P[:, chosen[:, None], chosen])
-            results.append(consistency(name, squared, np.full(len(squared), chosen.size)))
-    return tuple(results)
+            squared = np.full(len(run), np.nan)
+            squared[frames] = squared_normalised_errors(
+                state[:, chosen], P[:, chosen[:, None], chosen]
+            )
+            found[name] = squared, chosen.size
+    return found
 
 
 def _over_trace(

@@ -121,10 +121,10 @@ def _draw_wireframe(
     pieces, visible = visible_pieces(camera, depth_m, edges_cam)
     image = project(camera, pieces)
     for shown, width, opacity in ((~visible, 0.5, 0.35), (visible, 1.4, 1.0)):
-        lines = list(image[shown])
-        axes.add_collection(
-            LineCollection(lines, colors=_WIREFRAME, linewidths=width, alpha=opacity)
-        )
+        lines = LineCollection(list(image[shown]), colors=_WIREFRAME, linewidths=width)
+        # As pixels, the edges of a fine mesh cost no more than a few.
+        lines.set(alpha=opacity, rasterized=True)
+        axes.add_collection(lines)
 
 
 def _draw_rectangle(axes: Axes, camera: PinholeCamera, record: RectangleRecord) -> None:

@@ -1,19 +1,57 @@
-"""Pages: one template and one set of pieces for runs, studies and batches.
+"""Pages: one template and one style for runs, studies and batches.
 
+A page is a title, a few large values and parts; what a part holds is laid out by ``pieces.html``.
 A package with a page of its own keeps a template of it in its folder ``templates`` and calls
-`render`; the template extends ``page.html`` and imports the macros of ``pieces.html``. The
-functions below are these macros for pages that are put together in Python. Every text given is
-escaped; finished pieces are not.
+`render`; the template extends ``page.html`` and imports the macros of ``pieces.html``. Every text
+given is escaped.
 """
 
 import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
+from typing import TypeAlias
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from pcnav.files.text_table import TextTable
+
 _HERE = "pcnav.report"
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A finished figure."""
+
+    title: str
+    caption: str
+    svg: bytes
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text in a fixed-width font."""
+
+    text: str
+
+
+Piece: TypeAlias = "str | TextTable | Drawing | Code | Mapping[str, object] | tuple[Piece, ...]"
+"""A paragraph, a table with its title and note, a figure, code, tables of settings by name; or
+pieces side by side where the window is wide enough. Pieces within those stand below each other."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A titled part of a page."""
+
+    title: str
+    pieces: Sequence[Piece]
+
+
+def document(title: str, lead: str, facts: Sequence[tuple[str, str]], parts: Sequence[Part]) -> str:
+    """A page: title, the line below it, large values by name, and parts."""
+    return render(_HERE, "page.html", title=title, lead=lead, facts=facts, parts=parts)
 
 
 def render(package: str, template: str, **values: object) -> str:
@@ -35,71 +73,3 @@ def _environment(package: str) -> Environment:
     # A narrow column may break a long name between its words.
     found.filters["breakable"] = lambda name: escape(name).replace("_", Markup("_<wbr>"))
     return found
-
-
-def _piece(macro: str, *values: object) -> str:
-    pieces = _environment(_HERE).get_template("pieces.html").module
-    return str(getattr(pieces, macro)(*values))
-
-
-def page(title: str, body: Sequence[str]) -> str:
-    """A whole document around finished pieces."""
-    return render(_HERE, "page.html", title=title, body=Markup("\n".join(body)))
-
-
-def heading(title: str, lead: str) -> str:
-    """The page's title and the line below it."""
-    return _piece("heading", title, lead)
-
-
-def section(title: str, *pieces: str) -> str:
-    """A titled part of the page."""
-    return _piece("section", title, *map(Markup, pieces))
-
-
-def subheading(title: str) -> str:
-    """The title of one table within a part of the page."""
-    return _piece("subheading", title)
-
-
-def paragraph(text: str) -> str:
-    """A paragraph of text."""
-    return _piece("paragraph", text)
-
-
-def preformatted(text: str) -> str:
-    """Text in a fixed-width font."""
-    return _piece("preformatted", text)
-
-
-def cards(facts: Sequence[tuple[str, str]]) -> str:
-    """Large values, each over its name."""
-    return _piece("cards", facts)
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
-    """A table whose columns after the first ``text_columns`` hold numbers.
-
-    What stands below the first line of a cell is set small.
-    """
-    return _piece("table", header, rows, text_columns)
-
-
-def image(title: str, caption: str, media_type: str, content: bytes) -> str:
-    """A figure carried inside the page."""
-    return _piece("image", title, caption, media_type, content)
-
-
-def grid(pieces: Sequence[str]) -> str:
-    """Pieces side by side where the window is wide enough."""
-    return _piece("together", "grid", [*map(Markup, pieces)])
-
-
-def stack(pieces: Sequence[str]) -> str:
-    """Pieces below each other, as one cell of a grid."""
-    return _piece("together", "stack", [*map(Markup, pieces)])
-
-
-def settings(tables: Mapping[str, object]) -> str:
-    """One small table per table of settings; those outside any come first."""
-    return _piece("settings", tables)

@@ -1,106 +1,107 @@
-"""The report of a run of any kind."""
+"""The report of a run of any estimator: one HTML page that carries everything it shows.
 
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+Its sections are told apart by what the run holds, not by the estimator: each of them returns its
+pieces, or none where it does not apply.
+"""
+
+from collections.abc import Callable
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
-from pcnav.dynamics.blocks import CENTRE, POSITION, RATIOS, ROTATION_LAYOUT
-from pcnav.evaluation.knowledge import RunKnowledge
 from pcnav.evaluation.metrics import Metrics
-from pcnav.files.text_table import TextTable
-from pcnav.report import attitude_report, depth_report, feature_report, from_run, image_report
-from pcnav.runs.reader import count_outcomes
-from pcnav.runs.run import Run
-from pcnav.target.satellite import Target
-from pcnav.target.symmetry import group_name
+from pcnav.files.text_table import TextTable, number
+from pcnav.report.content import ReportContent
+from pcnav.report.evaluation import against_the_truth, consistency, information_gain
+from pcnav.report.figures import drawing
+from pcnav.report.measurements import frames_by_outcome, measurements, own_notes
+from pcnav.report.page import Code, Part, Piece, document
+from pcnav.report.states import states_over_time
+from pcnav.report.status import status_and_evidence
+from pcnav.report.summary import error_row, run_facts
 
-
-@dataclass(frozen=True)
-class ReportContent:
-    """What a report is made from."""
-
-    title: str
-    """Name of the recording."""
-    command: str
-    """How the run was started, as typed."""
-    run: Run
-    """With its covariances when the NEES is to be drawn."""
-    metrics: Metrics
-    target: Target | None
-    """Of depth frames."""
-    configuration: Mapping[str, object]
-    """The pipeline as nested tables."""
-    versions: Mapping[str, str]
-    knowledge: RunKnowledge | None = None
-    """None without an estimate, and of a run without a prior of the mass."""
-    observability: tuple[TextTable, ...] = ()
-    """What the motion makes observable; empty without an estimate."""
-    picture: Figure | None = None
-    """A frame drawn by `frame_picture`."""
-    picture_caption: str = ""
+_MEDIANS = {
+    "position_cam": "median position error, last third",
+    "r_hill": "median mass-centre error, last third",
+    "attitude": "median attitude error, last third",
+    "com_model": "median mass-centre error, last third",
+}
 
 
 def write_report(path: Path, content: ReportContent) -> None:
     """Write the page of a run: UTF-8 HTML that loads nothing from elsewhere."""
-    path.write_text(_html(content), encoding="utf-8")
+    path.write_text(report_html(content), encoding="utf-8")
 
 
-def _html(content: ReportContent) -> str:
-    trajectory, found = content.run.trajectory, content.metrics.errors
-    if content.target is not None or CENTRE in trajectory.layout:
-        return _of_depth(content)
-    common = {
-        "title": content.title,
-        "command": content.command,
-        "metrics": content.metrics,
-        "configuration": content.configuration,
-        "versions": content.versions,
-        "observability": content.observability,
-    }
-    if POSITION in trajectory.layout:
-        of_features = feature_report.FeatureReport(
-            **common,  # type: ignore[arg-type]
-            estimator=content.run.estimator,
-            track=from_run.feature_track_of(content.run),
-            errors=found,
-        )
-        return feature_report.feature_report_html(of_features)
-    if RATIOS in trajectory.layout:
-        words = Counter(content.run.words.get("outcome", ()))
-        of_attitudes = attitude_report.AttitudeReport(
-            **common,  # type: ignore[arg-type]
-            track=from_run.attitude_track_of(content.run),
-            errors=None if found is None else from_run.stacked(found, ROTATION_LAYOUT),
-            outcomes=words.most_common(),
-        )
-        return attitude_report.attitude_report_html(of_attitudes)
-    of_images = image_report.ImageReport(
-        **common,  # type: ignore[arg-type]
-        track=from_run.image_track_of(content.run),
-        errors=found,
-    )
-    return image_report.image_report_html(of_images)
+def report_html(content: ReportContent) -> str:
+    """The page of a run."""
+    metrics = content.metrics
+    seconds = f"{metrics.frames} frames over {number(metrics.duration_s)} s"
+    names = [name for name in (content.run.estimator, content.target) if name]
+    made = [Part(title, section(content)) for title, section in SECTIONS.items()]
+    parts = [part for part in made if part.pieces]
+    return document(content.title, " · ".join([*names, seconds]), _headline(content), parts)
 
 
-def _of_depth(content: ReportContent) -> str:
-    target, folder = content.target, content.run.folder
-    return depth_report.report_html(
-        depth_report.ReportContent(
-            title=content.title,
-            target="" if target is None else target.name,
-            command=content.command,
-            track=from_run.track_of(content.run),
-            outcomes=Counter() if folder is None else count_outcomes(folder),
-            metrics=content.metrics,
-            configuration=content.configuration,
-            versions=content.versions,
-            symmetry="C1" if target is None else group_name(target.symmetry_transforms),
-            knowledge=content.knowledge,
-            observability=content.observability,
-            picture=content.picture,
-            picture_caption=content.picture_caption,
-        )
-    )
+def _headline(content: ReportContent) -> list[tuple[str, str]]:
+    """The few numbers most readers come for."""
+    metrics, run = content.metrics, content.run
+    share = metrics.frames_with_estimate / max(metrics.frames, 1)
+    facts = [("frames with an estimate", f"{share:.1%}")]
+    if metrics.frames_with_estimate:
+        after = f"{number(metrics.first_estimate_after_s)} s"
+        facts.append(("until the first estimate", after))
+    facts += _medians(metrics)
+    if metrics.nis.frames:
+        name = "NIS per degree of freedom (1 is right)"
+        facts.append((name, number(metrics.nis.mean_per_degree)))
+    if "outcome" in run.words:
+        facts.append(("frames measured", f"{run.status.count('locked')} of {len(run)}"))
+    return facts
+
+
+def _medians(metrics: Metrics) -> list[tuple[str, str]]:
+    found = {quantity.key: error_row(quantity) for quantity in metrics.quantities}
+    if "com_model" in found:
+        # The error in Hill axes is that in the model, turned.
+        found.pop("r_hill", None)
+    return [
+        (title, f"{found[key].median} {found[key].unit}")
+        for key, title in _MEDIANS.items()
+        if key in found
+    ]
+
+
+def _summary(content: ReportContent) -> list[Piece]:
+    facts = run_facts(content.metrics, content.knowledge)
+    table = TextTable("", "", ("", ""), tuple(facts), text_columns=2)
+    if content.picture is None:
+        return [table]
+    title = "One frame as it was understood"
+    return [(table, drawing(title, content.picture_caption, content.picture))]
+
+
+def _observability(content: ReportContent) -> list[Piece]:
+    return [*content.observability]
+
+
+def _provenance(content: ReportContent) -> list[Piece]:
+    return [
+        Code(content.command),
+        "The configuration as run, and what it was run with:",
+        {**content.configuration, "versions": content.versions},
+    ]
+
+
+SECTIONS: dict[str, Callable[[ReportContent], list[Piece]]] = {
+    "Summary": _summary,
+    "Status": status_and_evidence,
+    "Frames": frames_by_outcome,
+    "Against the truth": against_the_truth,
+    "States over time": states_over_time,
+    "Consistency": consistency,
+    "Information gain": information_gain,
+    "Observability of this motion": _observability,
+    "Measurements": measurements,
+    "Notes of the estimator": own_notes,
+    "How the run was made": _provenance,
+}
+"""In the order of the page."""

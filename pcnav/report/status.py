@@ -1,31 +1,21 @@
-"""The status of a run over time, on what evidence, and how it changed: a part of the report."""
+"""The status of a run over time, on what evidence, and how it changed."""
 
-from collections import Counter, deque
+from collections import Counter
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pcnav.core.arrays import FloatArray
-from pcnav.evaluation.metrics import chi_square_bounds
-from pcnav.files.text_table import number
-from pcnav.report import page
-from pcnav.report.envelope import envelope
-from pcnav.report.figures import (
-    BAND,
-    CATEGORIES,
-    LINE,
-    LOG_FROM,
-    MUTED,
-    add_legend,
-    end_s,
-    new_figure,
-    style_axes,
-    svg_bytes,
-    time_spans,
-)
-from pcnav.report.from_run import Track
-from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
+from pcnav.core.statistics import chi_square_bounds
+from pcnav.files.text_table import MISSING, TextTable, number
+from pcnav.report.content import ReportContent
+from pcnav.report.envelope import Spans
+from pcnav.report.figures import CATEGORIES, LINE, add_legend, drawing, new_figure, style_axes
+from pcnav.report.page import Piece
+from pcnav.report.panels import Curve, Panel, Scale, draw_panel
+from pcnav.runs.nis_window import NIS_WINDOW_FRAMES, NisWindow
+from pcnav.runs.run import Run
 
 STATUS_COLOURS = {
     "acquiring": "#94a3b8",
@@ -36,53 +26,104 @@ STATUS_COLOURS = {
 }
 """The same colour for a status in every report, worse ones last."""
 
-_CHANGE_HEADINGS = ("from", "to", "frame", "time, s", "inlier ratio", "NIS per dof")
+_STRIP, _EVIDENCE = 0.45, 1.3
+"""Heights of the panels, inches."""
 _MAX_CHANGES = 25
 
 
-def status_section(track: Track, symmetry: str) -> str:
-    """What the run said of itself over time, and on what evidence; of a track with frames.
-
-    ``symmetry`` is the name of the target's symmetry group, "C1" for none.
-    """
-    figure = page.image(
-        "Status and its evidence",
-        "; ".join(_shown(track)) + ".",
-        "image/svg+xml",
-        svg_bytes(status_figure(track)),
-    )
-    changes = [k for k in range(1, len(track)) if track.status[k] != track.status[k - 1]]
-    rows = [_change_row(track, k) for k in changes[:_MAX_CHANGES]]
-    pieces = [page.table(_CHANGE_HEADINGS, rows, text_columns=2)] if rows else []
-    if not rows:
-        pieces.append(page.paragraph(f"The status is {track.status[0]} in every frame."))
+def status_and_evidence(content: ReportContent) -> list[Piece]:
+    """What the run said of itself over time, and on what evidence."""
+    run = content.run
+    if not len(run):
+        return []
+    caption = "; ".join(["Frames by status", *_evidence(run)]) + "."
+    figure = drawing("Status and its evidence", caption, status_figure(run))
+    changes = [k for k in range(1, len(run)) if run.status[k] != run.status[k - 1]]
+    beside: list[Piece] = []
+    if changes:
+        beside.append(_changes(run, changes[:_MAX_CHANGES]))
+    else:
+        beside.append(f"The status is {run.status[0]} in every frame.")
     if len(changes) > _MAX_CHANGES:
-        pieces.append(
-            page.paragraph(f"{len(changes) - _MAX_CHANGES} later changes are not listed.")
-        )
-    if "ambiguous" in track.status:
-        pieces.append(page.paragraph(_ambiguity(symmetry)))
-    return page.section("Status", page.grid([figure, page.stack(pieces)]))
+        beside.append(f"{len(changes) - _MAX_CHANGES} later changes are not listed.")
+    if "ambiguous" in run.status:
+        beside.append(_ambiguity(content.symmetry))
+    return [(figure, tuple(beside))]
 
 
-def _shown(track: Track) -> list[str]:
-    """What the figure has, from top to bottom."""
-    told = ["Frames by status"]
-    if np.isfinite(track.inlier_ratio).any():
-        told.append("the inlier ratio of each frame")
-    if np.isfinite(track.window_nis).any():
-        told.append(
-            f"the NIS per degree of freedom over the last {NIS_WINDOW_FRAMES} frames with its "
-            "95 % band"
-        )
-    return told
+def status_figure(run: Run) -> Figure:
+    """The status of each frame as coloured bands, over the evidence it was decided on.
+
+    That is the share of the frame explained and the NIS of the last frames, each where known.
+    """
+    evidence, spans = [*_evidence(run).values()], Spans(run.time_s)
+    heights = [_STRIP] + [_EVIDENCE] * len(evidence)
+    figure = new_figure(1.0 + sum(heights))
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    rows = [figure.add_subplot(grid[k]) for k in range(len(heights))]
+    _draw_statuses(rows[0], run, spans)
+    for axes, panel in zip(rows[1:], evidence, strict=True):
+        draw_panel(axes, run.time_s, panel)
+    for axes in rows:
+        style_axes(axes)
+        axes.set_xlim(spans.edges_s[0], spans.edges_s[-1])
+        axes.tick_params(labelbottom=axes is rows[-1])
+    rows[0].grid(visible=False)
+    rows[-1].set_xlabel("time, s")
+    figure.align_ylabels(rows)
+    add_legend(figure, rows[0], max_columns=len(STATUS_COLOURS))
+    return figure
 
 
-def _change_row(track: Track, k: int) -> tuple[str, ...]:
-    """The change of status at a frame."""
-    explained = f"{track.inlier_ratio[k]:.0%}" if np.isfinite(track.inlier_ratio[k]) else "-"
-    before, after = track.status[k - 1 : k + 1]
-    return before, after, str(k), number(track.time_s[k]), explained, number(track.window_nis[k])
+def window_nis_bounds(run: Run) -> tuple[FloatArray, FloatArray]:
+    """Two-sided 95 % bounds (n,) of `Run.window_nis` of a filter that is right.
+
+    nan where it is. The window covers the last `NIS_WINDOW_FRAMES` frames of one track with a used
+    measurement, and the sum of their NIS has the sum of their degrees of freedom.
+    """
+    window, degrees = NisWindow(), np.zeros(len(run))
+    for k, row in enumerate(zip(run.has_estimate, run.nis, run.nis_dof, strict=True)):
+        window.follow(*row)
+        degrees[k] = window.dof
+    known = np.isfinite(run.window_nis) & (degrees > 0)
+    lower, upper = np.full((2, len(run)), np.nan)
+    lower[known], upper[known] = np.array(chi_square_bounds(degrees[known])) / degrees[known]
+    return lower, upper
+
+
+def _evidence(run: Run) -> dict[str, Panel]:
+    """What the status was decided on, as far as it is known, by what a caption calls it."""
+    found = {}
+    ratio = run.notes.get("inlier_ratio")
+    if ratio is not None and np.isfinite(ratio).any():
+        curves = [Curve("", ratio, colour=LINE)]
+        panel = Panel("inlier ratio", curves, limits=(0.0, 1.04))
+        found["the inlier ratio of each frame"] = panel
+    if np.isfinite(run.window_nis).any():
+        curves, bands = [Curve("", run.window_nis, colour=LINE)], {"95 %": window_nis_bounds(run)}
+        panel = Panel("NIS per dof", curves, Scale.FROM_ZERO, bands=bands, base=1.0)
+        over = f"the NIS per degree of freedom over the last {NIS_WINDOW_FRAMES} frames"
+        found[f"{over} with its 95 % band"] = panel
+    return found
+
+
+def _changes(run: Run, frames: list[int]) -> TextTable:
+    """From which status to which it changed at some frames, and on what evidence."""
+    ratio = run.notes.get("inlier_ratio", np.full(len(run), np.nan))[frames]
+    evidence = {
+        "inlier ratio": [f"{value:.0%}" if np.isfinite(value) else MISSING for value in ratio],
+        "NIS per dof": [number(value) for value in run.window_nis[frames]],
+    }
+    known = {name: texts for name, texts in evidence.items() if set(texts) != {MISSING}}
+    columns = {
+        "from": [run.status[k - 1] for k in frames],
+        "to": [run.status[k] for k in frames],
+        "frame": [str(k) for k in frames],
+        "time, s": [number(run.time_s[k]) for k in frames],
+        **known,
+    }
+    rows = tuple(zip(*columns.values(), strict=True))
+    return TextTable("", "", tuple(columns), rows, text_columns=2)
 
 
 def _ambiguity(symmetry: str) -> str:
@@ -98,90 +139,18 @@ def _ambiguity(symmetry: str) -> str:
     )
 
 
-def status_figure(track: Track) -> Figure:
-    """The status of each frame as coloured bands, over the evidence it was decided on.
-
-    That is the share of the frame explained and the NIS of the last frames, each where known.
-    """
-    rows = [(_draw_statuses, 0.45)]
-    if np.isfinite(track.inlier_ratio).any():
-        rows.append((_draw_inlier_ratio, 1.3))
-    if np.isfinite(track.window_nis).any():
-        rows.append((_draw_window_nis, 1.3))
-    heights = [height for _, height in rows]
-    figure = new_figure(1.0 + sum(heights))
-    grid = figure.add_gridspec(len(rows), 1, height_ratios=heights)
-    panels = [figure.add_subplot(grid[k]) for k in range(len(rows))]
-    for axes, (draw, _) in zip(panels, rows, strict=True):
-        style_axes(axes)
-        draw(axes, track)
-        axes.set_xlim(track.time_s[0], end_s(track.time_s))
-        axes.tick_params(labelbottom=axes is panels[-1])
-    panels[-1].set_xlabel("time, s")
-    figure.align_ylabels(panels)
-    add_legend(figure, panels[0], max_columns=len(STATUS_COLOURS))
-    return figure
-
-
-def window_nis_bounds(track: Track) -> tuple[FloatArray, FloatArray]:
-    """Two-sided 95 % bounds (n,) of `Track.window_nis` of a filter that is right.
-
-    nan where it is. The window covers the last `NIS_WINDOW_FRAMES` frames of one track with an
-    accepted measurement, and the sum of their NIS has the sum of their degrees of freedom.
-    """
-    window: deque[int] = deque(maxlen=NIS_WINDOW_FRAMES)
-    degrees = np.zeros(len(track), dtype=np.intp)
-    for k, (has_estimate, own) in enumerate(zip(track.has_estimate, track.nis_dof, strict=True)):
-        if not has_estimate:
-            window.clear()
-        elif own > 0:
-            window.append(int(own))
-        degrees[k] = sum(window)
-    known = np.isfinite(track.window_nis) & (degrees > 0)
-    lower, upper = np.full((2, len(track)), np.nan)
-    bounds = chi_square_bounds(degrees[known])
-    lower[known], upper[known] = (bound / degrees[known] for bound in bounds)
-    return lower, upper
-
-
-def _draw_statuses(axes: Axes, track: Track) -> None:
+def _draw_statuses(axes: Axes, run: Run, spans: Spans) -> None:
     """A strip coloured by status, in each span of frames by the share of each."""
-    spans, edges = time_spans(track)
-    statuses = [[track.status[i] for i in span] for span in spans]
-    counts = Counter(track.status)
-    others = dict(
-        zip(sorted(counts.keys() - STATUS_COLOURS), CATEGORIES * len(counts), strict=False)
-    )
-    below = np.zeros(len(spans))
-    for name, colour in {**STATUS_COLOURS, **others}.items():
+    counts = Counter(run.status)
+    others = sorted(counts.keys() - STATUS_COLOURS)
+    colours = {**STATUS_COLOURS, **dict(zip(others, CATEGORIES * len(others), strict=False))}
+    statuses, below = np.array(run.status), 0.0 * spans.edges_s[1:]
+    for name, colour in colours.items():
         if counts[name]:
-            above = below + [span.count(name) / len(span) for span in statuses]
+            above = below + spans.mean(statuses == name)
             label = f"{name} ({counts[name]})"
-            axes.stairs(above, edges, baseline=below, fill=True, color=colour, label=label)
+            axes.stairs(above, spans.edges_s, baseline=below, fill=True, color=colour, label=label)
             below = above
     axes.set_yticks([])
     axes.set_ylim(0.0, 1.0)
     axes.set_ylabel("status")
-    axes.grid(visible=False)
-
-
-def _draw_inlier_ratio(axes: Axes, track: Track) -> None:
-    at = envelope(track.inlier_ratio)
-    axes.plot(track.time_s[at], track.inlier_ratio[at], color=LINE, linewidth=0.9)
-    axes.set_ylim(0.0, 1.04)
-    axes.set_ylabel("inlier ratio")
-
-
-def _draw_window_nis(axes: Axes, track: Track) -> None:
-    """The NIS per degree of freedom of the last frames, inside its 95 % band about 1."""
-    lower, upper = window_nis_bounds(track)
-    at = envelope(upper)
-    axes.fill_between(track.time_s[at], lower[at], upper[at], color=BAND, linewidth=0)
-    axes.axhline(1.0, color=MUTED, linewidth=0.6)
-    at = envelope(track.window_nis)
-    axes.plot(track.time_s[at], track.window_nis[at], color=LINE, linewidth=0.9)
-    if np.nanmax(track.window_nis) > LOG_FROM:
-        axes.set_yscale("log")
-    else:
-        axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("NIS per dof")

@@ -22,8 +22,6 @@ from PIL import Image
 from pcnav import cli
 from pcnav.config.shipped import shipped_mesh, shipped_mesh_names
 from pcnav.estimators.depth.tracker import Tracker
-from pcnav.report import depth_report as report
-from pcnav.report import status
 from pcnav.runs.reader import read_run
 from studies import STUDIES
 
@@ -83,13 +81,6 @@ def pcnav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 
     yield call
     signal.signal(signal.SIGTERM, before)
-
-
-@pytest.fixture
-def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports without pictures, which take most of a test's time, where it is not about them."""
-    for module, draw in ((report, "svg_bytes"), (report, "png_bytes"), (status, "svg_bytes")):
-        monkeypatch.setattr(module, draw, lambda figure: b"")
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,45 @@
+"""What the report of a run is made from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from pcnav.evaluation.errors import Errors
+from pcnav.evaluation.knowledge import RunKnowledge
+from pcnav.evaluation.metrics import Metrics
+from pcnav.files.text_table import TextTable
+from pcnav.runs.run import Run
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """All that the sections of a report choose from."""
+
+    title: str
+    """Name of the recording."""
+    command: str
+    """How the run was started, as typed."""
+    run: Run
+    """With its covariances when the NEES is to be drawn."""
+    metrics: Metrics
+    """With the errors behind them where there is a truth."""
+    configuration: Mapping[str, object]
+    """The pipeline as nested tables."""
+    versions: Mapping[str, str]
+    target: str | None = None
+    """Name of the target's model; None without a model."""
+    symmetry: str = "C1"
+    """Name of the target's symmetry group; C1 is none."""
+    knowledge: RunKnowledge | None = None
+    """What the data told of every state; None without an estimate or without a prior."""
+    observability: tuple[TextTable, ...] = ()
+    """What the motion makes observable; empty without an estimate."""
+    picture: Figure | None = None
+    """A frame drawn by `frame_picture`."""
+    picture_caption: str = ""
+
+    @property
+    def errors(self) -> Errors | None:
+        """Those behind the metrics; None without a truth."""
+        return self.metrics.errors

@@ -1,0 +1,170 @@
+"""The states of a run over time: their errors where the truth is known, else the estimates."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.statistics import finite
+from pcnav.dynamics.blocks import ATTITUDE, FILE_ORDER, POSITION, RATE, RATIOS, Block
+from pcnav.estimators.image_motion.rates import continuous_xyzw
+from pcnav.evaluation.errors import Errors
+from pcnav.files.text_table import display_unit
+from pcnav.report.content import ReportContent
+from pcnav.report.figures import LINE, drawing
+from pcnav.report.page import Drawing, Piece
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
+from pcnav.runs.run import Run
+
+_AXES = {ATTITUDE: ", body axes", RATE: ", body axes", RATIOS: " over Ixx"}
+_XYZ = POSITION.components
+_FIXED = 1e-12
+"""A component is held fixed when it has no deviation and no value above this."""
+
+
+def block_title(block: Block) -> str:
+    """What a block is, and of which axes, as a heading."""
+    title = block.title[0].upper() + block.title[1:]
+    return title + _AXES.get(block, "")
+
+
+def states_over_time(content: ReportContent) -> list[Piece]:
+    """A figure for the pose and for every block that the run has values of."""
+    run, errors = content.run, content.errors
+    if not run.has_estimate.any():
+        return []
+    figures: list[Piece] = []
+    if errors is not None and errors.has_pose.any():
+        caption = "Norms of the error of the model origin and of the attitude in the camera."
+        figures.append(drawing("Pose error", caption, pose_error_figure(run.time_s, errors)))
+    elif not run.trajectory.layout.blocks:
+        figures.append(_pose(run))
+    if run.segments:
+        figures += _own_axes(run)
+    for block in FILE_ORDER:
+        if block in run.trajectory:
+            figures += _block_figures(run, errors, block)
+    return [tuple(figures)]
+
+
+def component_figure(
+    time_s: FloatArray,
+    values: FloatArray,
+    sd: FloatArray,
+    names: tuple[str, ...],
+    unit: str,
+    *,
+    is_error: bool,
+) -> Figure:
+    """Components (n, k) over time, one row each, with their 3 sigma bounds where these are known.
+
+    Errors are drawn against bounds about zero, estimates inside bounds about themselves. Errors
+    that shrink by orders of magnitude get an axis that is linear about zero and logarithmic
+    beyond; otherwise the axes span what happens after the first tenth of the run.
+    """
+    settled = np.abs(values[time_s >= time_s[0] + 0.1 * np.ptp(time_s)])
+    typical = [np.median(column) for column in map(finite, settled.T) if column.size]
+    scale, unit = display_unit(unit, float(max(typical, default=1.0)))
+    label = "error (truth - estimate)" if is_error else "estimate"
+    panels = []
+    for name, value, bound in zip(names, scale * values.T, 3.0 * scale * sd.T, strict=True):
+        centre = np.zeros_like(value) if is_error else value
+        known = bool(np.isfinite(bound).any())
+        panels.append(
+            Panel(
+                name if unit == "1" else f"{name}, {unit}",
+                [Curve(label, value, colour=LINE)],
+                Scale.ERROR if is_error else Scale.SETTLED,
+                bands={"3 sigma as stated": (centre - bound, centre + bound)} if known else {},
+                base=0.0 if is_error else None,
+                edges=True,
+            )
+        )
+    return panels_figure(time_s, panels)
+
+
+def pose_error_figure(time_s: FloatArray, errors: Errors) -> Figure:
+    """Error norms of the pose in the camera over time, logarithmic."""
+    distance = np.linalg.norm(errors.p_cam_m, axis=1)
+    scale, unit = display_unit("m", float(np.median(distance[errors.has_pose])))
+    angle = np.rad2deg(np.linalg.norm(errors.theta_model_rad, axis=1))
+    series = {f"position, {unit}": scale * distance, "attitude, deg": angle}
+    panels = [
+        Panel(label, [Curve("", norm, colour=LINE)], Scale.LOG) for label, norm in series.items()
+    ]
+    return panels_figure(time_s, panels, row_in=1.6)
+
+
+def _block_figures(run: Run, errors: Errors | None, block: Block) -> list[Drawing]:
+    """The error of a block against its bounds; without a truth the estimate with them."""
+    sd, title, error = run.trajectory.sd_of(block), block_title(block), None
+    stated = bool(np.isfinite(sd).any())
+    if errors is not None and np.isfinite(errors[block]).any():
+        values = error = errors[block]
+        caption = "True minus estimated"
+        if stated:
+            caption += (
+                ", and stated 3 sigma; where the run settles by orders of magnitude, the axis is "
+                "linear between its two inner marks and logarithmic beyond"
+            )
+        if run.segments:
+            # The estimate has a figure, too.
+            title = f"{block_title(block).split(',')[0]} error"
+    elif block is ATTITUDE:
+        # It has no zero: its deviations alone are drawn.
+        values = np.where(np.isfinite(sd), 0.0, np.nan)
+        caption = "Stated 3 sigma of a turn about each axis, about the estimate"
+    elif run.segments and not stated:
+        return []
+    else:
+        values = run.trajectory[block]
+        caption = "Estimate and stated 3 sigma; the axes fit the run after its first tenth"
+    # What the estimator holds fixed, at the truth, has nothing to show.
+    size = np.fmax(np.abs(np.nan_to_num(values)), np.nan_to_num(sd)).max(axis=0)
+    shown = np.flatnonzero(size > _FIXED)
+    if not shown.size:
+        return []
+    figure = component_figure(
+        run.time_s,
+        block.to_shown * values[:, shown],
+        block.to_shown * sd[:, shown],
+        tuple(block.components[k] for k in shown),
+        block.shown_unit,
+        is_error=error is not None,
+    )
+    return [drawing(title, f"{caption}.", figure)]
+
+
+def _own_axes(run: Run) -> list[Drawing]:
+    """Attitude and rate of a run in the axes that it chose: no line joins two of its segments."""
+    starts = [segment.time_s for segment in run.segments]
+    segment = np.searchsorted(starts, run.time_s, side="right")
+    known = np.flatnonzero(run.has_estimate)
+    xyzw = np.full((len(run), 4), np.nan)
+    xyzw[known] = continuous_xyzw(run.trajectory[ATTITUDE][known], segment[known])
+    cuts = np.flatnonzero(np.diff(segment)) + 1
+    time_s = np.insert(run.time_s, cuts, run.time_s[cuts])
+
+    def figure(values: FloatArray, labels: list[str]) -> Figure:
+        parts = np.insert(values, cuts, np.nan, axis=0)
+        panels = [
+            Panel(label, [Curve("", column, colour=LINE)])
+            for label, column in zip(labels, parts.T, strict=True)
+        ]
+        return panels_figure(time_s, panels)
+
+    caption = "Quaternion of R_world_body, scalar last."
+    figures = [drawing("Attitude", caption, figure(xyzw, list(ATTITUDE.columns)))]
+    if RATE in run.trajectory:
+        labels = [f"{axis}, {RATE.shown_unit}" for axis in RATE.components]
+        rate = figure(RATE.to_shown * run.trajectory[RATE], labels)
+        figures.append(drawing(block_title(RATE), "Inertial.", rate))
+    return figures
+
+
+def _pose(run: Run) -> Drawing:
+    """Where the target is, as an estimator of poses alone sees it."""
+    pose = run.trajectory.T_cam_target
+    assert pose is not None, "an estimate without blocks is a pose"
+    p_cam, unknown = pose[:, :3, 3], np.full((len(run), 3), np.nan)
+    figure = component_figure(run.time_s, p_cam, unknown, _XYZ, "m", is_error=False)
+    return drawing("Position of the model origin in the camera", "Estimate.", figure)
