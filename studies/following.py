@@ -17,8 +17,8 @@ from pcnav.estimators.depth.tracker import Tracker
 from pcnav.evaluation.bound import pose_jacobian
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.recordings.sequence import Frame
+from pcnav.runs.collector import collected
 from pcnav.runs.estimate import Estimate
-from pcnav.runs.run import collected
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion

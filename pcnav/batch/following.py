@@ -9,8 +9,9 @@ from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, THETA_BODY
 from pcnav.estimators.interface import Estimator
 from pcnav.evaluation.bound import SceneBound, pose_jacobian
+from pcnav.runs.collector import collected
 from pcnav.runs.estimate import Estimate
-from pcnav.runs.run import Run, collected
+from pcnav.runs.run import Run
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion
 

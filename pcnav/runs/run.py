@@ -1,17 +1,12 @@
 """A result folder as loaded: one type for every estimator, finished or not."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.dynamics.blocks import ATTITUDE, Block
 from pcnav.dynamics.trajectory import Trajectory
-from pcnav.runs.estimate import Estimate, Output
-from pcnav.runs.nis_window import window_nis
 
 
 @dataclass(frozen=True)
@@ -63,60 +58,6 @@ class Run:
     def has_estimate(self) -> BoolArray:
         """(n,) whether the frame has an estimate."""
         return self.trajectory.has_estimate
-
-
-def collected(estimator: str, output: Output, estimates: Sequence[Estimate]) -> Run:
-    """The run, with its covariances, of estimates that are at hand and were written nowhere."""
-    n, layout = len(estimates), output.layout
-
-    def stack(of: Callable[[Estimate], FloatArray | None], *shape: int) -> FloatArray:
-        rows = np.full((n, *shape), np.nan)
-        for k, estimate in enumerate(estimates):
-            value = of(estimate)
-            if value is not None:
-                rows[k] = value
-        return rows
-
-    def values_of(block: Block) -> FloatArray:
-        shape = (3, 3) if block is ATTITUDE else (block.size,)
-        return stack(lambda estimate: estimate.values.get(block.name), *shape)
-
-    def notes_of(name: str) -> FloatArray:
-        notes = (estimate.notes.get(name) for estimate in estimates)
-        return np.array([note if isinstance(note, float | int) else np.nan for note in notes])
-
-    P = stack(lambda estimate: estimate.covariance, layout.size, layout.size)
-    trajectory = Trajectory(
-        time_s=np.array([estimate.time_s for estimate in estimates]),
-        layout=layout,
-        values={block.name: values_of(block) for block in output.blocks},
-        sd=np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0)),
-        covariance=P,
-        T_cam_target=stack(lambda estimate: estimate.T_cam_target, 4, 4),
-    )
-    nis = np.array([estimate.nis for estimate in estimates])
-    dof = np.array([estimate.nis_dof for estimate in estimates], dtype=np.intp)
-    window = window_nis(nis, dof, trajectory.has_estimate)
-    for k, estimate in enumerate(estimates):
-        if estimate.window_nis is not None:
-            window[k] = estimate.window_nis
-    return Run(
-        name="",
-        folder=None,
-        estimator=estimator,
-        pipeline=None,
-        trajectory=trajectory,
-        status=tuple(str(estimate.status) for estimate in estimates),
-        nis=nis,
-        nis_dof=dof,
-        window_nis=window,
-        notes={name: notes_of(name) for name in output.notes},
-        segments=tuple(
-            Segment(estimate.time_s, estimate.new_axes)
-            for estimate in estimates
-            if estimate.new_axes is not None
-        ),
-    )
 
 
 @dataclass(frozen=True)

@@ -126,12 +126,13 @@ class LoadedRun:
     @cached_property
     def layers(self) -> frozenset[Layer]:
         """The layers that it has anything for."""
+        has_rectangles = "n_rectangles" in self.run.notes
         needs = {
             Layer.POINTS: self.frames is not None,
             Layer.SENSOR: self.frames is not None,
-            Layer.ACCEPTED: self.target is not None,
-            Layer.REJECTED: self.target is not None,
-            Layer.NAMES: self.target is not None,
+            Layer.ACCEPTED: has_rectangles,
+            Layer.REJECTED: has_rectangles,
+            Layer.NAMES: has_rectangles,
             Layer.MESH: self.target is not None,
             Layer.TRUTH: self.target is not None and self._true_poses is not None,
             Layer.COM: self.has(CENTRE),

@@ -11,7 +11,7 @@ from pcnav.config.pipeline_file import EstimatorKind, Pipeline
 from pcnav.core.errors import InputError
 from pcnav.dynamics.blocks import RATIOS
 from pcnav.dynamics.kepler import KeplerOrbit
-from pcnav.estimators.interface import AxesPolicy
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.errors import Errors, errors
 from pcnav.evaluation.knowledge import FROM_DATA
 from pcnav.files.csv_table import read_csv
@@ -32,14 +32,6 @@ from pcnav.viewer.loaded_run import (
     LoadedRun,
     StateVerdict,
 )
-
-_AXES: dict[str, AxesPolicy] = {
-    EstimatorKind.PRINCIPAL_AXES: AxesPolicy.PRINCIPAL,
-    EstimatorKind.INERTIA_BANK: AxesPolicy.SAME,
-    EstimatorKind.IMAGE_MOTION: AxesPolicy.PER_SEGMENT,
-    EstimatorKind.ATTITUDE_INERTIA: AxesPolicy.SAME,
-}
-"""Of the estimators without a model of the target."""
 
 
 def load_run(folder: Path) -> LoadedRun:
@@ -73,11 +65,11 @@ def opened(run: Run) -> LoadedRun:
 
     Raises `InputError` for a run on depth frames that does not tell its mesh.
     """
-    pipeline = run.pipeline
-    if pipeline is None:
+    pipeline, entry = run.pipeline, ESTIMATORS.get(run.estimator)
+    if pipeline is None or entry is None:
         return LoadedRun(run)
     loaded = LoadedRun(run, orbit=KeplerOrbit(pipeline.orbit.mean_motion_rad_s))
-    if pipeline.estimator.kind not in _AXES:
+    if RecordingKind.DEPTH in entry.takes:
         return _with_frames(loaded, pipeline)
     path = _recording(run)
     if loaded.trajectory.T_cam_target is None:
@@ -136,11 +128,11 @@ def _camera_attitude(run: Run) -> CameraAttitude | None:
 def _compared(loaded: LoadedRun) -> Errors | None:
     """A run against the truth of its recording; None where there is none to compare it with."""
     run, path = loaded.run, _recording(loaded.run)
-    if run.pipeline is None or path is None or not run.has_estimate.any():
+    if path is None or not run.has_estimate.any():
         return None
-    axes = _AXES.get(run.pipeline.estimator.kind, AxesPolicy.SYMMETRY)
-    if axes is not AxesPolicy.SYMMETRY and not run.segments and _is_of_images(path):
-        # Its body axes are the camera's at a frame that the folder does not tell.
+    if run.estimator == EstimatorKind.ATTITUDE_INERTIA and not run.segments and _is_images(path):
+        # Up to release 0.1 the folder did not tell the frame whose camera's axes are those of the
+        # body.
         return None
     truth = read_truth(truth_folder(path))
     if truth is None:
@@ -148,12 +140,12 @@ def _compared(loaded: LoadedRun) -> Errors | None:
     symmetries = None if loaded.target is None else loaded.target.symmetry_transforms
     try:
         # The points of every frame, which belong to a folder, are not compared.
-        return errors(replace(run, folder=None), truth, axes, symmetry_transforms=symmetries)
+        return errors(replace(run, folder=None), truth, symmetry_transforms=symmetries)
     except InputError:
         return None
 
 
-def _is_of_images(path: Path) -> bool:
+def _is_images(path: Path) -> bool:
     try:
         return format_of(path).kind is RecordingKind.IMAGES
     except InputError:

@@ -49,7 +49,8 @@ def facts_html(loaded: LoadedRun, frame: int, magnified: float | None) -> str:
     if run.has_estimate[frame]:
         rows = _estimate_rows(loaded, frame)
         drawn = magnified or loaded.magnification(frame)
-        rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
+        if loaded.has(ATTITUDE):
+            rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
     cells = "".join(
         f"<tr><td style='opacity:.75;padding-right:10px;white-space:nowrap'>{name}</td>"
         f"<td>{value}</td></tr>"

@@ -26,12 +26,13 @@ from pcnav.dynamics.blocks import (
     ROTATION_LAYOUT,
     Block,
 )
+from pcnav.runs.collector import collected
 from pcnav.runs.estimate import Estimate, FeaturePoint, FeatureUse, Output
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import count_outcomes, read_features, read_points, read_records, read_run
 from pcnav.runs.records import ACCEPTED, RectangleRecord
-from pcnav.runs.run import Run, collected
+from pcnav.runs.run import Run
 from pcnav.runs.writer import RunWriter
 
 DEPTH = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)

@@ -55,6 +55,7 @@ def watched(
     pipeline: Pipeline,
     view: LiveView,
     on_frame: Callable[[int], None] = lambda done: None,
+    estimator: str | None = None,
 ) -> RunSummary:
     """A run that a view is told of; ``on_frame`` is told how many frames it has been shown."""
 
@@ -66,6 +67,7 @@ def watched(
         recording,
         out,
         pipeline,
+        estimator=estimator,
         on_start=lambda as_run, output: view.expect(out.name, as_run, output),
         on_estimate=show,
     )
