@@ -174,12 +174,15 @@ def disturbed_orbit(
 def disturbed_rotation(
     start: NavigationState,
     times_s: FloatArray,
-    angular_acceleration_psd_rad2_s3: float,
+    angular_acceleration_psd_rad2_s3: float | FloatArray,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 3, 3) true R_world_body and (n, 3) body rates, rad/s, at increasing times."""
+    """(n, 3, 3) true R_world_body and (n, 3) body rates, rad/s, at increasing times.
+
+    The disturbance is the same about all body axes, or (3,) about each.
+    """
     inertia = start.inertia
-    if angular_acceleration_psd_rad2_s3 == 0.0:
+    if not np.any(angular_acceleration_psd_rad2_s3):
         return rotate_torque_free(start.R_world_body, start.omega_body, inertia, times_s)
     slope = torque_free(inertia, np.asarray(np.linalg.inv(inertia)))
     attitudes, rates = [start.R_world_body], [start.omega_body]
@@ -201,7 +204,9 @@ def _circular_orbit(table: OrbitTable, times_s: FloatArray) -> FloatArray:
     return np.stack([hill_transition(table.mean_motion_rad_s, float(t)) @ start for t in times_s])
 
 
-def _kick(psd: float, step_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _kick(
+    psd: float | FloatArray, step_s: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
     """What white noise of a power spectral density adds to a place and to its rate in a step."""
     first, second = rng.standard_normal((2, 3))
     rate = np.sqrt(psd * step_s) * first

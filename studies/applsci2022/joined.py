@@ -5,21 +5,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.batch.monte_carlo import Case, Run, runs_of
+from pcnav.batch.monte_carlo import Run, runs_of
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import root_mean_square
+from pcnav.dynamics.inertia_parameters import parameters_of
 from pcnav.estimators.attitude_inertia.chained_inertia import ChainedInertiaEstimator
-from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, printed_covariance
-from pcnav.estimators.image_motion.chain import run_chain
+from pcnav.estimators.attitude_inertia.rotation_model import (
+    INERTIA,
+    printed_covariance,
+    printed_from_parameters,
+)
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.files.text_table import TextTable
 from pcnav.simulation.images import TrackFaults
 
 from ..tables import table
 from . import paper
-from .runs import KEY_FRAMES, STUDY
-from .scene import nutation, tracks_of
+from .runs import KEY_FRAMES, STUDY, Chained
 
 INTERVAL_S = 5.0
 """Between frames: the turn is then large enough to be measured from one to the next."""
@@ -34,14 +37,6 @@ _POINTS = 200
 _TABLE = AttitudeInertiaTable(
     rate_sd_deg_s=1.0, inertia_ratio_sd=0.3, angular_acceleration_psd_rad2_s3=1e-14
 )
-
-
-@dataclass(frozen=True)
-class Joined:
-    """Tracks of a noise and a length."""
-
-    sigma_px: float
-    duration_s: float
 
 
 @dataclass(frozen=True)
@@ -62,22 +57,21 @@ class JoinedErrors:
         return int(np.searchsorted(self.times_s, time_s + 1e-6)) - 1
 
 
-def joined_runs(count: int, duration_s: float) -> list[Run[Joined]]:
-    """So many runs of every noise; their work is the frames."""
-    frames = len(paper.frame_times(duration_s, INTERVAL_S))
-    cases = [Case(f"{sigma:g} px", Joined(sigma, duration_s), frames) for sigma in _NOISES_PX]
+def joined_runs(count: int, duration_s: float) -> list[Run[Chained]]:
+    """So many runs of every noise."""
+    cases = [
+        Chained(KEY_FRAMES, TrackFaults(sigma), INTERVAL_S, duration_s, _POINTS).case(
+            f"{sigma:g} px"
+        )
+        for sigma in _NOISES_PX
+    ]
     return runs_of(f"{STUDY} joined", cases, count)
 
 
-def run_joined(run: Run[Joined]) -> JoinedErrors:
+def run_joined(run: Run[Chained]) -> JoinedErrors:
     """Simulate tracks, chain attitudes, filter them."""
-    case = run.case.settings
-    truth = nutation(case.duration_s, INTERVAL_S, run.seed, _POINTS)
-    tracks = tracks_of(truth, TrackFaults(case.sigma_px), run.seed)
-    frames = run_chain(tracks, KEY_FRAMES.model_copy(update={"pixel_sigma_px": case.sigma_px}))
-    inertia = paper.INERTIA_KG_M2
-    entries = ((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))
-    true_ratios = np.array([inertia[i, j] for i, j in entries]) / inertia[2, 2]
+    _, frames = run.case.settings.frames(run.seed)
+    true_ratios = printed_from_parameters(parameters_of(paper.INERTIA_KG_M2))
     estimator = ChainedInertiaEstimator(_TABLE)
     steps = ((frame.time_s, estimator.step(frame)) for frame in frames)
     found = [(time_s, each.state, each.covariance) for time_s, each in steps if each is not None]

@@ -25,8 +25,6 @@ from . import paper
 from .scene import Truth, nutation, tracks_of
 
 STUDY = "applsci2022"
-MIN_SIGMA_PX = 1e-3
-"""Noise that a chain assumes of tracks without any."""
 
 PRINTED = ImageMotionTable(
     solver=MatchSolver.EIGHT_POINT, reference=Reference.ADJACENT, smoothing=Smoothing.NONE
@@ -48,86 +46,55 @@ class Chained:
 
     chain: ImageMotionTable
     faults: TrackFaults
-    interval_s: float = paper.INTERVAL_S
-    duration_s: float = paper.DURATION_S
+    interval_s: float
+    duration_s: float
+    points: int = paper.POINTS
 
     @property
     def times_s(self) -> FloatArray:
         """Of the frames of a run."""
         return paper.frame_times(self.duration_s, self.interval_s)
 
+    def case(self, name: str) -> Case["Chained"]:
+        """By name; its work is the frames."""
+        return Case(name, self, len(self.times_s))
 
-def _cases(
-    what: str, chains: Mapping[str, ImageMotionTable], faults: TrackFaults, *times: float
-) -> list[Case[Chained]]:
-    """Of every chain, at an interval and a duration; its work is the frames."""
-    found = []
-    for name, chain in chains.items():
-        settings = Chained(chain, faults, *times)
-        found.append(Case(f"{name}, {what}", settings, len(settings.times_s)))
-    return found
+    def frames(self, seed: int) -> tuple[Truth, Sequence[ChainFrame]]:
+        """Simulate and chain."""
+        truth = nutation(self.duration_s, self.interval_s, seed, self.points)
+        return truth, run_chain(tracks_of(truth, self.faults, seed), self.chain)
 
 
-def noise_cases(duration_s: float) -> list[Case[Chained]]:
-    """Printed and robust chains at three noises."""
-    found = []
-    for noise in (0.0, 0.1, 0.5):
-        found += _cases(f"{noise:g} px", CHAINS, TrackFaults(noise), paper.INTERVAL_S, duration_s)
-    return found
+NOISES = {f"{noise:g} px": TrackFaults(noise) for noise in (0.0, 0.1, 0.5)}
+FAULTS = {
+    "tracks of 15 s": TrackFaults(0.1, mean_tracked_s=15.0),
+    "20 % wrong": TrackFaults(0.1, wrong_match_fraction=0.2),
+}
 
 
-def fault_cases(duration_s: float) -> list[Case[Chained]]:
-    """Tracks that end, and wrong matches."""
-    short = TrackFaults(0.1, mean_tracked_s=15.0)
-    wrong = TrackFaults(0.1, wrong_match_fraction=0.2)
+def chain_cases(faults: Mapping[str, TrackFaults], duration_s: float) -> list[Case[Chained]]:
+    """Printed and robust chains on tracks of several kinds."""
     return [
-        *_cases("tracks of 15 s", CHAINS, short, paper.INTERVAL_S, duration_s),
-        *_cases("20 % wrong", CHAINS, wrong, paper.INTERVAL_S, duration_s),
+        Chained(chain, tracks, paper.INTERVAL_S, duration_s).case(f"{name}, {what}")
+        for what, tracks in faults.items()
+        for name, chain in CHAINS.items()
     ]
 
 
 def interval_cases(duration_s: float) -> list[Case[Chained]]:
     """The effect of the time between frames, at 0.1 px."""
-    found = []
-    for interval_s in (0.5, 2.0, 5.0, 10.0):
-        chains = {"as printed": PRINTED, **GUARDED}
-        found += _cases(f"{interval_s:g} s", chains, TrackFaults(0.1), interval_s, duration_s)
-    return found
+    return [
+        Chained(chain, NOISES["0.1 px"], each_s, duration_s).case(f"{name}, {each_s:g} s")
+        for each_s in (0.5, 2.0, 5.0, 10.0)
+        for name, chain in {"as printed": PRINTED, **GUARDED}.items()
+    ]
 
 
-@dataclass(frozen=True)
-class ChainErrors:
-    """One run against the truth."""
-
-    attitude: FloatArray
-    """(n, 3) theta, rad; nan where there is no attitude, and in later segments."""
-    rate: FloatArray
-    """(n, 3) rad/s; nan likewise."""
-    sd: FloatArray
-    """(n,) stated, root of the trace, rad."""
-    nees: FloatArray
-    """(n,) per degree of freedom."""
-    outcomes: Counter[Outcome]
-    """Frames by what became of them."""
-
-
-def run_case(run: Run[Chained]) -> ChainErrors:
-    """Simulate, chain, compare."""
+def run_case(run: Run[Chained]) -> "ChainErrors":
+    """Simulate, chain, compare: attitudes of the first segment, and their rates."""
     case = run.case.settings
-    truth = nutation(case.duration_s, case.interval_s, run.seed)
-    tracks = tracks_of(truth, case.faults, run.seed)
-    sigma = max(case.faults.pixel_sigma_px, MIN_SIGMA_PX)
-    chain = case.chain.model_copy(update={"pixel_sigma_px": sigma})
-    return errors_of(run_chain(tracks, chain), truth, chain)
-
-
-def errors_of(
-    frames: Sequence[ChainFrame], truth: Truth, settings: ImageMotionTable
-) -> ChainErrors:
-    """Errors of the attitudes of the first segment and of their rates."""
-    count = len(frames)
-    attitude, rate = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
-    sd, nees = np.full(count, np.nan), np.full(count, np.nan)
+    truth, frames = case.frames(run.seed)
+    angle, sd, nees, rate = np.full((4, 1, len(frames)), np.nan)
     known = [
         k
         for k, frame in enumerate(frames)
@@ -136,19 +103,22 @@ def errors_of(
     if known:
         R = np.array([frames[k].R_world_body for k in known])
         P = np.array([frames[k].covariance for k in known])
-        attitude[known] = log_rotation(np.swapaxes(R, 1, 2) @ truth.R_world_body[known])
-        sd[known] = np.sqrt(np.trace(P, axis1=1, axis2=2))
-        nees[known] = squared_normalised_errors(attitude[known], P) / 3.0
-    history = rotation_history(frames, settings)
+        theta = log_rotation(np.swapaxes(R, 1, 2) @ truth.R_world_body[known])
+        angle[0, known] = np.rad2deg(np.linalg.norm(theta, axis=1))
+        sd[0, known] = np.rad2deg(np.sqrt(np.trace(P, axis1=1, axis2=2)))
+        nees[0, known] = squared_normalised_errors(theta, P) / 3.0
+    history = rotation_history(frames, case.chain)
     first = history.segment == 0
     at = history.frames[first]
-    rate[at] = history.omega_body[first] - truth.omega_body[at]
-    return ChainErrors(attitude, rate, sd, nees, Counter(frame.outcome for frame in frames))
+    off = history.omega_body[first] - truth.omega_body[at]
+    rate[0, at] = np.rad2deg(np.linalg.norm(off, axis=1))
+    outcomes = Counter(frame.outcome for frame in frames)
+    return ChainErrors(run.case, angle, rate, sd, nees, outcomes)
 
 
 @dataclass(frozen=True)
-class CaseErrors:
-    """All runs of a case at its n frames."""
+class ChainErrors:
+    """Runs of a case against the truth at n frames; nan where the first segment is not."""
 
     case: Case[Chained]
     angle_deg: FloatArray
@@ -156,22 +126,21 @@ class CaseErrors:
     rate_deg_s: FloatArray
     """(runs, n)"""
     sd_deg: FloatArray
-    """(runs, n)"""
+    """(runs, n) stated of the attitude, root of the trace."""
     nees: FloatArray
-    """(runs, n)"""
+    """(runs, n) of the attitude per degree of freedom."""
     outcomes: Counter[Outcome]
+    """Frames by what became of them."""
 
     @staticmethod
-    def of(case: Case[Chained], found: Sequence[ChainErrors]) -> "CaseErrors":
-        """From its runs."""
-        return CaseErrors(
-            case,
-            np.rad2deg(np.linalg.norm([each.attitude for each in found], axis=-1)),
-            np.rad2deg(np.linalg.norm([each.rate for each in found], axis=-1)),
-            np.rad2deg([each.sd for each in found]),
-            np.array([each.nees for each in found]),
-            sum((each.outcomes for each in found), Counter()),
+    def joined(parts: Sequence["ChainErrors"]) -> "ChainErrors":
+        """All runs of a case."""
+        angle, rate, sd, nees = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("angle_deg", "rate_deg_s", "sd_deg", "nees")
         )
+        outcomes = sum((part.outcomes for part in parts), Counter[Outcome]())
+        return ChainErrors(parts[0].case, angle, rate, sd, nees, outcomes)
 
     @property
     def times_s(self) -> FloatArray:
@@ -214,7 +183,7 @@ class CaseErrors:
         return root_mean_square(values[:, near])
 
 
-def errors_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
+def errors_table(key: str, found: Sequence[ChainErrors]) -> TextTable:
     """Attitude and rate of every case."""
     end = found[0].times_s[-1]
     return table_of(
@@ -234,7 +203,7 @@ def errors_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
     )
 
 
-def outcomes_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
+def outcomes_table(key: str, found: Sequence[ChainErrors]) -> TextTable:
     """Frames by what became of them, all runs together; only outcomes that occur have a column."""
     occurring = [what for what in Outcome if any(each.outcomes[what] for each in found)]
     rows = ((each.case.name, *(each.outcomes[what] for what in occurring)) for each in found)
@@ -242,7 +211,7 @@ def outcomes_table(key: str, found: Sequence[CaseErrors]) -> TextTable:
     return table(f"{key}_outcomes", header, rows)
 
 
-def growth_figure(key: str, found: Sequence[CaseErrors], whats: Sequence[str]) -> StudyFigure:
+def growth_figure(key: str, found: Sequence[ChainErrors], whats: Sequence[str]) -> StudyFigure:
     """Errors over time of all chains, one panel for each of the tracks by the end of their name."""
     panels = []
     for what in whats:

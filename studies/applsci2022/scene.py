@@ -1,19 +1,25 @@
-"""The nutating satellite: its true rotation, points on its hull and their tracks."""
+"""The nutating satellite: its true rotation, points on its hull, their tracks and drawings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import make_transform
 from pcnav.dynamics.blocks import POSE_LAYOUT
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.tracks import MonocularTracks
+from pcnav.report.figures import LINE, new_figure, style_axes, svg_bytes
 from pcnav.simulation.images import ImageMotion, TrackFaults, monocular_tracks
 from pcnav.simulation.motion import rotate_torque_free
 
+from ..folder import StudyFigure
 from . import paper
 
+_POINT = "#ca8a04"
+"""Colour of a point."""
 _SUN = (0.0, 0.0, -1.0)
 
 
@@ -67,3 +73,50 @@ def tracks_of(truth: Truth, faults: TrackFaults, seed: int) -> MonocularTracks:
     rng = np.random.default_rng([seed, 1])
     points = (truth.points, truth.normals)
     return monocular_tracks(paper.CAMERA, truth.motion, points, faults, rng)
+
+
+def feature_figure(tracks: MonocularTracks) -> StudyFigure:
+    """Fig. 5: the points seen at the first frame."""
+    return _in_the_image("fig_5", list(tracks.frames[0].pixels[:, None]))
+
+
+def track_figure(tracks: MonocularTracks) -> StudyFigure:
+    """Fig. 7: the paths of the points in the image."""
+    paths: dict[int, list[FloatArray]] = {}
+    for frame in tracks.frames:
+        for feature, pixels in zip(frame.features.tolist(), frame.pixels, strict=True):
+            paths.setdefault(feature, []).append(pixels)
+    return _in_the_image("fig_7", [np.array(path) for path in paths.values()])
+
+
+def path_figure(truth: Truth) -> StudyFigure:
+    """Fig. 6: the paths of the points in space."""
+    figure = new_figure(3.2)
+    p = truth.points[:12] @ np.swapaxes(truth.R_world_body, 1, 2)
+    for axes, (i, j) in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
+        _draw(axes, np.swapaxes(p[..., [i, j]], 0, 1), (f"{'xyz'[i]}, m", f"{'xyz'[j]}, m"))
+        axes.set_aspect("equal", adjustable="datalim")
+    return StudyFigure("fig_6", svg_bytes(figure))
+
+
+def _in_the_image(key: str, paths: Sequence[FloatArray]) -> StudyFigure:
+    figure = new_figure(4.2)
+    axes = figure.add_subplot()
+    _draw(axes, paths, ("u, px", "v, px"))
+    middle = np.array([paper.CAMERA.cx, paper.CAMERA.cy])
+    half = 1.1 * float(np.abs(np.concatenate(paths) - middle).max())
+    axes.set_xlim(middle[0] - half, middle[0] + half)
+    # Image rows count downwards.
+    axes.set_ylim(middle[1] + half, middle[1] - half)
+    axes.set_aspect("equal")
+    return StudyFigure(key, svg_bytes(figure))
+
+
+def _draw(axes: Axes, paths: Sequence[FloatArray] | FloatArray, labels: tuple[str, str]) -> None:
+    """Paths (n, 2), each with a dot at its end."""
+    style_axes(axes)
+    for path in paths:
+        axes.plot(path[:, 0], path[:, 1], color=LINE, linewidth=0.8)
+        axes.plot(path[-1, 0], path[-1, 1], "o", color=_POINT, markersize=3)
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])

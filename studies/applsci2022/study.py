@@ -17,21 +17,21 @@ from ..tables import cell
 from ..text import study_of
 from ..work import Work
 from . import joined, limits, paper
-from .figures import feature_figure, path_figure, track_figure
 from .runs import (
+    FAULTS,
     KEY_FRAMES,
+    NOISES,
     PRINTED,
     STUDY,
-    CaseErrors,
+    ChainErrors,
+    chain_cases,
     errors_table,
-    fault_cases,
     growth_figure,
     interval_cases,
-    noise_cases,
     outcomes_table,
     run_case,
 )
-from .scene import nutation, tracks_of
+from .scene import feature_figure, nutation, path_figure, track_figure, tracks_of
 
 RUNS = 6
 """Draws of points and noise per case unless told otherwise."""
@@ -57,34 +57,32 @@ def study(runs: int, work: Work) -> Study:
     quick = runs < _QUICK_RUNS
     duration_s = _QUICK_S if quick else paper.DURATION_S
     joined_s = _QUICK_JOINED_S if quick else joined.DURATION_S
-    noises, faults = noise_cases(duration_s), fault_cases(duration_s)
-    intervals = interval_cases(duration_s)
-    cases = [*noises, *faults, *intervals]
     # Every case meets the same points and noise.
-    results = work.plan(run_case, runs_of(STUDY, cases, runs))
+    planned = [
+        work.plan(run_case, runs_of(STUDY, cases, runs))
+        for cases in (
+            chain_cases(NOISES, duration_s),
+            chain_cases(FAULTS, duration_s),
+            interval_cases(duration_s),
+        )
+    ]
     inertia = work.plan(joined.run_joined, joined.joined_runs(runs, joined_s))
     work.run()
-    by_case = results.by_case
-    found = {case.name: CaseErrors.of(case, by_case[case.name]) for case in cases}
-    by_noise, by_fault = ([found[case.name] for case in some] for some in (noises, faults))
-    at_one = [each for each in by_noise if each.case.settings.faults.pixel_sigma_px == 0.1]
-    by_interval = sorted(
-        [*at_one, *(found[case.name] for case in intervals)],
-        key=lambda each: each.case.settings.interval_s,
+    noises, faults, intervals = (
+        [ChainErrors.joined(parts) for parts in each.by_case.values()] for each in planned
     )
-    named = {each.case.name: each for each in [*by_noise, *by_fault]}
+    intervals += [each for each in noises if each.case.name.endswith(" 0.1 px")]
+    intervals.sort(key=lambda each: each.case.settings.interval_s)
+    groups = {"noise": noises, "faults": faults, "intervals": intervals}
+    named = {each.case.name: each for each in [*noises, *faults]}
     half_sides_m, _ = paper.hull_half_sides_m()
     low, high = chi_square_bounds(joined.SIZE * runs)
     return study_of(
         Path(__file__).parent,
         runs,
         [
-            errors_table("noise", by_noise),
-            outcomes_table("noise", by_noise),
-            errors_table("faults", by_fault),
-            outcomes_table("faults", by_fault),
-            errors_table("intervals", by_interval),
-            outcomes_table("intervals", by_interval),
+            *(errors_table(key, found) for key, found in groups.items()),
+            *(outcomes_table(key, found) for key, found in groups.items()),
             joined.joined_table(inertia.by_case, joined_s),
             limits.accuracy_table(),
             limits.degenerate_table(),
@@ -92,8 +90,8 @@ def study(runs: int, work: Work) -> Study:
         ],
         [
             *_paper_figures(duration_s),
-            growth_figure("growth", by_noise, ("0.1 px", "0.5 px")),
-            growth_figure("growth_faults", by_fault, ("tracks of 15 s", "20 % wrong")),
+            growth_figure("growth", noises, ("0.1 px", "0.5 px")),
+            growth_figure("growth_faults", faults, tuple(FAULTS)),
         ],
         shown=("noise", "faults", "intervals", "inertia_from_images"),
         pipelines={},

@@ -1,6 +1,6 @@
 """What the filter's runs come to: tables and figures, with what the paper states beside them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..folder import StudyFigure
 from ..panels import Curve, Panel, Scale, mean_squared_panel, panels_figure
 from ..tables import table, table_of
 from . import paper
-from .following import JudgedRun
+from .following import Judged
 
 _DEGREES = float(np.degrees(1.0))
 
@@ -43,14 +43,13 @@ class Quantity(ShownBlock):
             return [f"p_{letter}" for letter in self.components]
         return [f"{letter}, {self.unit}" for letter in self.components]
 
-    def norms(self, run: JudgedRun) -> FloatArray:
-        """(n,) of its errors."""
-        return np.asarray(np.linalg.norm(self.shown(run.error), axis=1))
+    def norms(self, runs: Judged) -> FloatArray:
+        """(runs, n) of its errors."""
+        return np.asarray(np.linalg.norm(self.shown(runs.error), axis=-1))
 
-    def share_inside(self, runs: Sequence[JudgedRun]) -> float:
+    def share_inside(self, runs: Judged) -> float:
         """Of its errors with an estimate, inside three stated deviations."""
-        error = np.concatenate([run.error[:, self.rows] for run in runs])
-        sd = np.concatenate([run.sd[:, self.rows] for run in runs])
+        error, sd = runs.error[..., self.rows], runs.sd[..., self.rows]
         known = np.isfinite(error)
         return float(np.mean(np.abs(error[known]) <= 3.0 * sd[known]))
 
@@ -69,12 +68,13 @@ QUANTITIES = (
 _PAPER_SAYS = "converges, small about zero", "non-zero offsets that change over occlusions"
 
 
-def error_figures(unique: JudgedRun, free: JudgedRun) -> list[StudyFigure]:
-    """Figs. 6-11. Left: with the unique axes, in three stated deviations. Right: without."""
-    point = (each[:, 0] for each in (unique.point_error, unique.point_sd, free.point_error))
+def error_figures(unique: Judged, free: Judged) -> list[StudyFigure]:
+    """Figs. 6-11 of the first run. Left: with the unique axes, in three stated deviations. Right:
+    without."""
+    point = (each[0, :, 0] for each in (unique.point_error, unique.point_sd, free.point_error))
     found = [_figure("fig09", ["x, m", "y, m", "z, m"], unique.time_s, *point)]
     for q in QUANTITIES:
-        shown = (q.shown(each) for each in (unique.error, unique.sd, free.error))
+        shown = (q.shown(each[0]) for each in (unique.error, unique.sd, free.error))
         found.append(_figure(q.figure, q.labels, unique.time_s, *shown))
     return found
 
@@ -97,12 +97,12 @@ def _figure(
     return panels_figure(key, time_s, panels, columns=2, dark=paper.blackouts_s())
 
 
-def last_from_s(run: JudgedRun) -> float:
+def last_from_s(runs: Judged) -> float:
     """From when on errors are told in the tables."""
-    return float(run.time_s[-1]) - paper.LAST_S
+    return float(runs.time_s[-1]) - paper.LAST_S
 
 
-def comparison_table(key: str, unique: Sequence[JudgedRun], free: Sequence[JudgedRun]) -> TextTable:
+def comparison_table(key: str, unique: Judged, free: Judged) -> TextTable:
     """RMS errors over the last 50 s, all runs together, with and without unique axes."""
     rows = []
     for (name, ours), other in zip(_late(unique).items(), _late(free).values(), strict=True):
@@ -118,7 +118,7 @@ def comparison_table(key: str, unique: Sequence[JudgedRun], free: Sequence[Judge
     return table(key, ("error norm", *columns), rows)
 
 
-def last_table(key: str, runs: Sequence[JudgedRun]) -> TextTable:
+def last_table(key: str, runs: Judged) -> TextTable:
     """RMS errors over the last 50 s, all runs together."""
     return table_of(
         key,
@@ -131,32 +131,23 @@ def last_table(key: str, runs: Sequence[JudgedRun]) -> TextTable:
     )
 
 
-def _late(runs: Sequence[JudgedRun]) -> dict[str, FloatArray]:
-    """All norms of errors over the last 50 s, by quantity."""
-
-    def late(errors: Callable[[JudgedRun], FloatArray]) -> FloatArray:
-        return np.concatenate([errors(run)[run.time_s >= last_from_s(run)] for run in runs])
-
-    found = {q.label: late(q.norms) for q in QUANTITIES}
-    found["inertia ratio p_y"] = late(lambda run: np.abs(run.middle_ratio_error))
-    found["points, m"] = late(point_rms)
-    return found
+def _late(runs: Judged) -> dict[str, FloatArray]:
+    """(runs, ...) norms of errors over the last 50 s, by quantity."""
+    late = runs.time_s >= last_from_s(runs)
+    found = {q.label: q.norms(runs) for q in QUANTITIES}
+    found["inertia ratio p_y"] = np.abs(runs.middle_ratio_error)
+    square = np.ma.masked_invalid(np.sum(runs.point_error**2, axis=-1))
+    found["points, m"] = np.sqrt(square.mean(axis=-1).filled(np.nan))
+    return {name: norms[:, late] for name, norms in found.items()}
 
 
-def point_rms(run: JudgedRun) -> FloatArray:
-    """(n,) root mean square of the points' errors; nan before the start."""
-    square = np.ma.masked_invalid(np.sum(run.point_error**2, axis=-1))
-    return np.asarray(np.sqrt(square.mean(axis=1).filled(np.nan)))
-
-
-def blackout_table(runs: Sequence[JudgedRun]) -> TextTable:
+def blackout_table(runs: Judged) -> TextTable:
     """How far the attitude drifts in the dark, and whether it returns."""
 
     def at(time_s: float) -> tuple[float, float]:
-        rows = [min(int(np.searchsorted(run.time_s, time_s)), len(run.time_s) - 1) for run in runs]
-        sd = [np.linalg.norm(run.sd[k, PA_THETA]) for run, k in zip(runs, rows, strict=True)]
-        error = [ATTITUDE.norms(run)[k] for run, k in zip(runs, rows, strict=True)]
-        return float(np.median(error)), 3.0 * _DEGREES * float(np.median(sd))
+        k = min(int(np.searchsorted(runs.time_s, time_s)), len(runs.time_s) - 1)
+        sd = np.linalg.norm(ATTITUDE.shown(runs.sd[:, k]), axis=1)
+        return float(np.median(ATTITUDE.norms(runs)[:, k])), 3.0 * float(np.median(sd))
 
     rows = [
         (
@@ -170,7 +161,7 @@ def blackout_table(runs: Sequence[JudgedRun]) -> TextTable:
     return table("blackouts", header, rows)
 
 
-def inside_table(unique: Sequence[JudgedRun], free: Sequence[JudgedRun]) -> TextTable:
+def inside_table(unique: Judged, free: Judged) -> TextTable:
     """How many errors are within what is stated."""
     return table_of(
         "inside",
@@ -201,14 +192,10 @@ class Consistency:
     """(n,) of its 14 components of motion and inertia."""
 
     @staticmethod
-    def of(runs: Sequence[JudgedRun]) -> "Consistency":
+    def of(runs: Judged) -> "Consistency":
         """Means over the runs at every time."""
-        size = np.stack([run.size for run in runs])
-        whole = mean_squared(np.stack([run.nees for run in runs]), size)
-        motion = np.stack([run.motion_nees for run in runs])
-        return Consistency(
-            runs[0].time_s, whole, mean_squared(motion, np.minimum(size, PA_MOTION_SIZE))
-        )
+        motion = mean_squared(runs.motion_nees, np.minimum(runs.size, PA_MOTION_SIZE))
+        return Consistency(runs.time_s, mean_squared(runs.nees, runs.size), motion)
 
     @property
     def share_inside(self) -> float:
@@ -245,13 +232,13 @@ def nees_table(consistent: Consistency, twice: Consistency) -> TextTable:
     )
 
 
-def match_table(runs: Sequence[JudgedRun]) -> TextTable:
+def match_table(runs: Judged) -> TextTable:
     """What became of wrong matches."""
-    refused, used, right, wrong = np.sum([run.matches for run in runs], axis=0)
+    refused, used, right, wrong = runs.matches.sum(axis=0)
     rows = (
         ("wrong matches used", f"{used} of {wrong}"),
         ("right matches refused", f"{refused} of {right}"),
         ("mean NEES of the whole state, last frame", Consistency.of(runs).whole[-1]),
-        ("runs that lost the target", sum("lost" in run.status for run in runs)),
+        ("runs that lost the target", runs.lost.sum()),
     )
     return table("matches", ("what", "ours"), rows)

@@ -1,26 +1,22 @@
 """Runs of the estimator on the paper's scenario, judged against the truth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.principal_axes import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.spatial import exp_rotation, log_rotation
+from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.principal_inertia import middle_ratio, ratios_from_moments
 from pcnav.dynamics.state import NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
-from pcnav.estimators.principal_axes.feature_states import (
-    PA_MOTION_SIZE,
-    PrincipalState,
-    propagate_rotation,
-)
+from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE, PrincipalState
 from pcnav.estimators.principal_axes.principal_frame import principal_axes
-from pcnav.simulation.motion import disturbed_orbit, trajectory_of
+from pcnav.simulation.motion import disturbed_orbit, disturbed_rotation, trajectory_of
 from pcnav.simulation.stereo import StereoScenario, StereoSimulation, draw_points, observe
 
 from . import paper
@@ -55,46 +51,54 @@ def cases() -> dict[str, Case[Following]]:
 
 
 @dataclass(frozen=True)
-class JudgedRun:
-    """Errors of a run at the n frames that are judged; nan before the start."""
+class Judged:
+    """Errors of runs at the n frames that are judged; nan before the start."""
 
     time_s: FloatArray
     """(n,)"""
-    seen: BoolArray
-    """(n,) whether the frame shows features."""
-    status: list[str]
-    """n"""
     error: FloatArray
-    """(n, 14) truth minus estimate in the unique axes: attitude (rad, body axes), rate, p_x and
-    p_z, position, velocity."""
+    """(runs, n, 14) truth minus estimate in the unique axes: attitude (rad, body axes), rate, p_x
+    and p_z, position, velocity."""
     sd: FloatArray
-    """(n, 14) as the filter states them."""
+    """(runs, n, 14) as the filter states them."""
     middle_ratio_error: FloatArray
-    """(n,) of p_y."""
+    """(runs, n) of p_y."""
     point_error: FloatArray
-    """(n, N, 3) of the points in the state; nan for others."""
+    """(runs, n, N, 3) of the points in the state; nan for others."""
     point_sd: FloatArray
-    """(n, N, 3)"""
+    """(runs, n, N, 3)"""
     nees: FloatArray
-    """(n,) normalised squared error of the whole state."""
+    """(runs, n) normalised squared error of the whole state."""
     motion_nees: FloatArray
-    """(n,) of its first 14 components."""
+    """(runs, n) of its first 14 components."""
     size: FloatArray
-    """(n,) components of the whole state."""
+    """(runs, n) components of the whole state."""
+    lost: BoolArray
+    """(runs,) whether the target was lost."""
     matches: IntArray
-    """(4,) right ones that the filter turned down, wrong ones that it used, right and wrong ones in
-    all; from the start on."""
+    """(runs, 4) right ones that the filter turned down, wrong ones that it used, right and wrong
+    ones in all; from the start on."""
+
+    def __len__(self) -> int:
+        return len(self.error)
 
     @staticmethod
-    def blank(time_s: FloatArray, points: int) -> "JudgedRun":
-        """To be filled in."""
-        n = len(time_s)
+    def blank(time_s: FloatArray, points: int) -> "Judged":
+        """One run, to be filled in."""
         motion, places, one = (
-            np.full((n, *shape), np.nan) for shape in ((PA_MOTION_SIZE,), (points, 3), ())
+            np.full((1, len(time_s), *shape), np.nan)
+            for shape in ((PA_MOTION_SIZE,), (points, 3), ())
         )
         unknown = (motion, one, places, places.copy(), one.copy(), one.copy(), one.copy())
-        seen, matches = np.zeros(n, dtype=np.bool_), np.zeros(4, dtype=np.intp)
-        return JudgedRun(time_s, seen, [""] * n, motion.copy(), *unknown, matches)
+        lost, matches = np.zeros(1, dtype=np.bool_), np.zeros((1, 4), dtype=np.intp)
+        return Judged(time_s, motion.copy(), *unknown, lost, matches)
+
+    @staticmethod
+    def joined(parts: Sequence["Judged"]) -> "Judged":
+        """All runs of a case."""
+        _, *names = (field.name for field in fields(Judged))
+        arrays = ([getattr(part, name) for part in parts] for name in names)
+        return Judged(parts[0].time_s, *map(np.concatenate, arrays))
 
     def compare(
         self, n: int, true: PrincipalState, state: PrincipalState, P: FloatArray, slots: list[int]
@@ -102,7 +106,7 @@ class JudgedRun:
         """Fill in a frame with an estimate, whose points are those of ``slots``."""
         plain = state.additive()
         sd = np.sqrt(np.diag(plain @ P @ plain.T))
-        self.error[n] = np.concatenate(
+        self.error[0, n] = np.concatenate(
             [
                 log_rotation(state.R_world_body.T @ true.R_world_body),
                 true.omega_body - state.omega_body,
@@ -111,25 +115,25 @@ class JudgedRun:
                 true.v_hill - state.v_hill,
             ]
         )
-        self.sd[n], self.point_sd[n, slots] = (
+        self.sd[0, n], self.point_sd[0, n, slots] = (
             sd[:PA_MOTION_SIZE],
             sd[PA_MOTION_SIZE:].reshape(-1, 3),
         )
-        self.point_error[n, slots] = true.points - state.points
-        self.middle_ratio_error[n] = middle_ratio(true.ratios) - middle_ratio(state.ratios)
+        self.point_error[0, n, slots] = true.points - state.points
+        self.middle_ratio_error[0, n] = middle_ratio(true.ratios) - middle_ratio(state.ratios)
         local = state.local(true)
         motion, motion_P = local[:PA_MOTION_SIZE], P[:PA_MOTION_SIZE, :PA_MOTION_SIZE]
-        self.nees[n] = local @ np.linalg.solve(P, local)
-        self.motion_nees[n] = motion @ np.linalg.solve(motion_P, motion)
-        self.size[n] = len(local)
+        self.nees[0, n] = local @ np.linalg.solve(P, local)
+        self.motion_nees[0, n] = motion @ np.linalg.solve(motion_P, motion)
+        self.size[0, n] = len(local)
 
 
-def run_case(run: Run[Following]) -> JudgedRun:
+def run_case(run: Run[Following]) -> Judged:
     """One run: truth, tracks and noise are the seed's."""
     return judge(run.case.settings, paper.scenario(), run.seed)
 
 
-def judge(case: Following, scenario: StereoScenario, seed: int) -> JudgedRun:
+def judge(case: Following, scenario: StereoScenario, seed: int) -> Judged:
     """Simulate, estimate and compare."""
     features = scenario.features.model_copy(
         update={"count": case.points, "wrong_match_fraction": case.wrong_matches}
@@ -143,7 +147,7 @@ def judge(case: Following, scenario: StereoScenario, seed: int) -> JudgedRun:
     estimator = PrincipalAxesEstimator(tracks.rig, tracks.orbit, case.table, seed)
     last = len(tracks.frames) - 1
     judged = sorted({*range(0, last, case.every), last})
-    run = JudgedRun.blank(truth.time_s[judged], len(points))
+    run = Judged.blank(truth.time_s[judged], len(points))
     for k, frame in enumerate(tracks.frames):
         estimate = estimator.step(frame)
         use = estimate.features
@@ -151,10 +155,10 @@ def judge(case: Following, scenario: StereoScenario, seed: int) -> JudgedRun:
             bad = _wrong_matches(made, k)
             rejected_right, used_wrong = {*use.rejected} - bad, {*use.used} & bad
             right = len(frame.features) - len(bad)
-            run.matches[:] += len(rejected_right), len(used_wrong), right, len(bad)
+            run.matches[0] += len(rejected_right), len(used_wrong), right, len(bad)
         if k in judged:
             n = judged.index(k)
-            run.seen[n], run.status[n] = len(frame.features) > 0, str(estimate.status)
+            run.lost[0] |= estimate.status == "lost"
             state, P, triple = estimator.state, estimator.covariance, estimator.triple
             if state is not None and P is not None and triple is not None:
                 slots = list(estimator.features)
@@ -177,26 +181,15 @@ def disturbed_truth(
 ) -> Trajectory:
     """The true motion under white disturbances as (4) and (21) have them; None for none.
 
-    The torque is the same about all axes, so its angular acceleration is not; the accelerations
-    between two frames are drawn as what they add to place and rate.
+    The torque is the same about all axes, so its angular acceleration is not.
     """
     times, start = scenario.times_s, scenario.start
     linear = 0.0 if table is None else table.acceleration_psd_m2_s3
     angular = 0.0 if table is None else table.angular_acceleration_psd_rad2_s3
     orbit = disturbed_orbit(scenario.orbit_model, scenario.orbit, start, times, linear, rng)
     moments = np.diag(start.inertia)
-    scale = np.sqrt(angular) * moments[0] / moments
-    R, omega = start.R_world_body, start.omega_body
-    attitudes, rates = [R], [omega]
-    for step in np.diff(times).tolist():
-        done = propagate_rotation(omega, ratios_from_moments(moments), step)
-        first, second = rng.standard_normal((2, 3)) * scale
-        change = np.sqrt(step) * first
-        kick = 0.5 * step * change + np.sqrt(step**3 / 12.0) * second
-        R, omega = R @ done.turn @ exp_rotation(kick), done.omega_body + change
-        attitudes.append(R)
-        rates.append(omega)
-    return trajectory_of(times, start, orbit, np.stack(attitudes), np.stack(rates))
+    by_axis = angular * np.square(moments[0] / moments)
+    return trajectory_of(times, start, orbit, *disturbed_rotation(start, times, by_axis, rng))
 
 
 def true_state(

@@ -72,8 +72,7 @@ def _truth() -> Trajectory:
     """The motion up to the last report."""
     scenario = paper.scenario()
     times = scenario.times_s[scenario.times_s <= REPORT_S[-1] + 1e-9]
-    arc = replace(scenario, times_s=times)
-    return simulate_motion(arc, np.random.default_rng(0))
+    return simulate_motion(replace(scenario, times_s=times), np.random.default_rng(0))
 
 
 def _observed(
@@ -90,20 +89,15 @@ def _observed(
     rig = stereo.rig
     R_hill_world = np.stack([scenario.orbit.R_hill_world(t) for t in truth.time_s])
     R_cam_world = R_cam_hill(truth[POSITION]) @ R_hill_world
-    all_points, all_world, all_noise = [], [], []
-    for seed in seeds:
-        generator = np.random.default_rng(seed)
-        points = draw_points(scenario.features, generator)
-        r_world = np.einsum("nji,nj->ni", R_hill_world, truth[POSITION])
-        p_world = r_world[:, None] + points @ np.swapaxes(truth[ATTITUDE], 1, 2)
-        pixels = rig.project(p_world @ np.swapaxes(R_cam_world, 1, 2))
-        pixels = pixels + rig.pixel_sigma_px * generator.standard_normal(pixels.shape)
-        p_rig, noise = rig.triangulate(pixels)
-        R = R_cam_world[:, None]
-        all_points.append(points)
-        all_world.append(p_rig @ R_cam_world)
-        all_noise.append(np.swapaxes(R, -1, -2) @ noise @ R)
-    return np.stack(all_points), np.stack(all_world), np.stack(all_noise)
+    r_world = np.einsum("nji,nj->ni", R_hill_world, truth[POSITION])
+    generators = [np.random.default_rng(seed) for seed in seeds]
+    points = np.stack([draw_points(scenario.features, each) for each in generators])
+    p_world = r_world[:, None] + points[:, None] @ np.swapaxes(truth[ATTITUDE], 1, 2)
+    pixels = rig.project(p_world @ np.swapaxes(R_cam_world, 1, 2))
+    drawn = np.stack([each.standard_normal(pixels.shape[1:]) for each in generators])
+    p_rig, noise = rig.triangulate(pixels + rig.pixel_sigma_px * drawn)
+    R = R_cam_world[:, None]
+    return points, p_rig @ R_cam_world, np.swapaxes(R, -1, -2) @ noise @ R
 
 
 @dataclass(frozen=True)
@@ -156,9 +150,15 @@ def _printed(
 
 def _arc_squared(truth: Trajectory, points: FloatArray, arc: _Arc, corners: IntArray) -> FloatArray:
     """(B,) squared errors of an arc's axes."""
-    R_map_g = photogrammetric_axes(_triangle(arc.shape, corners))
-    _, axes = principal_axes(np.swapaxes(R_map_g, -1, -2) @ arc.inertia @ R_map_g)
-    return _squared(truth, points, corners, arc.R_world_map @ R_map_g @ axes, arc.frame)
+    R_map_t = _unique_axes(_triangle(arc.shape, corners), arc.inertia)
+    return _squared(truth, points, corners, arc.R_world_map @ R_map_t, arc.frame)
+
+
+def _unique_axes(triangle: FloatArray, inertia: FloatArray) -> FloatArray:
+    """(B, 3, 3) principal axes in those that triangles (B, 3, 3) and inertia are given in."""
+    R_a_g = photogrammetric_axes(triangle)
+    _, axes = principal_axes(np.swapaxes(R_a_g, -1, -2) @ inertia @ R_a_g)
+    return np.asarray(R_a_g @ axes)
 
 
 def _fitted(truth: Trajectory, p_world: FloatArray, noise: FloatArray) -> list[_Arc]:
@@ -237,11 +237,8 @@ def _squared(
     frame: int,
 ) -> FloatArray:
     """(B,) squared attitude errors against the true axes, made unique by the true points."""
-    R_body_g = photogrammetric_axes(_triangle(points, corners))
-    inertia = NavigationState.of(truth, frame).inertia
-    _, axes = principal_axes(np.swapaxes(R_body_g, -1, -2) @ inertia @ R_body_g)
-    true = truth[ATTITUDE][frame] @ R_body_g @ axes
-    error = log_rotation(np.swapaxes(R_world_t, -1, -2) @ true)
+    R_body_t = _unique_axes(_triangle(points, corners), NavigationState.of(truth, frame).inertia)
+    error = log_rotation(np.swapaxes(R_world_t, -1, -2) @ truth[ATTITUDE][frame] @ R_body_t)
     return np.asarray(np.sum(error * error, axis=-1))
 
 

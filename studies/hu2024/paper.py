@@ -34,19 +34,9 @@ def scenario() -> StereoScenario:
     return stereo_scenario(pipeline(), NAME)
 
 
-def focal_px() -> float:
-    """Turns an angular resolution into pixels."""
-    return pipeline().stereo.focal_px
-
-
 def blackouts_s() -> tuple[tuple[float, float], ...]:
     """When nothing is seen."""
     return pipeline().features.blackouts_s
-
-
-def resolution_rad() -> float:
-    """Of the filter's runs."""
-    return pipeline().stereo.pixel_sigma_px / focal_px()
 
 
 def settings(share: float) -> PrincipalAxesTable:

@@ -1,9 +1,7 @@
 """The study of Hu 2024 as a list of verbs: identify, follow, compare, repeat, disturb."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-
-import numpy as np
 
 from pcnav.batch.monte_carlo import Case, Run, RunBatch, batches, runs_of
 from pcnav.files.text_table import TextTable
@@ -14,7 +12,7 @@ from ..text import study_of
 from ..work import Work
 from . import errors, identification, paper
 from .errors import Consistency, percent
-from .following import Following, JudgedRun, cases, run_case
+from .following import Following, Judged, cases, run_case
 from .identification import Method, Rmse
 
 RUNS = paper.IDENTIFICATION_RUNS
@@ -36,9 +34,11 @@ def study(runs: int, work: Work) -> Study:
     identified = work.plan(identification.run_identification, identification_batches(runs))
     followed = work.plan(run_case, filter_runs(runs))
     work.run()
-    rmse, by_case = identification.rmse_of(identified.by_case), followed.by_case
+    rmse = identification.rmse_of(identified.by_case)
+    by_case = {name: Judged.joined(parts) for name, parts in followed.by_case.items()}
     unique, free, wrong = (by_case[name] for name in ("unique axes", "free axes", "wrong matches"))
     matched, twice = (Consistency.of(by_case[name]) for name in ("matched", "pixels used twice"))
+    stereo = paper.pipeline().stereo
     ends = [cell(curves[Method.ARC][-1]) for curves in rmse.values()]
     return study_of(
         Path(__file__).parent,
@@ -58,7 +58,7 @@ def study(runs: int, work: Work) -> Study:
         [
             identification.rmse_figure("fig05_arc", rmse, Method.ARC),
             identification.rmse_figure("fig05_printed", rmse, Method.PRINTED),
-            *errors.error_figures(unique[0], free[0]),
+            *errors.error_figures(unique, free),
             errors.nees_figure(matched),
         ],
         shown=("verdict", "fig06_11"),
@@ -67,14 +67,14 @@ def study(runs: int, work: Work) -> Study:
         worst=ends[-1],
         attitude_inside=percent(errors.ATTITUDE.share_inside(unique)),
         nees=matched.whole[-1],
-        stereo=paper.pipeline().stereo,
-        resolution_rad=paper.resolution_rad(),
+        stereo=stereo,
+        resolution_rad=stereo.pixel_sigma_px / stereo.focal_px,
         dark=", ".join(f"{start:g} to {end:g} s" for start, end in paper.blackouts_s()),
         paper=paper,
         shown_runs=len(unique),
         matched_runs=len(by_case["matched"]),
         fault_runs=len(wrong),
-        last_from_s=errors.last_from_s(unique[0]),
+        last_from_s=errors.last_from_s(unique),
     )
 
 
@@ -98,12 +98,10 @@ def filter_runs(count: int) -> list[Run[Following]]:
     ]
 
 
-def _verdict(
-    rmse: Rmse, by_case: Mapping[str, Sequence[JudgedRun]], matched: Consistency
-) -> TextTable:
+def _verdict(rmse: Rmse, by_case: Mapping[str, Judged], matched: Consistency) -> TextTable:
     least = min(q.share_inside(by_case["unique axes"]) for q in errors.QUANTITIES)
     most = max(q.share_inside(by_case["free axes"]) for q in errors.TURNING)
-    _, wrong_used, _, wrong = np.sum([run.matches for run in by_case["wrong matches"]], axis=0)
+    _, wrong_used, _, wrong = by_case["wrong matches"].matches.sum(axis=0)
     used = wrong_used / max(wrong, 1)
     whole, motion, inside = matched.whole[-1], matched.motion[-1], matched.share_inside
     fall = identification.falls(rmse, Method.ARC)

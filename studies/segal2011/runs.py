@@ -20,7 +20,13 @@ from pcnav.estimators.inertia_bank.relative_state import (
 from pcnav.evaluation.metrics import squared_normalised_errors
 
 from . import paper
-from .draws import Draw, draw_hypotheses, moments_only
+from .draws import (
+    drawn_and_truth,
+    drawn_as_printed,
+    four_and_truth,
+    four_moments_and_truth,
+    truth_only,
+)
 from .paper import Motion
 
 STUDY = "segal2011"
@@ -91,32 +97,6 @@ class Found:
         """(frames, runs, 5) errors of the hypothesis (frames, runs) that is believed."""
         chosen = np.take_along_axis(self.errors, hypothesis[..., None, None], axis=2)
         return np.asarray(chosen[:, :, 0])
-
-
-def truth_only(_: np.random.Generator) -> FloatArray:
-    """The true inertia as the one hypothesis."""
-    return paper.TARGET_INERTIA[None]
-
-
-def drawn_and_truth(rng: np.random.Generator) -> FloatArray:
-    """Five physical draws, then the truth."""
-    drawn = draw_hypotheses(Draw.PHYSICAL, paper.HYPOTHESES, rng)
-    return np.concatenate([drawn, paper.TARGET_INERTIA[None]])
-
-
-def drawn_as_printed(rng: np.random.Generator) -> FloatArray:
-    """Five draws as printed."""
-    return draw_hypotheses(Draw.PRINTED, paper.HYPOTHESES, rng)
-
-
-def four_and_truth(rng: np.random.Generator) -> FloatArray:
-    """Four physical draws, then the truth."""
-    return drawn_and_truth(rng)[1:]
-
-
-def four_moments_and_truth(rng: np.random.Generator) -> FloatArray:
-    """Four bodies with the true principal axes, then the truth."""
-    return np.concatenate([moments_only(4, rng), paper.TARGET_INERTIA[None]])
 
 
 def bank_cases(motion: Motion) -> list[Case[Bank]]:

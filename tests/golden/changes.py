@@ -69,6 +69,11 @@ EXPLAINED: Mapping[str, Explained] = {
         relative=0.1,
     ),
     "study-hu2024/study/tables/inside.csv/axes as they come": Explained("as above", relative=0.1),
+    "study-hu2024/study/tables/nees.csv/pixels used twice": Explained(
+        "the disturbed truth has one integrator now, and its rounding grows in a filter that "
+        "promises some hundred times more than it holds",
+        relative=1e-4,
+    ),
     "study-tracking/study/tables/faults.csv/inlier_ratio": Explained(
         "headed inlier ratio", relative=math.inf
     ),

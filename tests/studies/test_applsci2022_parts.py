@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pcnav.batch.cluster import Workers
-from pcnav.batch.monte_carlo import Case, Run
+from pcnav.batch.monte_carlo import Run
 from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.simulation.images import TrackFaults
 from studies.applsci2022 import limits, paper, runs
-from studies.applsci2022.runs import CaseErrors, Chained, errors_table, outcomes_table, run_case
+from studies.applsci2022.runs import Chained, ChainErrors, errors_table, outcomes_table, run_case
 from studies.applsci2022.scene import nutation, tracks_of
 from studies.applsci2022.study import study as make_study
 from studies.work import Work
@@ -40,25 +40,23 @@ def test_the_motion_keeps_energy_and_momentum() -> None:
 
 
 def chained(chain, faults):
-    case = Case("chain, faults", Chained(chain, faults, duration_s=20.0))
-    return case, run_case(Run(case, 0, seed=1))
+    return run_case(Run(Chained(chain, faults, 1.0, 20.0).case("chain, faults"), 0, seed=1))
 
 
 def test_the_printed_chain_is_exact_without_noise_and_lost_with_wrong_matches() -> None:
-    case, exact = chained(runs.PRINTED, TrackFaults())
-    assert np.nanmax(np.abs(exact.attitude)) < 1e-7
+    exact = chained(runs.PRINTED, TrackFaults())
+    assert np.nanmax(exact.angle_deg) < 1e-5
     assert exact.outcomes == {Outcome.FIRST: 1, Outcome.MEASURED: 20}
     wrong = TrackFaults(0.1, wrong_match_fraction=0.2)
-    _, lost = chained(runs.PRINTED, wrong)
-    assert np.nanmax(np.abs(lost.attitude)) > np.deg2rad(20.0)
-    _, kept = chained(runs.KEY_FRAMES, wrong)
-    assert np.nanmax(np.abs(kept.attitude)) < np.deg2rad(2.0)
-    both = CaseErrors.of(case, [lost, kept])
-    last = np.rad2deg(np.linalg.norm([lost.attitude[10:], kept.attitude[10:]], axis=-1))
+    lost = chained(runs.PRINTED, wrong)
+    assert np.nanmax(lost.angle_deg) > 20.0
+    kept = chained(runs.KEY_FRAMES, wrong)
+    assert np.nanmax(kept.angle_deg) < 2.0
+    both = ChainErrors.joined([lost, kept])
+    last = np.concatenate([lost.angle_deg[0, 10:], kept.angle_deg[0, 10:]])
     assert both.error_at_end == pytest.approx(np.sqrt(np.nanmean(last**2)))
-    assert float(errors_table("key", [both]).rows[0][5]) == pytest.approx(
-        both.error_at_end, rel=5e-3
-    )
+    shown = float(errors_table("key", [both]).rows[0][5])
+    assert shown == pytest.approx(both.error_at_end, rel=5e-3)
     counts = outcomes_table("key", [both]).rows[0][1:]
     assert sum(int(count) for count in counts) == 2 * 21
 

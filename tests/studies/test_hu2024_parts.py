@@ -18,7 +18,7 @@ from studies.hu2024.errors import (
     error_figures,
     last_table,
 )
-from studies.hu2024.following import cases, disturbed_truth, judge
+from studies.hu2024.following import Judged, cases, disturbed_truth, judge
 from studies.hu2024.identification import (
     REPORT_S,
     Method,
@@ -104,24 +104,23 @@ def test_rmse_with_its_tables_and_figures():
 @pytest.fixture(scope="module")
 def runs():
     return {
-        name: [
-            judge(replace(cases()[name].settings, every=5), short(18.0), seed) for seed in (1, 2)
-        ]
+        name: Judged.joined(
+            [judge(replace(cases()[name].settings, every=5), short(18.0), seed) for seed in (1, 2)]
+        )
         for name in ("unique axes", "free axes", "matched")
     }
 
 
 def test_errors_of_both_filters(runs):
     unique, free = runs["unique axes"], runs["free axes"]
-    for run in unique:
-        assert np.isnan(run.error[0]).all()
-        assert np.isfinite(run.error[-1]).all()
-        assert run.error.shape[1] == PA_MOTION_SIZE
-        assert not run.seen[(run.time_s >= 13.0) & (run.time_s < 15.0)].any()
+    assert unique.error.shape == (2, len(unique.time_s), PA_MOTION_SIZE)
+    assert np.isnan(unique.error[:, 0]).all()
+    assert np.isfinite(unique.error[:, -1]).all()
+    assert not unique.lost.any()
     assert ATTITUDE.share_inside(unique) == 1.0
     assert ATTITUDE.share_inside(free) < 0.9
     # The motion is the same in any axes.
-    np.testing.assert_allclose(unique[0].error[-1, 8:], free[0].error[-1, 8:], atol=0.02)
+    np.testing.assert_allclose(unique.error[0, -1, 8:], free.error[0, -1, 8:], atol=0.02)
 
 
 def test_consistency_of_matched_runs(runs):
@@ -135,7 +134,7 @@ def test_consistency_of_matched_runs(runs):
 def test_tables_of_the_filter(runs, monkeypatch):
     monkeypatch.setattr(paper, "LAST_S", 2.0)
     monkeypatch.setattr(paper, "blackouts_s", lambda: ((13.0, 15.0),))
-    figures = error_figures(runs["unique axes"][0], runs["free axes"][0])
+    figures = error_figures(runs["unique axes"], runs["free axes"])
     assert {figure.key for figure in figures} == {f"fig{k:02d}" for k in range(6, 12)}
     table = last_table("matched", runs["matched"])
     assert table.header == ("error norm", "RMS", "largest")
@@ -145,7 +144,7 @@ def test_tables_of_the_filter(runs, monkeypatch):
 
 def test_wrong_matches_are_counted():
     case = replace(cases()["wrong matches"].settings, every=20)
-    rejected_right, used_wrong, right, wrong = judge(case, short(13.0), 3).matches
+    rejected_right, used_wrong, right, wrong = judge(case, short(13.0), 3).matches[0]
     assert wrong > 0
     assert right > 5 * wrong
     assert used_wrong <= 0.02 * wrong

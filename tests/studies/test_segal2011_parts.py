@@ -16,7 +16,14 @@ from pcnav.dynamics.rigid_body import is_physical_inertia
 from pcnav.simulation.motion import rotate_torque_free
 from studies import run_study
 from studies.segal2011 import paper
-from studies.segal2011.draws import Draw, draw_hypotheses, moments_only, physical_share
+from studies.segal2011.draws import (
+    Draw,
+    draw_hypotheses,
+    four_and_truth,
+    four_moments_and_truth,
+    physical_share,
+    truth_only,
+)
 from studies.segal2011.picking import arc_information, picks_of
 from studies.segal2011.runs import (
     QUANTITIES,
@@ -24,10 +31,8 @@ from studies.segal2011.runs import (
     Found,
     bank_cases,
     coupling_cases,
-    four_and_truth,
     motion_cases,
     run_batch,
-    truth_only,
 )
 
 
@@ -86,7 +91,7 @@ def test_draws():
     np.testing.assert_allclose(mean, square, rtol=0.1, atol=0.02 * square.max())
     assert 0.0005 < physical_share(Draw.PRINTED, 20000, rng) < 0.005
     assert 0.15 < physical_share(Draw.PHYSICAL, 20000, rng) < 0.25
-    for body in moments_only(5, rng):
+    for body in four_moments_and_truth(rng):
         assert is_physical_inertia(body)
         np.testing.assert_allclose(
             body @ paper.TARGET_INERTIA, paper.TARGET_INERTIA @ body, atol=1e-9
