@@ -104,6 +104,14 @@ def xyzw_from_rotation(R: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True), dtype=np.float64)
 
 
+def nearest_rotation(M: FloatArray) -> FloatArray:
+    """The rotation nearest to a matrix, by its singular values; (..., 3, 3) -> (..., 3, 3)."""
+    U, _, Vt = np.linalg.svd(M)
+    handed = np.ones((*M.shape[:-2], 3))
+    handed[..., 2] = np.linalg.det(U @ Vt)
+    return np.asarray((U * handed[..., None, :]) @ Vt)
+
+
 def rotation_angle(R: FloatArray) -> FloatArray:
     """Angle of a rotation matrix, rad in [0, pi]; (..., 3, 3) -> (...)."""
     return np.asarray(np.linalg.norm(log_rotation(R), axis=-1))

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.rigid_body import symmetric_units
 
 MIN_SHARE = 1e-3
 """Second moment along the thinnest axis, over the sum of the three, that an estimate is left: that
@@ -29,7 +30,8 @@ of a square plate 22 times as wide as thick."""
 
 # Entry (i, j) of N that each parameter stands for; N_xx is what is left of the trace.
 _ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-_BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+"""(5,) parameters of a ball."""
 _THIN_SHARE, _THIN_SD = 0.01, 0.005
 _ENOUGH = 0.9 * MIN_SHARE
 """The last tenth is not worth another plane."""
@@ -37,15 +39,8 @@ _ROUNDING = 1e-9
 _MAX_PLANES = 20
 
 
-def _units() -> FloatArray:
-    units = np.zeros((5, 3, 3))
-    for unit, (i, j) in zip(units, _ENTRIES, strict=True):
-        unit[i, j] = unit[j, i] = 1.0
-        unit[0, 0] = -1.0 if i == j else 0.0
-    return units
-
-
-INERTIA_UNITS = _units()
+INERTIA_UNITS = symmetric_units(_ENTRIES)
+INERTIA_UNITS[:2, 0, 0] = -1.0
 """(5, 3, 3) derivative of N by its parameters; its trace stays 3."""
 _INERTIA_AT_ZERO = np.diag([3.0, 0.0, 0.0])
 _SHARE_UNITS = -2.0 / 3.0 * INERTIA_UNITS
@@ -105,20 +100,20 @@ def parameter_covariance(ratios: FloatArray, ratios_sd: FloatArray) -> FloatArra
 
 
 def shares(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shares of the principal axes (3,), smallest first, and their derivative (3, 5)."""
+    """Shares of the principal axes (..., 3), smallest first, and their derivative (..., 3, 5)."""
     values, axes = np.linalg.eigh(_shares(parameters))
-    return values, np.einsum("ik,pij,jk->kp", axes, _SHARE_UNITS, axes)
+    return values, np.einsum("...ik,pij,...jk->...kp", axes, _SHARE_UNITS, axes)
 
 
 def thinness(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What shares (3,) lack of a hundredth, over half of that, and its derivative (3, 5).
+    """What shares (..., 3) lack of a hundredth, over half of that, and its derivative (..., 3, 5).
 
     As residuals of a fit they hardly keep a body from being thin, and they do keep the fit from
     what is no body.
     """
     values, slopes = shares(parameters)
     lack = np.maximum(_THIN_SHARE - values, 0.0) / _THIN_SD
-    return lack, np.where((lack > 0.0)[:, None], -slopes / _THIN_SD, 0.0)
+    return lack, np.where((lack > 0.0)[..., None], -slopes / _THIN_SD, 0.0)
 
 
 def inside(parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -164,11 +159,11 @@ def _towards_ball(parameters: FloatArray) -> FloatArray:
         return parameters
     # The smallest eigenvalue is concave: along the way it is above the straight line.
     part = (least - share) / (1.0 / 3.0 - share)
-    return np.asarray(parameters + part * (_BALL - parameters))
+    return np.asarray(parameters + part * (BALL - parameters))
 
 
 def _shares(parameters: FloatArray) -> FloatArray:
-    """(3, 3) S / tr(S)."""
+    """(..., 3, 3) S / tr(S)."""
     return np.asarray(_SHARES_AT_ZERO + np.tensordot(parameters, _SHARE_UNITS, 1))
 
 

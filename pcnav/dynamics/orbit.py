@@ -1,4 +1,4 @@
-"""Relative motion about a chaser on a circular orbit: Hill's linear equations and two bodies.
+"""Relative motion about a chaser on a circular orbit: Hill's linear equations.
 
 Hill axes (DESIGN): x along-track, y minus orbit normal, z nadir. The orbit turns by +n about the
 orbit normal, hence by -n about y. All functions accept a mean motion of 0 (straight lines).
@@ -7,7 +7,6 @@ orbit normal, hence by -n about y. All functions accept a mean motion of 0 (stra
 from functools import lru_cache
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from pcnav.core.arrays import FloatArray
 
@@ -75,53 +74,3 @@ def _angle_minus_sine(angle: float) -> float:
     # Horner form of a^3/3! - a^5/5! + a^7/7! - a^9/9!; the next term is below 1e-15 of the sum.
     series = 1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
     return angle**3 / 6.0 * series
-
-
-def two_body_acceleration(
-    r_hill: FloatArray,
-    v_hill: FloatArray,
-    mean_motion_rad_s: float,
-    mu_m3_s2: float = EARTH_MU_M3_S2,
-) -> FloatArray:
-    """(3,) acceleration seen in the turning Hill frame, m/s^2, exact for two point masses.
-
-    The chaser is on the circular orbit of the mean motion about a centre of attraction mu. The
-    difference of the two attractions is formed without cancellation (Battin 1999, section 8.4).
-    """
-    n = mean_motion_rad_s
-    if n == 0.0:
-        return np.zeros(3)
-    radius = np.cbrt(mu_m3_s2 / n**2)
-    p_chaser = np.array([0.0, 0.0, -radius])
-    q = float((2.0 * p_chaser + r_hill) @ r_hill) / radius**2
-    attraction = -1.5 * np.log1p(q)
-    gravity = -(n**2) * (np.expm1(attraction) * p_chaser + np.exp(attraction) * r_hill)
-    omega = np.array([0.0, -n, 0.0])
-    rotation = 2.0 * np.cross(omega, v_hill) + np.cross(omega, np.cross(omega, r_hill))
-    return np.asarray(gravity - rotation)
-
-
-def propagate_two_body(
-    r_hill: FloatArray,
-    v_hill: FloatArray,
-    mean_motion_rad_s: float,
-    times_s: FloatArray,
-    mu_m3_s2: float = EARTH_MU_M3_S2,
-) -> FloatArray:
-    """(n, 6) relative position and velocity, Hill axes, at increasing times; state given at [0].
-
-    Integrated with DOP853 to a relative tolerance of 1e-12.
-    """
-
-    def derivative(_: float, state: FloatArray) -> FloatArray:
-        acceleration = two_body_acceleration(state[:3], state[3:], mean_motion_rad_s, mu_m3_s2)
-        return np.concatenate([state[3:], acceleration])
-
-    start = np.concatenate([r_hill, v_hill])
-    if len(times_s) == 1:
-        return start[None, :]
-    span = (float(times_s[0]), float(times_s[-1]))
-    solution = solve_ivp(
-        derivative, span, start, method="DOP853", t_eval=times_s, rtol=1e-12, atol=1e-12
-    )
-    return np.asarray(solution.y.T)

@@ -1,5 +1,7 @@
 """Torque-free rotation of a rigid body and the forms its inertia is written in."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
@@ -9,14 +11,15 @@ from pcnav.core.spatial import skew
 _RATIO_ENTRIES = ((1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-def _ratio_units() -> FloatArray:
-    units = np.zeros((5, 3, 3))
-    for unit, (i, j) in zip(units, _RATIO_ENTRIES, strict=True):
+def symmetric_units(entries: Sequence[tuple[int, int]]) -> FloatArray:
+    """(k, 3, 3) derivatives of a symmetric matrix by its entries (i, j)."""
+    units = np.zeros((len(entries), 3, 3))
+    for unit, (i, j) in zip(units, entries, strict=True):
         unit[i, j] = unit[j, i] = 1.0
     return units
 
 
-_RATIO_UNITS = _ratio_units()
+_RATIO_UNITS = symmetric_units(_RATIO_ENTRIES)
 """(5, 3, 3) derivative of the inertia matrix by each ratio."""
 
 

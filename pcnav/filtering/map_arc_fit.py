@@ -7,16 +7,19 @@ false confidence behind. Fitting the initial state to the whole arc at once has 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import least_squares
 
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import NavigationState
-from pcnav.filtering.error_state import Measurement, MotionModel, retraction_jacobian
-
-State = NavigationState
+from pcnav.filtering.error_state import (
+    ManifoldState,
+    Measurement,
+    MotionModel,
+    retraction_jacobian,
+)
 
 _FEW_STEPS = 5
 _SMALL_STEP = 0.1
@@ -25,24 +28,36 @@ _MAX_STEPS = 40
 """Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
 
 
+class ArcState(ManifoldState, Protocol):
+    """A state that arcs are fitted with."""
+
+    def local(self, other: Self, /) -> FloatArray:
+        """(n,) the error that takes this state to another: the inverse of `retract`."""
+
+    def thinness(self) -> tuple[FloatArray, FloatArray]:
+        """Residuals (m,) that keep the fit among states that can be, and their derivative (m, n)
+        by the error. They guide the fit and are no measurements."""
+
+
+S = TypeVar("S", bound=ArcState)
+
+
 @dataclass(frozen=True)
-class TimedMeasurements:
+class TimedMeasurements(Generic[S]):
     """What was measured at one time."""
 
     time_s: float
-    measurements: tuple[Measurement[State], ...]
+    measurements: tuple[Measurement[S], ...]
 
 
 @dataclass(frozen=True)
-class ArcFit:
+class ArcFit(Generic[S]):
     """The trajectory that fits an arc best."""
 
-    states: tuple[State, ...]
+    states: tuple[S, ...]
     """At every time of the arc."""
     covariance: FloatArray
     """(n, n) of the last state's error."""
-    initial_covariance: FloatArray
-    """(n, n) of the first state's error."""
     chi_square: float
     """Of measurements and prior together."""
     dof: int
@@ -55,12 +70,12 @@ class ArcError(ValueError):
 
 
 def fit_arc(
-    model: MotionModel[State],
-    guess: State,
+    model: MotionModel[S],
+    guess: S,
     prior_covariance: FloatArray,
-    arc: Sequence[TimedMeasurements],
-    start: State | None = None,
-) -> ArcFit:
+    arc: Sequence[TimedMeasurements[S]],
+    start: S | None = None,
+) -> ArcFit[S]:
     """Fit the state at the arc's first time; the guess is also the mean of the prior.
 
     Process noise is left out: over the short arcs this is for it is far below the measurements'.
@@ -96,7 +111,7 @@ def fit_arc(
         raise ArcError(f"no trajectory through {len(arc)} frames: {error}") from error
 
 
-def _settled(trajectory: "_Trajectory", error: FloatArray) -> FloatArray | None:
+def _settled(trajectory: "_Trajectory[S]", error: FloatArray) -> FloatArray | None:
     """Where a few plain Gauss-Newton steps settle from a good start; None if they do not."""
     cost = np.inf
     for _ in range(_FEW_STEPS):
@@ -112,23 +127,23 @@ def _settled(trajectory: "_Trajectory", error: FloatArray) -> FloatArray | None:
     return None
 
 
-class _Trajectory:
+class _Trajectory(Generic[S]):
     """The residuals of an arc as a function of the error of its first state."""
 
     def __init__(
         self,
-        model: MotionModel[State],
-        guess: State,
+        model: MotionModel[S],
+        guess: S,
         prior_covariance: FloatArray,
-        arc: Sequence[TimedMeasurements],
+        arc: Sequence[TimedMeasurements[S]],
     ) -> None:
         self._model, self._guess, self._arc = model, guess, arc
         self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
         size = len(prior_covariance)
-        self._bound_rows = slice(size, size + 3)
+        self._bound_rows = slice(size, size + len(guess.thinness()[0]))
         self._roots = [[_root(m.covariance) for m in t.measurements] for t in arc]
         # Residual and Jacobian come from one pass along the arc; scipy asks for them in turn.
-        self._last: tuple[bytes, _Pass] | None = None
+        self._last: tuple[bytes, _Pass[S]] | None = None
 
     def residual(self, error: FloatArray) -> FloatArray:
         """Whitened residuals of prior and measurements."""
@@ -138,7 +153,7 @@ class _Trajectory:
         """Their derivative by the error."""
         return self._evaluated(error).jacobian
 
-    def fit(self, error: FloatArray, *, converged: bool) -> ArcFit:
+    def fit(self, error: FloatArray, *, converged: bool) -> ArcFit[S]:
         """The fit that an error stands for."""
         at = self._evaluated(error)
         size = len(error)
@@ -147,26 +162,23 @@ class _Trajectory:
         by_error = cho_solve(cho_factor(measured.T @ measured), np.eye(size))
         admissible = self._guess.admissible(error, by_error)
         moved = at if np.array_equal(admissible, error) else self._evaluated(admissible)
-        # A covariance of the error at the guess: carry it to the first state and to the last.
-        first = retraction_jacobian(self._guess, admissible)
-        initial = first @ by_error @ first.T
+        # A covariance of the error at the guess: carry it to the last state.
         covariance = moved.sensitivity @ by_error @ moved.sensitivity.T
         return ArcFit(
             states=tuple(moved.states),
             covariance=0.5 * (covariance + covariance.T),
-            initial_covariance=initial,
             chi_square=float(at.residual @ at.residual),
             dof=len(measured) - size,
             converged=converged,
         )
 
-    def _evaluated(self, error: FloatArray) -> "_Pass":
+    def _evaluated(self, error: FloatArray) -> "_Pass[S]":
         key = error.tobytes()
         if self._last is None or self._last[0] != key:
             self._last = (key, self._evaluate(error))
         return self._last[1]
 
-    def _evaluate(self, error: FloatArray) -> "_Pass":
+    def _evaluate(self, error: FloatArray) -> "_Pass[S]":
         state = self._guess.retract(error)
         sensitivity = retraction_jacobian(self._guess, error)
         states, time_s = [], self._arc[0].time_s
@@ -192,10 +204,10 @@ class _Trajectory:
 
 
 @dataclass(frozen=True)
-class _Pass:
+class _Pass(Generic[S]):
     """An arc gone through from one first state."""
 
-    states: list[State]
+    states: list[S]
     sensitivity: FloatArray
     """(n, n) derivative of the last state's error by the error at the guess."""
     residual: FloatArray

@@ -19,7 +19,7 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_from_xyzw, xyzw_from_rotation
 from pcnav.dynamics import blocks
 from pcnav.dynamics.kepler import KeplerOrbit, propagate_relative, step_relative
-from pcnav.dynamics.orbit import R_hill_world, hill_transition, propagate_two_body
+from pcnav.dynamics.orbit import R_hill_world, hill_transition
 from pcnav.dynamics.rotation_step import rotate, torque_free
 from pcnav.dynamics.state import NavigationState
 from pcnav.dynamics.trajectory import Trajectory
@@ -199,7 +199,7 @@ def _circular_orbit(table: OrbitTable, times_s: FloatArray) -> FloatArray:
     """(n, 6) position and velocity in Hill axes."""
     r_hill, v_hill = np.array(table.r_hill_m), np.array(table.v_hill_m_s)
     if table.model is OrbitModel.TWO_BODY:
-        return propagate_two_body(r_hill, v_hill, table.mean_motion_rad_s, times_s)
+        return propagate_relative(KeplerOrbit(table.mean_motion_rad_s), r_hill, v_hill, times_s)
     start = np.concatenate([r_hill, v_hill])
     return np.stack([hill_transition(table.mean_motion_rad_s, float(t)) @ start for t in times_s])
 

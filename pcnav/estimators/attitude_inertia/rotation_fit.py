@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import left_jacobian, log_rotation
-from pcnav.dynamics.inertia_parameters import INERTIA_UNITS, inertia_of
+from pcnav.dynamics.inertia_parameters import BALL, inertia_of, thinness
 from pcnav.dynamics.rotation_step import at_rest, torque_free_by_inertia
 from pcnav.estimators.attitude_inertia.rotation_model import (
     INERTIA,
@@ -29,10 +29,6 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
 from pcnav.filtering.least_squares import ArcProblem, Descent, NormalEquations, minimise
 
 _DESCENT = Descent(max_steps=30, settled_sd=0.02, damping=(1e-4, 1e-12, 1e10))
-_THIN_SHARE, _THIN_SD = 0.01, 0.005
-"""Shares of the second moments below a hundredth are lacking, by standard deviations of half that;
-as in `pcnav.dynamics.inertia_parameters.thinness`."""
-_BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 _BALL_SD = 0.5
 """Of each inertia parameter about a ball's: what an arc does not show stays a ball's."""
 _MIN_MOMENT = 0.05
@@ -120,7 +116,7 @@ class _PriorProblem(ArcProblem[RotationState, _Guided]):
         normal = normal + np.einsum("nbij,nbik->bjk", H, H)
         gradient = gradient + np.einsum("nbij,nbi->bj", H, error)
         cost = cost + np.einsum("nbi,nbi->b", error, error)
-        lack, slopes = _thinness(state.parameters)
+        lack, slopes = thinness(state.parameters)
         guided = normal.copy()
         guided[:, INERTIA, INERTIA] += np.swapaxes(slopes, -1, -2) @ slopes
         gradient[:, INERTIA] -= (np.swapaxes(slopes, -1, -2) @ lack[..., None])[..., 0]
@@ -164,17 +160,6 @@ def fit_rotations(
     return RotationFit(found.state, end, P, found.equations.cost, found.converged)
 
 
-def _thinness(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far inertias (B, 5) are from those of bodies: residuals (B, 3), derivative (B, 3, 5).
-
-    The shares of the principal axes in the second moments are ``1 - 2/3`` of the moments of N.
-    """
-    moments, axes = np.linalg.eigh(inertia_of(parameters))
-    lack = np.maximum(_THIN_SHARE - 1.0 + moments / 1.5, 0.0) / _THIN_SD
-    slopes = np.einsum("bik,pij,bjk->bkp", axes, INERTIA_UNITS, axes) / (1.5 * _THIN_SD)
-    return lack, slopes * (lack > 0.0)[..., None]
-
-
 def positive(parameters: FloatArray) -> FloatArray:
     """(..., 5) moved towards a ball's until all moments are positive.
 
@@ -184,7 +169,7 @@ def positive(parameters: FloatArray) -> FloatArray:
     least = np.linalg.eigvalsh(inertia_of(parameters))[..., 0]
     # The ball's moments are all 1; the smallest moment is concave along the way to it.
     part = np.where(least < _MIN_MOMENT, (1.0 - _MIN_MOMENT) / (1.0 - np.minimum(least, 0.5)), 1.0)
-    return np.asarray(_BALL + part[..., None] * (parameters - _BALL), dtype=np.float64)
+    return np.asarray(BALL + part[..., None] * (parameters - BALL), dtype=np.float64)
 
 
 def _moved(state: RotationState, step: FloatArray) -> RotationState:
@@ -209,11 +194,11 @@ class _FreeProblem(ArcProblem[RotationState, NormalEquations]):
         inertia = inertia_of(parameters)
         slope = torque_free_by_inertia(inertia, np.asarray(np.linalg.inv(inertia), np.float64))
         done = at_rest(state.omega_body, SIZE - 3)
-        away = (parameters - _BALL) / _BALL_SD**2
+        away = (parameters - BALL) / _BALL_SD**2
         normal = np.zeros((batch, SIZE, SIZE))
         normal[:, INERTIA, INERTIA] = np.eye(5) / _BALL_SD**2
         gradient = np.concatenate([np.zeros((batch, 6)), -away], axis=1)
-        cost = np.sum((parameters - _BALL) * away, axis=1)
+        cost = np.sum((parameters - BALL) * away, axis=1)
         for k, weight in enumerate(np.moveaxis(self.weight, 1, 0)):
             if k > 0:
                 done = done.then(slope, float(self.times_s[k] - self.times_s[k - 1]))

@@ -48,6 +48,9 @@ from pcnav.perception.reading import FrameReader, Trust, View
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
+Timed = TimedMeasurements[NavigationState]
+Fit = ArcFit[NavigationState]
+
 _log = logging.getLogger("pcnav")
 
 _WELL_EXPLAINED = 0.9
@@ -76,9 +79,9 @@ class InitialArc:
         self._prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
         self._start: NavigationState | None = None
         self._growth = ArcGrowth(_FIRST_ARC, _ARC_GROWTH, LONGEST_ARC)
-        self.frames: list[TimedMeasurements] = []
+        self.frames: list[Timed] = []
 
-    def fit(self) -> ArcFit | None:
+    def fit(self) -> Fit | None:
         """The state that fits the arc; None where no fit is found or believed."""
         try:
             fit = fit_arc(self._model, self._guess, self._prior, self.frames, self._start)
@@ -90,7 +93,7 @@ class InitialArc:
         self._start = fit.states[0]
         return fit if fit.chi_square < _MAX_ARC_CHI_SQUARE * fit.dof else None
 
-    def extend(self, timed: TimedMeasurements) -> ArcFit | None:
+    def extend(self, timed: Timed) -> Fit | None:
         """Add a frame; a fit of the whole when it is time for one."""
         self.frames.append(condensed(timed))
         return self.fit() if self._growth.is_due(len(self.frames)) else None
@@ -214,10 +217,10 @@ class Acquisition:
         motion: MotionHypothesis,
         frames: list[Frame],
         observers: list[ObserverPose],
-    ) -> tuple[ArcFit | None, list[FrameView]]:
+    ) -> tuple[Fit | None, list[FrameView]]:
         poses = [observation.T_cam_model for observation in motion.observations]
         views: list[FrameView] = []
-        fit: ArcFit | None = None
+        fit: Fit | None = None
         for attempt in range(_START_PASSES):
             # A pose from one rectangle can be off by pixels; one fitted to all of them is not.
             trust = Trust.PLANES if attempt == 0 else Trust.PIXELS
@@ -248,7 +251,7 @@ class Acquisition:
         return replace(view, faces=faces, unused=[*view.unused, *out])
 
 
-def filter_from(fit: ArcFit, table: FilterTable) -> Kalman:
+def filter_from(fit: Fit, table: FilterTable) -> Kalman:
     """A filter that goes on from the end of a fitted arc."""
     return ErrorStateFilter(
         fit.states[-1],
@@ -258,7 +261,7 @@ def filter_from(fit: ArcFit, table: FilterTable) -> Kalman:
     )
 
 
-def condensed(timed: TimedMeasurements) -> TimedMeasurements:
+def condensed(timed: Timed) -> Timed:
     """The same in as few measurements as possible: an arc is gone through many times."""
     faces = [m for m in timed.measurements if isinstance(m, PoseMeasurement)]
     if not faces or len(faces) < len(timed.measurements):
@@ -266,7 +269,7 @@ def condensed(timed: TimedMeasurements) -> TimedMeasurements:
     return TimedMeasurements(timed.time_s, (joined(faces),))
 
 
-def _timed(view: FrameView) -> TimedMeasurements:
+def _timed(view: FrameView) -> Timed:
     return TimedMeasurements(view.frame.time_s, view.measurements)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import log_rotation
+from pcnav.dynamics.inertia_parameters import BALL
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
 from pcnav.estimators.depth.mass_centre import RectangleMeasurement
 from pcnav.estimators.depth.pose_fit import (
@@ -209,7 +210,7 @@ def _fused(
         com_model=np.zeros(3),
         R_world_body=T_cam_model[:3, :3],
         omega_body=np.zeros(3),
-        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
+        inertia_ratios=BALL,
     )
     sd = np.full(STATE_SIZE, _HELD_SD)
     sd[R_HILL], sd[THETA_BODY] = _POSITION_SD_FRACTION * diameter_m, _ATTITUDE_SD_RAD

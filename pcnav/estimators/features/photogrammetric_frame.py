@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.spatial import exp_rotation, skew
+from pcnav.core.spatial import exp_rotation, nearest_rotation, skew
 from pcnav.filtering.error_state import innovation_gate
 
 _FIT_STEPS = 3
@@ -96,10 +96,7 @@ def kabsch(p_a: FloatArray, p_b: FloatArray) -> tuple[FloatArray, FloatArray]:
     """R_a_b (..., 3, 3) and t_a (..., 3) of the unweighted fit of points (..., n, 3)."""
     mean_a, mean_b = p_a.mean(axis=-2), p_b.mean(axis=-2)
     spread = np.swapaxes(p_a - mean_a[..., None, :], -1, -2) @ (p_b - mean_b[..., None, :])
-    u, _, vt = np.linalg.svd(spread)
-    handed = np.ones((*spread.shape[:-2], 3))
-    handed[..., 2] = np.linalg.det(u @ vt)
-    R = (u * handed[..., None, :]) @ vt
+    R = nearest_rotation(spread)
     return R, mean_a - (R @ mean_b[..., None])[..., 0]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.core.spatial import exp_rotation, skew
+from pcnav.core.spatial import exp_rotation, nearest_rotation, skew
 from pcnav.estimators.image_motion.essential import homogeneous, in_front
 
 _SAMPLES = 60
@@ -75,11 +75,8 @@ def rotation_alone(
 
 def _fitted_rotation(a: FloatArray, b: FloatArray) -> FloatArray:
     """(3, 3) least-squares rotation of rays onto rays, a few Gauss-Newton steps from Kabsch's."""
-    U, _, Vt = np.linalg.svd(
-        (b / np.linalg.norm(b, axis=1, keepdims=True)).T
-        @ (a / np.linalg.norm(a, axis=1, keepdims=True))
-    )
-    R = np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    unit_a, unit_b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a, b))
+    R = nearest_rotation(unit_b.T @ unit_a)
     for _ in range(2):
         moved = a @ R.T
         z = moved[:, 2:]
@@ -88,7 +85,8 @@ def _fitted_rotation(a: FloatArray, b: FloatArray) -> FloatArray:
         by_ray[:, :, 2] = -moved[:, :2] / z**2
         jacobian = (by_ray @ -skew(moved)).reshape(-1, 3)
         residual = (b[:, :2] - moved[:, :2] / z).ravel()
-        R = exp_rotation(np.linalg.lstsq(jacobian, residual, rcond=None)[0]) @ R
+        step = np.asarray(np.linalg.lstsq(jacobian, residual, rcond=None)[0], np.float64)
+        R = exp_rotation(step) @ R
     return R
 
 
@@ -170,7 +168,7 @@ def rotations_of_plane(
     _, values, Vt = np.linalg.svd(H)
     s1, s3 = values[0] ** 2, values[2] ** 2
     if s1 - s3 < 1e-12:
-        return (_proper(H),)
+        return (nearest_rotation(H),)
     v1, v2, v3 = Vt * np.sign(np.linalg.det(Vt))
     up, down = np.sqrt(max(1.0 - s3, 0.0)), np.sqrt(max(s1 - 1.0, 0.0))
     found = []
@@ -178,7 +176,7 @@ def rotations_of_plane(
         u = (up * v1 + sign * down * v3) / np.sqrt(s1 - s3)
         U = np.stack([v2, u, np.cross(v2, u)], axis=1)
         W = np.stack([H @ v2, H @ u, np.cross(H @ v2, H @ u)], axis=1)
-        R = _proper(W @ U.T)
+        R = nearest_rotation(W @ U.T)
         normal = np.cross(v2, u)
         t = (H - R) @ normal
         side = np.sign(np.median(a @ normal))
@@ -186,9 +184,3 @@ def rotations_of_plane(
         if length < 1e-12 or np.mean(in_front(R, side * t / length, first, second)) > 0.5:
             found.append(R)
     return tuple(found)
-
-
-def _proper(M: FloatArray) -> FloatArray:
-    """(3, 3) the nearest rotation."""
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)

@@ -12,7 +12,7 @@ import numpy as np
 from pcnav.config.principal_axes import Identification, PrincipalAxesTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.stereo import StereoRig
-from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
+from pcnav.dynamics.inertia_parameters import BALL, inertia_of, parameters_of
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.principal_inertia import ratios_from_moments
@@ -44,7 +44,6 @@ _MAX_GAP_RAD = 0.5
 """Turn between the attitudes that a rate is differentiated from."""
 _DIFFUSE = 1000.0
 """The filter pass begins with the fit's deviations times this: with none of its information."""
-_BALL = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ def _identified(found: FeatureMap, times: FloatArray, method: Identification) ->
     if method is not Identification.ARC:
         chosen = printed if method is Identification.PRINTED else linear
         return _Rotation(R[0], omega, inertia_of(_parameters(chosen)))
-    starts = np.stack([_parameters(linear), _parameters(printed), _BALL])
+    starts = np.stack([_parameters(linear), _parameters(printed), BALL])
     fit = fit_rotation_arc(
         times,
         np.broadcast_to(R, (3, *R.shape)),
@@ -162,7 +161,7 @@ def _first_rate(rates: FloatArray, times: FloatArray, first: float) -> FloatArra
 def _parameters(inertia: FloatArray) -> FloatArray:
     trace = float(np.trace(inertia))
     if not (np.isfinite(trace) and trace > 0.1):
-        return _BALL
+        return BALL
     return positive(parameters_of(inertia))
 
 

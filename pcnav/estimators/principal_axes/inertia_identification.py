@@ -11,19 +11,13 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import log_rotation
+from pcnav.dynamics.rigid_body import symmetric_units
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Order of the six entries of an inertia matrix in this module; (9) divides by the first."""
 
 
-def _entry_units() -> FloatArray:
-    units = np.zeros((6, 3, 3))
-    for unit, (i, j) in zip(units, _ENTRIES, strict=True):
-        unit[i, j] = unit[j, i] = 1.0
-    return units
-
-
-_UNITS = _entry_units()
+_UNITS = symmetric_units(_ENTRIES)
 
 
 def angular_rate(R_world_g: FloatArray, times_s: FloatArray) -> FloatArray:

@@ -125,5 +125,5 @@ def test_faces_of_an_arc_are_condensed_into_one_measurement(
     information = sum(face.rows.T @ face.rows for face in faces)
     scale = np.abs(information).max()
     np.testing.assert_allclose(one.rows.T @ one.rows / scale, information / scale, atol=1e-12)
-    nothing = TimedMeasurements(1.0, ())
+    nothing: TimedMeasurements[NavigationState] = TimedMeasurements(1.0, ())
     assert condensed(nothing) is nothing
