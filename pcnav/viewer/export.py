@@ -14,14 +14,13 @@ from pcnav.viewer.browser import opened_page, picture_png, settled_png
 from pcnav.viewer.layers import RunLayers, shot_of
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import RUNS
-from pcnav.viewer.render_options import RenderOptions, vector
+from pcnav.viewer.render_options import CAMERA_FOV_RAD, RenderOptions, vector
 from pcnav.viewer.server import UP, LocalServer
 
 MAX_RECORDED_FRAMES = 300
 RECORDED_HZ = 20.0
 _MAX_RECORDED_POINTS = 4000
 _PICTURE_SIZE = (1280, 800)
-_CAMERA_FOV_RAD = float(np.radians(40.0))
 
 OnFrame = Callable[[int, int], None]
 
@@ -155,7 +154,7 @@ def _scene(
         position, centre = runs[0].viewpoint(frame)
         camera = server.initial_camera
         camera.position, camera.look_at = vector(position), vector(centre)
-        camera.up, camera.fov = UP, _CAMERA_FOV_RAD
+        camera.up, camera.fov = UP, CAMERA_FOV_RAD
         layers = RunLayers(server.scene, runs, RUNS)
         above = vector(centre - np.array([0.0, 0.55 * runs[0].size_m, 0.0]))
         caption = server.scene.add_label(

@@ -190,7 +190,7 @@ class RunLayers:
         T_model_cam = invert_transform(T)
         scale_m = 1.0 if first.frames is None else first.frames.scale_m
         self._cloud.show(shot, T_model_cam, options, scale_m)
-        self._rectangles.show(first.records.get(time_s, ()), T_model_cam, options)
+        self._rectangles.show(first.records_at(frame), T_model_cam, options)
         for k, (target, loaded) in enumerate(zip(self._targets, self._runs, strict=True)):
             target.show(frame if k == 0 else loaded.nearest_frame(time_s), options)
 

@@ -174,6 +174,10 @@ class LoadedRun:
                 error = np.where(self.errors.defines_axes[:, None], np.nan, error)
         return error if error is not None and np.isfinite(error).any() else None
 
+    def records_at(self, frame: int) -> tuple[RectangleRecord, ...]:
+        """What became of the rectangles of a frame."""
+        return self.records.get(float(self.run.time_s[frame]), ())
+
     def true_pose(self, frame: int | None) -> FloatArray | None:
         """(4, 4) T_cam_model of the truth at a frame; None where it is not known."""
         if frame is None or self._true_poses is None:

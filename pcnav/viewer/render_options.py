@@ -35,6 +35,10 @@ class Layer(StrEnum):
 DEFAULT_LAYERS = frozenset(Layer) - {Layer.PRINCIPAL, Layer.ATTITUDE, Layer.MOMENTUM}
 
 
+CAMERA_FOV_RAD = float(np.radians(40.0))
+"""Of a camera that is not the chaser's."""
+
+
 @dataclass(frozen=True)
 class RenderOptions:
     """How a frame is to be drawn."""

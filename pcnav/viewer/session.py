@@ -19,7 +19,7 @@ from pcnav.viewer.loaded_run import LoadedRun, Snapshot, Source
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
 from pcnav.viewer.plots import PlotsPanel
-from pcnav.viewer.render_options import vector
+from pcnav.viewer.render_options import CAMERA_FOV_RAD, vector
 from pcnav.viewer.server import UP, drawing, has_shown_all
 
 _MAX_DRAWN_HZ = 30.0
@@ -53,7 +53,7 @@ class Session:
     def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
         self._client, self._source = client, source
         self._snapshot = source()
-        self._wanted, self._drawn = 0, -1
+        self._wanted, self._drawn = _start_frame(self._snapshot, first_frame), -1
         self._is_closed = False
         self._wake = threading.Condition()
         self._playback: Playback | None = None
@@ -64,7 +64,6 @@ class Session:
         self._details_frame = -1
         self._followed: FloatArray | None = None
         """The target's place that the camera was last carried along to."""
-        self._wanted = _start_frame(self._snapshot, first_frame)
         with drawing(client):
             self._layers = RunLayers(client.scene, self._runs, RUNS)
             self._controls = Controls(client.gui, self._snapshot, self)
@@ -121,23 +120,18 @@ class Session:
         """Whether time runs."""
         return self._playback is not None
 
-    def redraw(self) -> None:
-        """Draw the same frame anew."""
+    def redraw(self, *, plots: bool = False) -> None:
+        """Draw the same frame anew, or the plots that were chosen."""
         with self._wake:
-            self._redraw = True
-            self._wake.notify()
-
-    def change_plots(self) -> None:
-        """Draw the plots that were chosen."""
-        with self._wake:
-            self._redraw_plots = True
+            self._redraw, self._redraw_plots = (
+                self._redraw or not plots,
+                self._redraw_plots or plots,
+            )
             self._wake.notify()
 
     def change_speed(self) -> None:
         """Go on from here at the chosen speed."""
-        with self._wake:
-            if self._playback is not None:
-                self._playback = self._playing_from(self._wanted)
+        self.go_to(self._wanted)
 
     def share(self, share: Share) -> None:
         """Let the browser download what it shows."""
@@ -286,8 +280,7 @@ class Session:
 
     def _draw_details(self, frame: int, shot: Shot | None) -> None:
         loaded, options = self._first, self._controls.options
-        time_s = float(loaded.run.time_s[frame])
-        records = loaded.records.get(time_s, ())
+        records = loaded.records_at(frame)
         known = loaded.pose(frame) is not None
         self._controls.show_legend(legend_html(loaded, options.colour_by, has_estimate=known))
         if loaded.target is not None:
@@ -296,7 +289,7 @@ class Session:
         if shot is not None and loaded.frames is not None:
             picture = frame_picture(shot, records, options.colour_by, loaded.frames.scale_m)
             self._image.image = picture
-        self._plots.move_cursor(time_s)
+        self._plots.move_cursor(float(loaded.run.time_s[frame]))
         self._details_frame = frame
 
     def _build_panel(self) -> None:
@@ -305,7 +298,8 @@ class Session:
         gui.main_panel.set_width(300)
         panel = gui.add_panel()
         self._plots = PlotsPanel(
-            gui, panel.add_tab("Plots"), self._runs, self._wanted_s, self.change_plots
+            *(gui, panel.add_tab("Plots"), self._runs, self._wanted_s),
+            lambda: self.redraw(plots=True),
         )
         with panel.add_tab("This frame"):
             self._facts = gui.add_html("")
@@ -329,9 +323,9 @@ class Session:
                 eye = loaded.frames.camera() if loaded.frames is not None else None
                 handle.position = (0.0, 0.0, 0.0)
                 handle.look_at = (0.0, 0.0, max(float(centre[2]), 1.0))
-                handle.fov = np.radians(40.0) if eye is None else vertical_fov(eye)
+                handle.fov = CAMERA_FOV_RAD if eye is None else vertical_fov(eye)
                 return
-            handle.fov = np.radians(40.0)
+            handle.fov = CAMERA_FOV_RAD
             handle.position = vector(position)
             handle.look_at = vector(centre)
         if camera is Camera.FOLLOW:
