@@ -1,92 +1,24 @@
-"""Figures of the studies: panels of curves over one axis, in the style of the reports."""
+"""Figures of the studies: panels that several of them draw, and bars."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum, auto
-from itertools import cycle
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, finite
-from pcnav.report.envelope import envelope
 from pcnav.report.figures import (
-    ALERT,
-    BAND,
     CATEGORIES,
-    GRID,
-    INK,
     LINE,
-    MUTED,
+    PALE,
     add_legend,
     new_figure,
     style_axes,
     svg_bytes,
 )
+from pcnav.report.panels import ROW_IN, Curve, Panel, Scale
+from pcnav.report.panels import panels_figure as drawn
 
 from .folder import StudyFigure
-
-_ROW_IN = 1.15
-_LEGEND_LETTERS = 90
-"""In one line of a legend."""
-_TRUTH = "#cbd5e1"
-"""Of broad lines that others are drawn over."""
-_LOG_FROM = 20.0
-"""A curve that many times its band, or its own least value, asks for a logarithmic axis."""
-_SETTLED_FROM = 0.1
-"""Share of a curve after which its start-up transient is over."""
-
-
-class Scale(Enum):
-    """How far the vertical axis of a panel reaches."""
-
-    ABOUT_ZERO = auto()
-    """As far down as up; levels are drawn on both sides."""
-    FROM_ZERO = auto()
-    """From zero, or logarithmic where the curves leave their band or span decades."""
-    LOG = auto()
-    SETTLED = auto()
-    """Over what happens after the first tenth; a start-up transient may leave the axes."""
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A line of a panel."""
-
-    name: str
-    """In the legend."""
-    values: FloatArray
-    """(n,), nan leaves gaps."""
-    at: FloatArray | None = None
-    """(n,) its abscissae, where they are not those of the figure."""
-    style: str = "-"
-    """Of line and markers, as matplotlib writes it."""
-    colour: str | None = None
-    """The next of the palette if not given."""
-    width: float = 0.9
-    steps: bool = False
-    """Level from each point to the next."""
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One pair of axes; panels of one label share their scale."""
-
-    label: str
-    """Quantity and unit."""
-    curves: Sequence[Curve]
-    scale: Scale = Scale.SETTLED
-    title: str = ""
-    bands: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
-    """Lower and upper bounds (n,) by name."""
-    levels: Mapping[str, float] = field(default_factory=dict)
-    """Heights of dashed lines by name."""
-    base: float | None = None
-    """Height of the thin line that a curve should lie on."""
-    limits: tuple[float, float] | None = None
-    """Of the vertical axis, where its scale does not give them."""
 
 
 def curves_of(values: Mapping[str, FloatArray]) -> list[Curve]:
@@ -156,7 +88,7 @@ def component_panels(
         Panel(
             label,
             [
-                Curve("truth", truth[:, k], colour=_TRUTH, width=2.0),
+                Curve("truth", truth[:, k], colour=PALE, width=2.0),
                 *(Curve(name, values[:, k], at, style) for name, values in estimates.items()),
             ],
         )
@@ -170,51 +102,23 @@ def panels_figure(
     panels: Sequence[Panel],
     *,
     columns: int = 1,
-    row_in: float = _ROW_IN,
+    row_in: float = ROW_IN,
     at_label: str = "time, s",
     log_at: bool = False,
     dark: Sequence[tuple[float, float]] = (),
     marked: Sequence[float] = (),
 ) -> StudyFigure:
-    """Panels in rows of so many columns, over the same abscissae (n,) for all.
-
-    The text of the study has title and caption.
-
-    Spans of ``dark`` are shaded: nothing is seen there. Dashed lines stand where ``marked``.
-    """
-    rows = -(-len(panels) // columns)
-    figure = new_figure(0.7 + row_in * rows)
-    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    drawn: list[Axes] = list(grid.ravel()[: len(panels)])
-    for axes, panel in zip(drawn, panels, strict=True):
-        style_axes(axes)
-        for span in dark:
-            axes.axvspan(*span, color=GRID, linewidth=0)
-        for place in marked:
-            axes.axvline(place, color=ALERT, linewidth=1.0, linestyle="--")
-        _draw(axes, at, panel)
-        same = [each for each in panels if panel.label and each.label == panel.label] or [panel]
-        _limit(axes, panel, same)
-        if log_at:
-            axes.set_xscale("log")
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            _plain_numbers(axes)
-        elif len(at) > 1:
-            axes.set_xlim(float(at[0]), float(at[-1]))
-    for axes in grid.ravel()[len(panels) :]:
-        axes.set_visible(False)
-    for axes in grid[-1]:
-        axes.set_xlabel(at_label)
-    figure.align_ylabels(drawn)
-    # One legend for all: the first panel names what only others show.
-    named = {curve.name for curve in panels[0].curves}
-    for panel in panels[1:]:
-        for curve, colour in _coloured(panel):
-            if curve.name not in named:
-                drawn[0].plot([], [], curve.style, color=colour, label=curve.name)
-                named.add(curve.name)
-    longest = max(1, *(len(name) for name in named))
-    add_legend(figure, drawn[0], max_columns=min(5, max(2, _LEGEND_LETTERS // longest)))
+    """Panels as `pcnav.report.panels.panels_figure` draws them, under the key of their text."""
+    figure = drawn(
+        at,
+        panels,
+        columns=columns,
+        row_in=row_in,
+        at_label=at_label,
+        log_at=log_at,
+        dark=dark,
+        marked=marked,
+    )
     return StudyFigure(key, svg_bytes(figure))
 
 
@@ -237,81 +141,3 @@ def bars_figure(
     axes.set_ylabel(labels[1])
     add_legend(figure, axes)
     return StudyFigure(key, svg_bytes(figure))
-
-
-def _draw(axes: Axes, at: FloatArray, panel: Panel) -> None:
-    for name, (low, high) in panel.bands.items():
-        shown = envelope(high)
-        axes.fill_between(at[shown], low[shown], high[shown], color=BAND, linewidth=0, label=name)
-    for curve, colour in _coloured(panel):
-        x = at if curve.at is None else curve.at
-        shown = envelope(curve.values)
-        axes.plot(
-            x[shown],
-            curve.values[shown],
-            curve.style,
-            color=colour,
-            linewidth=curve.width,
-            markersize=3,
-            drawstyle="steps-post" if curve.steps else "default",
-            label=curve.name,
-        )
-    for name, level in panel.levels.items():
-        axes.axhline(level, color=ALERT, linewidth=1.0, linestyle="--", label=name)
-        if panel.scale is Scale.ABOUT_ZERO:
-            axes.axhline(-level, color=ALERT, linewidth=1.0, linestyle="--")
-    if panel.base is not None:
-        axes.axhline(panel.base, color=MUTED, linewidth=0.6)
-    axes.set_ylabel(panel.label)
-    axes.set_title(panel.title, fontsize=9, loc="left", color=INK)
-
-
-def _coloured(panel: Panel) -> list[tuple[Curve, str]]:
-    palette = cycle((*CATEGORIES, INK))
-    return [(curve, curve.colour or next(palette)) for curve in panel.curves]
-
-
-def _limit(axes: Axes, panel: Panel, same: Sequence[Panel]) -> None:
-    """Limits that hold for all panels of the same label."""
-    curves = [curve.values for each in same for curve in each.curves]
-    bounds = [bound for each in same for pair in each.bands.values() for bound in pair]
-    levels = [np.array(list(each.levels.values())) for each in same]
-    everything, drawn, band = (
-        finite(np.concatenate([*parts, np.zeros(0)]))
-        for parts in ([*curves, *bounds, *levels], curves, bounds)
-    )
-    if panel.scale is Scale.ABOUT_ZERO:
-        axes.axhline(0.0, color=MUTED, linewidth=0.6)
-        axes.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
-    if panel.limits is not None:
-        axes.set_ylim(*panel.limits)
-    elif not drawn.size:
-        return
-    elif panel.scale is Scale.ABOUT_ZERO:
-        top = float(np.abs(everything).max()) or 1.0
-        axes.set_ylim(-1.1 * top, 1.1 * top)
-    elif panel.scale is Scale.SETTLED:
-        late = finite(
-            np.concatenate([values[int(_SETTLED_FROM * len(values)) :] for values in curves])
-        )
-        low, high = float(late.min()), float(late.max())
-        margin = 0.1 * max(high - low, 0.02 * max(abs(low), abs(high), 1e-3))
-        axes.set_ylim(low - margin, high + margin)
-    else:
-        least = band.max() if band.size else drawn.min()
-        if panel.scale is Scale.LOG or drawn.max() > _LOG_FROM * least > 0.0:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(numticks=5))
-            _plain_numbers(axes)
-            positive = everything[everything > 0.0]
-            axes.set_ylim(0.8 * float(positive.min()), 1.25 * float(positive.max()))
-        else:
-            axes.set_ylim(0.0, 1.05 * float(everything.max()))
-
-
-def _plain_numbers(axes: Axes) -> None:
-    """Powers of ten on logarithmic axes as people write them."""
-    for axis in (axes.xaxis, axes.yaxis):
-        if axis.get_scale() == "log":
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axis.set_minor_formatter(NullFormatter())

@@ -33,7 +33,7 @@ from pcnav.report.figures import (
     style_axes,
 )
 
-_ROW_IN = 1.15
+ROW_IN = 1.15
 _LEGEND_LETTERS = 90
 """In one line of a legend."""
 _LOG_FROM = 20.0
@@ -94,7 +94,7 @@ class Panel:
     """Heights of dashed lines by name."""
     base: float | None = None
     """Height of the thin line that a curve should lie on."""
-    limits: tuple[float | None, float | None] | None = None
+    limits: tuple[float, float] | None = None
     """Of the vertical axis, where its scale does not give them."""
     edges: bool = False
     """Whether the bounds are drawn over the curves: a long noisy series would bury them."""
@@ -105,7 +105,7 @@ def panels_figure(
     panels: Sequence[Panel],
     *,
     columns: int = 1,
-    row_in: float = _ROW_IN,
+    row_in: float = ROW_IN,
     at_label: str = "time, s",
     log_at: bool = False,
     dark: Sequence[tuple[float, float]] = (),

@@ -16,10 +16,11 @@ from pcnav.estimators.image_motion.rates import rotation_history
 from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Curve, Panel, Scale
 from pcnav.simulation.images import TrackFaults
 
 from ..folder import StudyFigure
-from ..panels import Curve, Panel, Scale, panels_figure
+from ..panels import panels_figure
 from ..tables import table, table_of
 from . import paper
 from .scene import Truth, nutation, tracks_of

@@ -14,9 +14,10 @@ from pcnav.dynamics.inertia_parameters import shares
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator, initial_belief
 from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, SIZE, RotationState
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Panel, Scale
 
 from ..folder import StudyFigure
-from ..panels import Panel, Scale, curves_of, panels_figure
+from ..panels import curves_of, panels_figure
 from ..tables import table_of
 from . import paper
 from .filters import Estimates

@@ -21,9 +21,10 @@ from pcnav.evaluation.observability.rank import ObservabilityRank
 from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.evaluation.observability.subjects import attitude_subject
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Curve, Panel, Scale
 
 from ..folder import StudyFigure
-from ..panels import Curve, Panel, Scale, panels_figure
+from ..panels import panels_figure
 from ..tables import cell, table, table_of
 from . import paper
 from .filters import RATIO_NAMES, Estimates

@@ -17,10 +17,11 @@ from pcnav.estimators.principal_axes.feature_states import (
 )
 from pcnav.files.text_table import TextTable
 from pcnav.report.figures import ALERT, LINE
+from pcnav.report.panels import Curve, Panel, Scale
 
 from ..blocks import ShownBlock
 from ..folder import StudyFigure
-from ..panels import Curve, Panel, Scale, mean_squared_panel, panels_figure
+from ..panels import mean_squared_panel, panels_figure
 from ..tables import table, table_of
 from . import paper
 from .following import Judged

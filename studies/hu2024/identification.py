@@ -24,10 +24,11 @@ from pcnav.estimators.principal_axes.inertia_identification import (
 )
 from pcnav.estimators.principal_axes.principal_frame import clearest_order, principal_axes
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Curve, Panel, Scale
 from pcnav.simulation.stereo import draw_points, simulate_motion
 
 from ..folder import StudyFigure
-from ..panels import Curve, Panel, Scale, panels_figure
+from ..panels import panels_figure
 from ..tables import table
 from . import paper
 

@@ -7,9 +7,10 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Panel, Scale
 
 from ..folder import StudyFigure
-from ..panels import Panel, Scale, panels_figure, percentiles_of
+from ..panels import panels_figure, percentiles_of
 from ..tables import cell, table
 from .runs import QUANTITIES, Found
 

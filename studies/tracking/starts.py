@@ -10,6 +10,7 @@ import numpy as np
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.statistics import mean, percentile, share
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Curve, Panel, Scale
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
@@ -17,7 +18,7 @@ from pcnav.target.symmetry import group_name
 
 from ..folder import StudyFigure
 from ..following import follow
-from ..panels import Curve, Panel, Scale, bars_figure, panels_figure
+from ..panels import bars_figure, panels_figure
 from ..tables import Claim, always, below, never, table_of
 
 NAME = "cold starts"

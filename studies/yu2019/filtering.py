@@ -10,11 +10,12 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.statistics import mean, mean_squared
 from pcnav.dynamics.blocks import RATIOS
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Panel
 from pcnav.simulation.motion import true_motion
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
 from ..folder import StudyFigure
-from ..panels import Panel, error_panel, mean_squared_panel, panels_figure
+from ..panels import error_panel, mean_squared_panel, panels_figure
 from ..pipelines import shortened, with_scenario
 from ..tables import Claim, as_printed, table
 from . import paper

@@ -10,10 +10,11 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import Curve, Panel, Scale
 from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..folder import StudyFigure
-from ..panels import Curve, Panel, Scale, error_panel, panels_figure
+from ..panels import error_panel, panels_figure
 from ..pipelines import with_scenario
 from ..tables import Claim, as_printed, cell, table
 from . import paper

@@ -10,16 +10,9 @@ from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import RunError
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.statistics import mean_squared
+from pcnav.report.panels import Curve, Panel, Scale
 from studies.folder import Study, StudyFigure
-from studies.panels import (
-    Curve,
-    Panel,
-    Scale,
-    bars_figure,
-    error_panel,
-    mean_squared_panel,
-    panels_figure,
-)
+from studies.panels import bars_figure, error_panel, mean_squared_panel, panels_figure
 from studies.tables import always, at_most, below, cell, inside, never, table, table_of, verdict
 from studies.text import study_of
 from studies.work import Work
