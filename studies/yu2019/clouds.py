@@ -18,7 +18,7 @@ from pcnav.target.catalogue import Rectangle
 from . import paper
 
 
-class Spread(StrEnum):
+class Spacing(StrEnum):
     """How points lie on the rectangle."""
 
     EVEN = "even grid"
@@ -27,16 +27,16 @@ class Spread(StrEnum):
 
 
 def rectangle_cloud(
-    width: float, length: float, n: int, spread: Spread, generator: np.random.Generator
+    width: float, length: float, n: int, spacing: Spacing, generator: np.random.Generator
 ) -> FloatArray:
     """(n, 3) points without noise in the rectangle's frame, x along the width, z = 0."""
     cloud = np.zeros((n, 3))
-    if spread is Spread.INDEPENDENT:
+    if spacing is Spacing.INDEPENDENT:
         cloud[:, :2] = generator.uniform(-0.5, 0.5, (n, 2))
     else:
         across, along = grid_shape(width, length, n)
         i, j = np.divmod(np.arange(n), along)
-        in_cell = generator.random((n, 2)) if spread is Spread.JITTERED else np.full((n, 2), 0.5)
+        in_cell = generator.random((n, 2)) if spacing is Spacing.JITTERED else np.full((n, 2), 0.5)
         cloud[:, :2] = (np.column_stack([i, j]) + in_cell) / [across, along] - 0.5
     cloud[:, :2] *= [width, length]
     return cloud
@@ -50,21 +50,21 @@ def grid_shape(width: float, length: float, n: int) -> tuple[int, int]:
 
 
 def centroid_sd(
-    width: float, length: float, n: int, sigma: float, spread: Spread
+    width: float, length: float, n: int, sigma: float, spacing: Spacing
 ) -> tuple[float, float, float]:
     """Standard deviation of the centroid along the short side, the long side and the normal."""
     across, along = grid_shape(width, length, n)
     scatter = {
-        Spread.EVEN: (0.0, 0.0),
-        Spread.JITTERED: (width / across, length / along),
-        Spread.INDEPENDENT: (width, length),
-    }[spread]
+        Spacing.EVEN: (0.0, 0.0),
+        Spacing.JITTERED: (width / across, length / along),
+        Spacing.INDEPENDENT: (width, length),
+    }[spacing]
     x, y = (np.sqrt((side**2 / 12.0 + sigma**2) / n) for side in scatter)
     return float(x), float(y), float(sigma / np.sqrt(n))
 
 
 def rotation_sd(
-    width: float, length: float, n: int, sigma: float, spread: Spread
+    width: float, length: float, n: int, sigma: float, spacing: Spacing
 ) -> tuple[float, float, float]:
     """Standard deviation, rad, of the rotation about the short side, the long side and the normal.
 
@@ -81,9 +81,9 @@ def rotation_sd(
     def about(i: int, j: int) -> float:
         noise = sigma**2 * (square[i] + square[j]) + sigma**4
         drawn = 0.0
-        if spread is Spread.INDEPENDENT:
+        if spacing is Spacing.INDEPENDENT:
             drawn = square[i] * square[j]
-        elif spread is Spread.JITTERED:
+        elif spacing is Spacing.JITTERED:
             drawn = square[i] * cell[j] + square[j] * cell[i]
         return float(np.sqrt((noise + drawn) / n) / abs(square[i] - square[j]))
 
@@ -97,18 +97,18 @@ class CloudSensor:
     chaser looks from: that is the paper's simulation, not a depth camera.
     """
 
-    def __init__(self, motion: TrueMotion, noise_m: float, spread: Spread, seed: int) -> None:
-        self._motion, self._noise_m, self._spread = motion, noise_m, spread
+    def __init__(self, motion: TrueMotion, noise_m: float, spacing: Spacing, seed: int) -> None:
+        self._motion, self._noise_m, self._spacing = motion, noise_m, spacing
         self._generator = np.random.default_rng(seed)
         self.rectangle: Rectangle = paper.RECTANGLE
-        self._grid = self._cloud() if spread is Spread.EVEN else None
+        self._grid = self._cloud() if spacing is Spacing.EVEN else None
 
     def _cloud(self) -> FloatArray:
         return rectangle_cloud(
             self.rectangle.width_m,
             self.rectangle.length_m,
             paper.CLOUD_POINTS,
-            self._spread,
+            self._spacing,
             self._generator,
         )
 
@@ -124,7 +124,7 @@ class CloudSensor:
         return observe_cloud(
             points,
             self._noise_m**2 * np.eye(3),
-            evenly_spread=self._spread is Spread.EVEN,
+            evenly_spread=self._spacing is Spacing.EVEN,
         )
 
 

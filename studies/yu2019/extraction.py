@@ -6,6 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
+from pcnav.batch.monte_carlo import Case, Run
 from pcnav.core.arrays import FloatArray
 from pcnav.files.text_table import TextTable
 from pcnav.perception.planes import ransac_plane
@@ -13,7 +14,7 @@ from pcnav.perception.rectangles import distribution
 
 from ..tables import Claim, table_of
 from . import paper
-from .clouds import Spread, rectangle_cloud
+from .clouds import Spacing, rectangle_cloud
 
 _BOX_DEPTH_CM = 13.0
 """Outliers fill the box over the rectangle from the sensor's plane to twice its distance."""
@@ -21,6 +22,8 @@ _TIMED_RUNS = 20
 _DRAWS_PER_RUN = 20
 """A cloud takes a fraction of a millisecond: enough of them make the 95 % ranges sharp."""
 _EVEN_DRAWS = 50
+_WORK = 0.5
+"""Of a cloud's draws."""
 _NAMES = ("x", "y", "z", "lambda 1", "lambda 2", "lambda 3")
 
 
@@ -46,18 +49,6 @@ class Extraction:
         """Whether the printed count lies in the range, to a point."""
         low, high = self.range
         return bool(low - 1.0 <= self.printed.extracted <= high + 1.0)
-
-
-@dataclass(frozen=True)
-class Moments:
-    """Rows of clouds to be drawn."""
-
-    rows: tuple[paper.MomentsRow, ...]
-    draws: int
-    stream: np.random.SeedSequence
-
-    def __str__(self) -> str:
-        return f"moments of {len(self.rows)} clouds"
 
 
 @dataclass(frozen=True)
@@ -94,42 +85,51 @@ class Comparison:
         return float(np.median(np.abs(values - self.theory)))
 
 
-def streams_of(seed: int) -> list[np.random.SeedSequence]:
-    """What Table 1, Table 2 and Tables 3 and 4 draw from."""
-    return np.random.SeedSequence(seed).spawn(3)
+Moments = tuple[tuple[paper.MomentsRow, ...], int]
+"""Rows of a table, and how many clouds are drawn of each."""
 
 
-def planned_moments(runs: int, seed: int) -> list[Moments]:
+def moment_runs(runs: int, seed: int) -> list[Run[Moments]]:
     """The clouds of Table 2 and of Tables 3 and 4."""
-    _, second, third = streams_of(seed)
-    draws = _DRAWS_PER_RUN * runs
-    return [Moments(paper.TABLE_2, draws, second), Moments(paper.TABLES_3_AND_4, draws, third)]
+    return [
+        Run(Case(name, (rows, _DRAWS_PER_RUN * runs), _WORK * len(rows)), index, seed)
+        for name, rows, index in (
+            ("Table 2", paper.TABLE_2, 1),
+            ("Tables 3 and 4", paper.TABLES_3_AND_4, 2),
+        )
+    ]
 
 
-def compare_moments(moments: Moments) -> list[Comparison]:
-    """Every printed number against so many draws."""
-    generator = np.random.default_rng(moments.stream)
+def _stream(seed: int, table: int) -> np.random.Generator:
+    """What a table's clouds are drawn from: Table 1 is 0, the others are as in `moment_runs`."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(table,)))
+
+
+def compare_moments(run: Run[Moments]) -> list[Comparison]:
+    """Every printed number of a table against our draws."""
+    generator = _stream(run.seed, run.index)
+    rows, draws = run.case.settings
     comparisons = []
-    for row in moments.rows:
+    for row in rows:
         drawn, even = (
-            np.array([_draw(row, spread, generator) for _ in range(count)])
-            for spread, count in (
-                (Spread.INDEPENDENT, moments.draws),
-                (Spread.EVEN, min(moments.draws, _EVEN_DRAWS)),
+            np.array([_draw(row, spacing, generator) for _ in range(count)])
+            for spacing, count in (
+                (Spacing.INDEPENDENT, draws),
+                (Spacing.EVEN, min(draws, _EVEN_DRAWS)),
             )
         )
         theory = [0.0, 0.0, paper.DEPTH_CM, *paper.theory_eigenvalues(row.noise_cm)]
         printed = [*row.centroid, *row.eigenvalues]
         comparisons += [
-            Comparison(row, name, theory[k], printed[k], drawn[:, k], even[:, k])
-            for k, name in enumerate(_NAMES)
+            Comparison(row, *each)
+            for each in zip(_NAMES, theory, printed, drawn.T, even.T, strict=True)
         ]
     return comparisons
 
 
 def extractions(runs: int, seed: int) -> list[Extraction]:
     """Table 1 with a few runs: they are timed, so not beside others."""
-    generator = np.random.default_rng(streams_of(seed)[0])
+    generator = _stream(seed, 0)
     found = []
     for printed in paper.TABLE_1:
         counts, loose, times = [], [], []
@@ -189,7 +189,7 @@ def claims(extracted: Sequence[Extraction], moments: Sequence[Sequence[Compariso
 def _cloud_with_outliers(outliers: int, generator: np.random.Generator) -> FloatArray:
     """(2500, 3) cm: the first points replaced by outliers."""
     cloud = rectangle_cloud(
-        paper.SHORT_CM, paper.LONG_CM, paper.TABLE_1_POINTS, Spread.INDEPENDENT, generator
+        paper.SHORT_CM, paper.LONG_CM, paper.TABLE_1_POINTS, Spacing.INDEPENDENT, generator
     )
     cloud[:, 2] = paper.DEPTH_CM
     half = [0.5 * paper.SHORT_CM, 0.5 * paper.LONG_CM]
@@ -205,9 +205,9 @@ def _extracted(cloud_m: FloatArray, threshold_m: float, seed: int) -> int:
     return int(np.count_nonzero(np.abs(cloud_m @ m - 1.0) < threshold_m * np.linalg.norm(m)))
 
 
-def _draw(row: paper.MomentsRow, spread: Spread, generator: np.random.Generator) -> FloatArray:
+def _draw(row: paper.MomentsRow, spacing: Spacing, generator: np.random.Generator) -> FloatArray:
     """(6,) centroid and eigenvalues of one cloud, cm and cm^2."""
-    cloud = rectangle_cloud(paper.SHORT_CM, paper.LONG_CM, row.points, spread, generator)
+    cloud = rectangle_cloud(paper.SHORT_CM, paper.LONG_CM, row.points, spacing, generator)
     cloud[:, 2] = paper.DEPTH_CM
     if row.noise_cm > 0.0:
         cloud += row.noise_cm * generator.standard_normal(cloud.shape)

@@ -30,7 +30,7 @@ from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..blocks import JUDGED
 from . import paper
-from .clouds import CloudSensor, Spread, resolved
+from .clouds import CloudSensor, Spacing, resolved
 
 _KNOWN = np.ones(6, dtype=np.bool_)
 _STORED = 400
@@ -74,7 +74,7 @@ def run_filter(
     at zero, the rate and the ratios at the truth plus a draw from their prior. Ratios that no body
     can have are drawn again: the prior of the ratios is what of the paper's is physical.
     """
-    sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spread.EVEN, seed)
+    sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spacing.EVEN, seed)
     kalman, first_guess = _started(motion, sensor, pipeline, seed)
     n = len(motion.truth.time_s)
     stored = set(np.linspace(0, n - 1, min(_STORED, n)).astype(int).tolist())

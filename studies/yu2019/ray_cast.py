@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import trimesh
@@ -14,6 +15,8 @@ from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
 from pcnav.core.statistics import mean, percentile, root_mean_square
+from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.depth.single_frame import single_frame_pose
 from pcnav.files.text_table import TextTable
 from pcnav.perception.association import as_rectangle
@@ -21,10 +24,9 @@ from pcnav.perception.perceive import perceive
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
 from pcnav.simulation.depth import Scene
-from pcnav.simulation.noise import add_sensor_faults
+from pcnav.simulation.motion import TrueMotion
 from pcnav.simulation.random_truth import satellite
 from pcnav.target.catalogue import Rectangle
-from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 
 from ..blocks import BLOCKS, WHOLE
@@ -33,8 +35,8 @@ from ..following import JudgedRun, follow
 from ..panels import error_panel, panels_figure
 from ..tables import Claim, as_printed, table, table_of
 
-_NOISES_M = (0.1, 0.02)
-_MODES = (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)
+_READ = tuple(product((0.1, 0.02), (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)))
+"""Noises and modes: the paper's noise first."""
 _POSITION_GOAL_MM, _ATTITUDE_GOAL_DEG = 10.0, 0.2
 _PANEL_FRAMES_PER_RUN, _RUNS_PER_SATELLITE_FRAME = 3, 2
 _PANEL_WORK, _SATELLITE_WORK, _SEQUENCE_WORK = 0.03, 0.8, 0.08
@@ -86,29 +88,29 @@ class PoseErrors:
         return np.asarray(np.linalg.norm(self.attitude_rad, axis=1))
 
     @property
-    def none(self) -> int:
-        """Frames without any pose."""
-        return self.setting.frames - len(self.position_m)
-
-    @property
     def position_mm(self) -> FloatArray:
         """(n,) length of the position's error."""
         return np.asarray(1e3 * np.linalg.norm(self.position_m, axis=1))
 
     @property
-    def angle_deg(self) -> FloatArray:
-        """(n,) of the attitude's error."""
-        return np.rad2deg(self.angle_rad)
+    def none(self) -> int:
+        """Frames without any pose."""
+        return self.setting.frames - len(self.position_m)
 
-
-def _settings(pipeline: Pipeline, frames: int) -> list[Setting]:
-    return [Setting(pipeline, noise_m, mode, frames) for noise_m in _NOISES_M for mode in _MODES]
+    @property
+    def right(self) -> "PoseErrors":
+        """Those of the frames whose hypothesis was the right one."""
+        kept = self.angle_rad <= _WRONG_RAD
+        return PoseErrors(
+            self.setting, self.position_m[kept], self.attitude_rad[kept], self.support[kept]
+        )
 
 
 def _runs(name: str, pipeline: Pipeline, frames: int, work: float) -> list[Run[Setting]]:
+    settings = (Setting(pipeline, noise_m, mode, frames) for noise_m, mode in _READ)
     return [
-        Run(Case(f"{name}, {s.noise_m:g} m, {s.mode}", s, work * frames), 0, pipeline.seed)
-        for s in _settings(pipeline, frames)
+        Run(Case(f"{name}, {each.noise_m:g} m, {each.mode}", each, work * frames), 0, pipeline.seed)
+        for each in settings
     ]
 
 
@@ -162,14 +164,15 @@ def satellite_errors(run: Run[Setting]) -> PoseErrors:
     return _pose_errors(setting, target.mesh, _satellite_poses(setting), measure)
 
 
-def follow_sequence(run: Run[Setting]) -> JudgedRun:
+def follow_sequence(run: Run[Setting]) -> tuple[Setting, JudgedRun]:
     """The filter on a sequence of the satellite."""
     setting = run.case.settings
     pipeline = setting.pipeline
     noise = pipeline.noise.model_copy(update={"range_sigma_m": setting.noise_m})
     changes = {"noise": noise, "perception": settings_of(pipeline, setting.mode)}
     target = target_of(pipeline)
-    return follow(Scene.of(pipeline.model_copy(update=changes), target.mesh), target)
+    scene = Scene.of(pipeline.model_copy(update=changes), target.mesh)
+    return setting, follow(scene, target)
 
 
 def target_of(pipeline: Pipeline) -> Target:
@@ -186,22 +189,23 @@ def settings_of(pipeline: Pipeline, mode: PerceptionMode) -> PerceptionTable:
 def _pose_errors(
     setting: Setting, mesh: trimesh.Trimesh, poses: Sequence[FloatArray], measure: Measure
 ) -> PoseErrors:
-    pipeline = setting.pipeline
-    camera = pipeline.camera.pinhole
-    renderer = DepthRenderer(mesh, camera)
-    noise = NoiseTable(range_sigma_m=setting.noise_m, quantisation_m=pipeline.noise.quantisation_m)
-    position, attitude, support = [], [], []
-    for k, T_true in enumerate(poses):
-        depth_m = add_sensor_faults(renderer.render(T_true), noise, pipeline.seed, k)
-        measured = measure(Frame(k, 0.0, depth_m, camera, np.eye(4)), T_true)
-        if measured is None:
-            continue
-        T, weight = measured
-        position.append(T_true[:3, :3].T @ (T[:3, 3] - T_true[:3, 3]))
-        attitude.append(log_rotation(T_true[:3, :3].T @ T[:3, :3]))
-        support.append(weight)
-    p, theta = (np.array(each).reshape(-1, 3) for each in (position, attitude))
-    return PoseErrors(setting, p, theta, np.array(support))
+    noise = NoiseTable(
+        range_sigma_m=setting.noise_m, quantisation_m=setting.pipeline.noise.quantisation_m
+    )
+    still = np.tile(np.eye(4), (len(poses), 1, 1))
+    truth = Trajectory(np.zeros(len(poses)), POSE_LAYOUT, T_cam_target=np.stack(poses))
+    motion = TrueMotion(truth, still, still[:, :3, :3])
+    scene = Scene(setting.pipeline.model_copy(update={"noise": noise}), motion, mesh)
+    measured = [(T, measure(frame, T)) for T, frame in zip(poses, scene.frames(), strict=True)]
+    found = [(T_true, *each) for T_true, each in measured if each is not None]
+    position = [T_true[:3, :3].T @ (T[:3, 3] - T_true[:3, 3]) for T_true, T, _ in found]
+    attitude = [log_rotation(T_true[:3, :3].T @ T[:3, :3]) for T_true, T, _ in found]
+    return PoseErrors(
+        setting,
+        np.array(position).reshape(-1, 3),
+        np.array(attitude).reshape(-1, 3),
+        np.array([support for *_, support in found]),
+    )
 
 
 def _sheet() -> trimesh.Trimesh:
@@ -247,7 +251,7 @@ class RayCast:
     @property
     def best_panel(self) -> PoseErrors:
         """At the paper's noise, area-weighted."""
-        return self.panel[_MODES.index(PerceptionMode.AREA_WEIGHTED)]
+        return self.panel[1]
 
 
 def tables(found: RayCast) -> list[TextTable]:
@@ -272,15 +276,24 @@ def claims(found: RayCast) -> list[Claim]:
     """The panel's errors against what the paper prints for its idealised cloud."""
     panel = found.best_panel
     worst = np.rad2deg(_axes_rms(panel.attitude_rad).max())
-    position, angle = root_mean_square(panel.position_mm), root_mean_square(panel.angle_deg)
+    position, angle = (
+        root_mean_square(panel.position_mm),
+        np.rad2deg(root_mean_square(panel.angle_rad)),
+    )
     return [
         as_printed("ray-cast", f"panel, 0.1 m: {name}", goal, ours)
         for name, goal, ours in (
             ("position RMS, mm", _POSITION_GOAL_MM, position),
             ("attitude RMS, worst axis, deg", _ATTITUDE_GOAL_DEG, worst),
-            ("attitude RMS, whole angle, deg", _ATTITUDE_GOAL_DEG, angle),
+            ("attitude RMS, whole angle, deg", _ATTITUDE_GOAL_DEG, np.rad2deg(angle)),
         )
     ]
+
+
+_READ_COLUMNS: dict[str, Callable[[PoseErrors], object]] = {
+    "noise, m": lambda e: e.setting.noise_m,
+    "mode": lambda e: e.setting.mode,
+}
 
 
 def _panel_table(errors: Sequence[PoseErrors]) -> TextTable:
@@ -288,12 +301,11 @@ def _panel_table(errors: Sequence[PoseErrors]) -> TextTable:
         "panel",
         errors,
         {
-            "noise, m": lambda e: e.setting.noise_m,
-            "mode": lambda e: e.setting.mode,
+            **_READ_COLUMNS,
             "frames": lambda e: len(e.position_m),
             "position RMS, mm": lambda e: root_mean_square(e.position_mm),
             "short / long / normal, mm": lambda e: 1e3 * _axes_rms(e.position_m),
-            "attitude RMS, deg": lambda e: root_mean_square(e.angle_deg),
+            "attitude RMS, deg": lambda e: np.rad2deg(root_mean_square(e.angle_rad)),
             "about short / long / normal, deg": lambda e: np.rad2deg(_axes_rms(e.attitude_rad)),
             "stated attitude RMS, deg": lambda e: np.rad2deg(root_mean_square(e.support)),
             "wrong case": lambda e: np.count_nonzero(e.angle_rad > _FLIPPED_RAD),
@@ -308,27 +320,20 @@ def _axes_rms(errors: FloatArray) -> FloatArray:
 
 
 def _satellite_table(errors: Sequence[PoseErrors]) -> TextTable:
-    rows = []
-    for each in errors:
-        right = each.angle_rad <= _WRONG_RAD
-        position, attitude = each.position_mm[right], each.angle_deg[right]
-        rows.append(
-            (
-                *(each.setting.noise_m, each.setting.mode, each.setting.frames, each.none),
-                np.count_nonzero(~right),
-                *(percentile(position, 50), root_mean_square(position)),
-                *(percentile(attitude, 50), root_mean_square(attitude)),
-                mean(each.support[right]),
-            )
-        )
-    return table(
+    return table_of(
         "boxsat_single_frame",
-        (
-            *("noise, m", "mode", "frames", "no pose", "wrong hypothesis"),
-            *("position median, mm", "position RMS, mm"),
-            *("attitude median, deg", "attitude RMS, deg", "faces used"),
-        ),
-        rows,
+        errors,
+        {
+            **_READ_COLUMNS,
+            "frames": lambda e: e.setting.frames,
+            "no pose": lambda e: e.none,
+            "wrong hypothesis": lambda e: len(e.position_m) - len(e.right.position_m),
+            "position median, mm": lambda e: percentile(e.right.position_mm, 50),
+            "position RMS, mm": lambda e: root_mean_square(e.right.position_mm),
+            "attitude median, deg": lambda e: np.rad2deg(percentile(e.right.angle_rad, 50)),
+            "attitude RMS, deg": lambda e: np.rad2deg(root_mean_square(e.right.angle_rad)),
+            "faces used": lambda e: mean(e.right.support),
+        },
         text_columns=2,
     )
 

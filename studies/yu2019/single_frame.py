@@ -18,7 +18,7 @@ from ..panels import error_panel, panels_figure
 from ..pipelines import with_scenario
 from ..tables import Claim, as_printed, cell, table
 from . import paper
-from .clouds import CloudSensor, Spread, centroid_sd, resolved, rotation_sd
+from .clouds import CloudSensor, Spacing, centroid_sd, resolved, rotation_sd
 
 FRAMES = 360
 """One turn of the target at one frame a second."""
@@ -60,7 +60,7 @@ class Turn:
     """What repetitions of a turn have in common."""
 
     pipeline: Pipeline
-    spread: Spread
+    spacing: Spacing
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class _Quantity:
     """Largest error by axis."""
     of: Callable[[FrameErrors], FloatArray]
     """(n, 3) errors in the unit."""
-    sd: Callable[[Spread], tuple[float, float, float]]
+    sd: Callable[[Spacing], tuple[float, float, float]]
     """By the closed form; of the two tilts, which the spin mixes, the root mean square."""
 
     def largest(self, errors: Sequence[FrameErrors], frames: int = COUNTED) -> FloatArray:
@@ -87,9 +87,9 @@ def _mixed(x: float, y: float, z: float) -> tuple[float, float, float]:
     return across, across, z
 
 
-def _rectangle(spread: Spread) -> tuple[float, float, int, float, Spread]:
+def _rectangle(spacing: Spacing) -> tuple[float, float, int, float, Spacing]:
     sides = paper.RECTANGLE.width_m, paper.RECTANGLE.length_m
-    return *sides, paper.CLOUD_POINTS, paper.CLOUD_NOISE_M, spread
+    return *sides, paper.CLOUD_POINTS, paper.CLOUD_NOISE_M, spacing
 
 
 _QUANTITIES = (
@@ -99,7 +99,7 @@ _QUANTITIES = (
         "mm",
         paper.FIG_8_POSITION_MM,
         lambda errors: 1e3 * errors.position_m,
-        lambda spread: _mixed(*(1e3 * np.array(centroid_sd(*_rectangle(spread))))),
+        lambda spacing: _mixed(*(1e3 * np.array(centroid_sd(*_rectangle(spacing))))),
     ),
     _Quantity(
         "Fig. 10",
@@ -107,7 +107,7 @@ _QUANTITIES = (
         "deg",
         paper.FIG_10_ATTITUDE_DEG,
         lambda errors: np.rad2deg(errors.attitude_rad),
-        lambda spread: _mixed(*np.rad2deg(rotation_sd(*_rectangle(spread)))),
+        lambda spacing: _mixed(*np.rad2deg(rotation_sd(*_rectangle(spacing)))),
     ),
 )
 
@@ -115,8 +115,8 @@ _QUANTITIES = (
 def turns(pipeline: Pipeline, count: int) -> list[Run[Turn]]:
     """So many repetitions of one turn with every kind of cloud."""
     return [
-        Run(Case(spread, Turn(pipeline, spread), _WORK), k, pipeline.seed + 1000 * kind + k)
-        for kind, spread in enumerate(Spread)
+        Run(Case(spacing, Turn(pipeline, spacing), _WORK), k, pipeline.seed + 1000 * kind + k)
+        for kind, spacing in enumerate(Spacing)
         for k in range(count)
     ]
 
@@ -125,7 +125,7 @@ def run_turn(run: Run[Turn]) -> FrameErrors:
     """One repetition."""
     turn = run.case.settings
     motion, noise_m = one_turn(turn.pipeline), turn.pipeline.noise.range_sigma_m
-    return frame_errors(motion, CloudSensor(motion, noise_m, turn.spread, run.seed))
+    return frame_errors(motion, CloudSensor(motion, noise_m, turn.spacing, run.seed))
 
 
 def one_turn(pipeline: Pipeline) -> TrueMotion:
@@ -153,7 +153,7 @@ def frame_errors(motion: TrueMotion, sensor: CloudSensor) -> FrameErrors:
 
 def tables(found: Mapping[str, Sequence[FrameErrors]]) -> list[TextTable]:
     """Figs. 8-10 over the repetitions with every kind of cloud."""
-    return [_error_table(found), _flip_table(found[Spread.EVEN]), _bound_table()]
+    return [_error_table(found), _flip_table(found[Spacing.EVEN]), _bound_table()]
 
 
 def claims(even: Sequence[FrameErrors]) -> list[Claim]:
@@ -171,18 +171,18 @@ def claims(even: Sequence[FrameErrors]) -> list[Claim]:
 
 def _error_table(found: Mapping[str, Sequence[FrameErrors]]) -> TextTable:
     rows = []
-    for spread, each in ((spread, each) for spread in Spread for each in _QUANTITIES):
-        errors = found[spread]
+    for spacing, each in ((spacing, each) for spacing in Spacing for each in _QUANTITIES):
+        errors = found[spacing]
         worst, whole_turn = each.largest(errors), each.largest(errors, FRAMES)
         low, high = np.percentile(worst, [2.5, 97.5], axis=0)
         rms = np.sqrt(np.mean(np.concatenate([each.of(e) for e in errors]) ** 2, axis=0))
         for k, axis in enumerate("xyz"):
             rows.append(
                 (
-                    spread,
+                    spacing,
                     f"{each.name} {axis}, {each.unit}",
                     each.printed[k],
-                    each.sd(spread)[k],
+                    each.sd(spacing)[k],
                     rms[k],
                     np.median(worst[:, k]),
                     f"{cell(low[k])} to {cell(high[k])}",
@@ -220,8 +220,8 @@ def _bound_table() -> TextTable:
     for length in _BOUND_SIDES_M:
         width = paper.SHORT_CM / paper.LONG_CM * length
         row: list[object] = [f"{cell(width)} x {cell(length)}"]
-        for spread in (Spread.EVEN, Spread.INDEPENDENT):
-            cloud = (width, length, paper.CLOUD_POINTS, paper.CLOUD_NOISE_M, spread)
+        for spacing in (Spacing.EVEN, Spacing.INDEPENDENT):
+            cloud = (width, length, paper.CLOUD_POINTS, paper.CLOUD_NOISE_M, spacing)
             row += [1e3 * max(centroid_sd(*cloud)), np.rad2deg(max(rotation_sd(*cloud)))]
         rows.append(row)
     return table(

@@ -13,7 +13,7 @@ from ..tables import cell, verdict
 from ..text import study_of
 from ..work import Work
 from . import extraction, filtering, ray_cast, single_frame
-from .clouds import Spread
+from .clouds import Spacing
 
 RUNS = 40
 """Monte Carlo repetitions unless told otherwise."""
@@ -35,25 +35,19 @@ def study(runs: int, work: Work) -> Study:
     cuts = (_QUICK_FRAMES, _QUICK_FRAMES, _QUICK_BOXSAT_FRAMES) if quick else (None,) * 3
     shown = [shipped(name) for name in _PIPELINES]
     spin, tumble, boxsat = (shortened(each, cut) for each, cut in zip(shown, cuts, strict=True))
-    moments = work.plan(
-        extraction.compare_moments, extraction.planned_moments(runs, spin.seed), 2.25
-    )
+    moments = work.plan(extraction.compare_moments, extraction.moment_runs(runs, spin.seed))
     turns = work.plan(single_frame.run_turn, single_frame.turns(spin, runs))
     disturbed = max(2, runs // _RUNS_PER_DISTURBED)
     filtered = work.plan(filtering.filter_motion, filtering.filter_runs(spin, tumble, disturbed))
     panel = work.plan(ray_cast.panel_errors, ray_cast.panel_runs(spin, runs))
     frames = work.plan(ray_cast.satellite_errors, ray_cast.satellite_runs(boxsat, runs))
-    sequence_runs = ray_cast.sequence_runs(boxsat)
-    sequences = work.plan(ray_cast.follow_sequence, sequence_runs)
+    sequences = work.plan(ray_cast.follow_sequence, ray_cast.sequence_runs(boxsat))
     extracted = extraction.extractions(runs, spin.seed)
     work.run()
-    even = turns.by_case[Spread.EVEN]
+    even = turns.by_case[Spacing.EVEN]
     calm, slow, tumbling, *disturbed_runs = filtered.results
     filters = filtering.FilterRuns(calm, slow, tumbling, disturbed_runs)
-    settings = [run.case.settings for run in sequence_runs]
-    rays = ray_cast.RayCast(
-        panel.results, frames.results, list(zip(settings, sequences.results, strict=True))
-    )
+    rays = ray_cast.RayCast(panel.results, frames.results, sequences.results)
     claims = [
         *extraction.claims(extracted, moments.results),
         *single_frame.claims(even),
@@ -86,7 +80,7 @@ def study(runs: int, work: Work) -> Study:
         turned_frames=single_frame.FRAMES * runs,
         centre_mm=cell(filtering.PRINTED[2].block.shown(filters.spin.last_third).max()),
         panel_mm=cell(root_mean_square(best.position_mm)),
-        panel_deg=cell(root_mean_square(best.angle_deg)),
+        panel_deg=cell(np.rad2deg(root_mean_square(best.angle_rad))),
         cut=_CUT if quick else "",
         not_converged=_NOT_CONVERGED if quick else "",
         low=low,

@@ -13,7 +13,7 @@ from pcnav.simulation.motion import true_motion
 from studies.yu2019 import extraction, paper
 from studies.yu2019.clouds import (
     CloudSensor,
-    Spread,
+    Spacing,
     centroid_sd,
     grid_shape,
     rectangle_cloud,
@@ -45,40 +45,40 @@ def test_grid_has_exactly_so_many_cells_of_about_a_square(n: int) -> None:
     assert 0.3 < (10.0 / across) / (18.0 / along) < 3.0
 
 
-@pytest.mark.parametrize("spread", list(Spread))
-def test_clouds_fill_the_rectangle(spread: Spread) -> None:
-    cloud = rectangle_cloud(10.0, 18.0, 10000, spread, np.random.default_rng(1))
+@pytest.mark.parametrize("spacing", list(Spacing))
+def test_clouds_fill_the_rectangle(spacing: Spacing) -> None:
+    cloud = rectangle_cloud(10.0, 18.0, 10000, spacing, np.random.default_rng(1))
     assert cloud.shape == (10000, 3)
     assert np.abs(cloud[:, 0]).max() <= 5.0 and np.abs(cloud[:, 1]).max() <= 9.0
     eigenvalues = distribution(cloud + np.array([0.0, 0.0, 6.5])).eigenvalues
     assert eigenvalues == pytest.approx([100.0 / 12.0, 324.0 / 12.0, 0.0], rel=0.04, abs=1e-9)
 
 
-@pytest.mark.parametrize("spread", list(Spread))
-def test_closed_forms_of_the_pose_errors(spread: Spread) -> None:
+@pytest.mark.parametrize("spacing", list(Spacing))
+def test_closed_forms_of_the_pose_errors(spacing: Spacing) -> None:
     """500 clouds: a standard deviation is known to 3 %, so 15 % is five of those."""
     width, length, n, sigma = 10.0, 18.0, 200, 0.5
     generator = np.random.default_rng(2)
     T = make_transform(exp_rotation(np.array([0.3, -0.2, 0.4])), np.array([1.0, 2.0, 25.0]))
     shifts, turns = [], []
     for _ in range(500):
-        cloud = rectangle_cloud(width, length, n, spread, generator)
+        cloud = rectangle_cloud(width, length, n, spacing, generator)
         points = transform_points(T, cloud) + sigma * generator.standard_normal((n, 3))
         found = observe_cloud(points, sigma**2 * np.eye(3)).T_cam_rect
         turn = T[:3, :3].T @ found[:3, :3]
         turn = turn @ np.diag(np.sign(np.diag(turn)))  # the case nearest to the truth
         shifts.append(T[:3, :3].T @ (found[:3, 3] - T[:3, 3]))
         turns.append(log_rotation(turn))
-    args = (width, length, n, sigma, spread)
+    args = (width, length, n, sigma, spacing)
     assert np.std(shifts, axis=0) == pytest.approx(centroid_sd(*args), rel=0.15)
     assert np.std(turns, axis=0) == pytest.approx(rotation_sd(*args), rel=0.15)
 
 
 def test_no_size_of_rectangle_explains_the_printed_errors_by_independent_draws() -> None:
     for length in np.geomspace(0.1, 100.0, 60):
-        args = (length / 1.8, length, 1800, 0.1, Spread.INDEPENDENT)
+        args = (length / 1.8, length, 1800, 0.1, Spacing.INDEPENDENT)
         assert 3.0 * max(centroid_sd(*args)) > 0.01 or 3.0 * max(rotation_sd(*args)) > np.deg2rad(2)
-    even = (10.0, 18.0, 1800, 0.1, Spread.EVEN)
+    even = (10.0, 18.0, 1800, 0.1, Spacing.EVEN)
     assert 3.0 * max(centroid_sd(*even)) < 0.01
     assert np.rad2deg(3.0 * max(rotation_sd(*even))) < 0.16
 
@@ -89,7 +89,7 @@ def test_extraction_finds_the_plane_and_the_printed_draws_look_like_ours() -> No
     # All points that are no outliers are found, and with the loose threshold many that are.
     assert np.all(found[0].counts == 2500) and np.all(found[0].loose == 2500)
     assert 1250.0 <= found[1250].counts.mean() < 1254.0 and found[1250].loose.mean() > 1300.0
-    moments = [extraction.compare_moments(each) for each in extraction.planned_moments(10, 5)]
+    moments = [extraction.compare_moments(each) for each in extraction.moment_runs(10, 5)]
     random = extraction.random_numbers(moments)
     assert len(random) == 38
     assert sum(number.inside for number in random) >= 31
@@ -97,7 +97,7 @@ def test_extraction_finds_the_plane_and_the_printed_draws_look_like_ours() -> No
 
 def test_the_ambiguity_flips_frames_unless_solved() -> None:
     motion = true_motion(scenario(360))  # LAPACK's sign changes once or twice in a turn
-    errors = frame_errors(motion, CloudSensor(motion, 0.1, Spread.EVEN, 4))
+    errors = frame_errors(motion, CloudSensor(motion, 0.1, Spacing.EVEN, 4))
     assert not errors.flipped.any()
     assert 0 < np.count_nonzero(errors.raw_flipped) < 360
     # A wrong case is one by 180 degrees, to the noise.
