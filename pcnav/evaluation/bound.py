@@ -5,7 +5,7 @@ The error of a pose is (6,): translation of the model origin (m, camera axes), t
 model axes), ``p = p_hat + d``, ``R = R_hat exp(theta)``.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -97,17 +97,6 @@ class PosteriorBound:
         return self._P
 
 
-def posterior_bound(
-    model: MotionModel[NavigationState],
-    motion: TrueMotion,
-    information: PoseInformation,
-    prior_covariance: FloatArray,
-) -> FloatArray:
-    """(n, 20, 20) bound after each frame of a true motion; see `PosteriorBound`."""
-    bound = PosteriorBound(model, motion, prior_covariance)
-    return np.stack([bound.step(partial(information, k)) for k in range(len(motion))])
-
-
 class SceneBound:
     """The bound of a simulated scene, with the information that its own frames carry."""
 
@@ -141,12 +130,6 @@ class SceneBound:
         for face in at_truth.faces:
             total = total + face.information
         return total
-
-
-def bound_of(scene: Scene, target: Target, frames: Iterable[Frame]) -> FloatArray:
-    """(n, 20, 20) bound of a scene after each of its frames; see `SceneBound`."""
-    bound = SceneBound(scene, target)
-    return np.stack([bound.step(frame) for frame in frames])
 
 
 def prior_covariance(target: Target, true_ratios: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from ..blocks import BLOCKS, ShownBlock
 from ..folder import StudyFigure
 from ..following import JudgedRun, follow, status_sequence
 from ..panels import error_panel, panels_figure
-from ..tables import Claim, always, at_most, table, table_of
+from ..tables import Claim, always, at_most, table_of
 from .starts import RIGHT_FRACTION, RIGHT_RAD
 from .tumbles import FRAME_RATE_HZ, boxsat, tumble
 
@@ -158,23 +158,25 @@ def _last_nees(own: Sequence[Blackout]) -> MeanSquared:
 
 
 def _summary_table(found: Blackouts) -> TextTable:
-    rows = []
-    for name, own in found.items():
-        ends = np.array([b.end for b in own])
-        relocked = [b.relocked for b in own if b.relocked is not None]
-        growth = percentile([b.growth.max() for b in own], 100)
-        errors = ([percentile(e, 50) for e in ends[:, k].T] for k in range(2))
-        nees = _last_nees(own)
-        rows.append(
-            (name, len(own), nees, *errors, len(relocked), max(relocked, default=None), growth)
-        )
-    return table(
+    def ends(own: Sequence[Blackout], of: int) -> list[float]:
+        return [percentile(column, 50) for column in np.array([b.end[of] for b in own]).T]
+
+    def frames(own: Sequence[Blackout]) -> list[int]:
+        return [b.relocked for b in own if b.relocked is not None]
+
+    return table_of(
         "blackouts",
-        (
-            *("blackout", "runs", "pose NEES over dof (95 % bounds)"),
-            *("position, mm", "attitude, deg", "right again", "frames", "sd after over before"),
-        ),
-        rows,
+        found.values(),
+        {
+            "blackout": lambda own: f"{own[0].duration_s} s",
+            "runs": len,
+            "pose NEES over dof (95 % bounds)": _last_nees,
+            "position, mm": lambda own: ends(own, 0),
+            "attitude, deg": lambda own: ends(own, 1),
+            "right again": lambda own: len(frames(own)),
+            "frames": lambda own: max(frames(own), default=None),
+            "sd after over before": lambda own: percentile([b.growth.max() for b in own], 100),
+        },
     )
 
 
@@ -195,7 +197,7 @@ def _run_table(blackouts: Sequence[Blackout]) -> TextTable:
             "frames": lambda b: b.relocked,
             "mass centre, mm": partial(mass, _CENTRE),
             "ratios": partial(mass, _RATIOS),
-            "statuses": lambda b: status_sequence(b.run.status),
+            "statuses": lambda b: status_sequence(b.run.said.status),
         },
         text_columns=2,
     )

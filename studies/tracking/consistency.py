@@ -8,9 +8,8 @@ import numpy as np
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, chi_square_bounds, mean_squared
-from pcnav.evaluation.bound import bound_of
+from pcnav.evaluation.bound import SceneBound
 from pcnav.files.text_table import TextTable
-from pcnav.recordings.sequence import Frame
 from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
@@ -57,10 +56,9 @@ def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:
     truth, target = tumble(seed, frames), boxsat().target
     noise = truth.noise.model_copy(update={"range_sigma_m": NOISE_M})
     scene = Scene.of(truth.model_copy(update={"noise": noise}), target.mesh)
-    shown: list[Frame] = []
-    run = follow(scene, target, on_frame=shown.append)
-    bound = bound_of(scene, target, shown)
-    return ConsistencyRun(seed, run, np.diagonal(bound, axis1=1, axis2=2).copy())
+    bound, variances = SceneBound(scene, target), list[FloatArray]()
+    run = follow(scene, target, on_frame=lambda f: variances.append(np.diag(bound.step(f))))
+    return ConsistencyRun(seed, run, np.stack(variances))
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,8 @@ class Judged:
     def of(runs: Sequence[ConsistencyRun]) -> "Judged":
         """The means of NEES and NIS."""
         nees = {name: np.stack([each.run.nees(b) for each in runs]) for name, b in JUDGED.items()}
-        nis = np.stack([each.run.nis for each in runs])
-        dof = np.stack([each.run.nis_dof for each in runs])
+        nis = np.stack([each.run.said.nis for each in runs])
+        dof = np.stack([each.run.said.nis_dof for each in runs])
         own = np.stack([each.run.filter_nees for each in runs])
         means = {name: mean_squared(values, JUDGED[name].size) for name, values in nees.items()}
         return Judged(
@@ -187,7 +185,7 @@ def _worst_table(judged: Judged) -> TextTable:
         [judged.runs[k] for k in judged.beyond[:_WORST_SHOWN]],
         {
             "seed": lambda each: each.seed,
-            "status": lambda each: each.run.status[-1],
+            "status": lambda each: each.run.said.status[-1],
             "NEES over dof": lambda each: each.run.nees(WHOLE)[-1] / WHOLE.size,
             "position error, mm": lambda each: 1e3 * each.run.position_m[-1],
             "attitude error, deg": lambda each: np.rad2deg(each.run.attitude_rad[-1]),

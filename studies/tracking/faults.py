@@ -18,7 +18,7 @@ from pcnav.simulation.random_truth import satellite
 from pcnav.target.satellite import Rectangle, Target
 
 from ..following import JudgedRun, follow, status_shares
-from ..tables import Claim, at_most, never, table, table_of
+from ..tables import Claim, at_most, never, table_of
 from .tumbles import boxsat, tumble
 
 NAME = "faults"
@@ -134,10 +134,6 @@ class FaultRun:
         stretches = (len(list(same)) for wrong, same in groupby(self.silent) if wrong)
         return max(stretches, default=0)
 
-    def second_half(self, values: FloatArray) -> FloatArray:
-        """Of values (n,)."""
-        return values[len(self.run) // 2 :]
-
 
 FaultRuns = Mapping[str, Sequence[FaultRun]]
 """By fault."""
@@ -186,34 +182,46 @@ def claims(found: FaultRuns) -> list[Claim]:
 
 
 def _table(found: FaultRuns) -> TextTable:
-    rows = []
-    for fault, own in found.items():
-        halves = {
-            name: np.concatenate([each.second_half(getattr(each.run, name)) for each in own])
-            for name in ("position_m", "attitude_rad", "pose_nees", "inlier_ratio")
-        }
-        errors: list[object] = [
-            [percentile(values, percent) for percent in (50, 95)]
-            for values in (1e3 * halves["position_m"], np.rad2deg(halves["attitude_rad"]))
-        ]
-        errors.append(mean(halves["pose_nees"]) / 6.0)
-        rows.append(
-            (
-                *(fault, status_shares([each.run for each in own]), len(own)),
-                *(errors if fault != WRONG_TARGET else [None] * 3),
-                *(mean(halves["inlier_ratio"]), silent_frames(own)),
-                max(each.longest_silent for each in own),
-            )
-        )
-    return table(
+    return table_of(
         "faults",
-        (
-            *("fault", "status", "runs", "position, mm", "attitude, deg", "pose NEES"),
-            *("inlier ratio", "silent wrong", "in a row"),
-        ),
-        rows,
+        found.values(),
+        {
+            "fault": lambda own: own[0].fault,
+            "status": lambda own: status_shares([each.run.said for each in own]),
+            "runs": len,
+            "position, mm": lambda own: _compared(own, lambda run: 1e3 * run.position_m),
+            "attitude, deg": lambda own: _compared(own, lambda run: np.rad2deg(run.attitude_rad)),
+            "pose NEES": lambda own: _compared(own, lambda run: run.pose_nees / 6.0, mean),
+            "inlier ratio": lambda own: mean(
+                _late(own, lambda run: run.said.notes["inlier_ratio"])
+            ),
+            "silent wrong": silent_frames,
+            "in a row": lambda own: max(each.longest_silent for each in own),
+        },
         text_columns=2,
     )
+
+
+def _late(own: Sequence[FaultRun], of: Callable[[JudgedRun], FloatArray]) -> FloatArray:
+    """Of the second half of all runs."""
+    return np.concatenate([of(each.run)[len(each.run) // 2 :] for each in own])
+
+
+def _inlier_ratio(run: JudgedRun) -> FloatArray:
+    return run.said.notes["inlier_ratio"]
+
+
+def _middle_and_most(values: FloatArray) -> list[float]:
+    return [percentile(values, percent) for percent in (50, 95)]
+
+
+def _compared(
+    own: Sequence[FaultRun],
+    of: Callable[[JudgedRun], FloatArray],
+    statistic: Callable[[FloatArray], object] = _middle_and_most,
+) -> object:
+    """What the errors come to; of another satellite there are none."""
+    return None if own[0].fault == WRONG_TARGET else statistic(_late(own, of))
 
 
 def _silent_table(runs: Sequence[FaultRun]) -> TextTable:

@@ -92,7 +92,7 @@ def run_start(name: str, seed: int) -> Start:
         satellite=name,
         seed=seed,
         outcome=outcome,
-        status=run.status[-1],
+        status=run.said.status[-1],
         frames=len(run),
         seconds=float(run.seconds.sum()),
         attitude_rad=attitude,

@@ -8,9 +8,7 @@ import numpy as np
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
-from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, VELOCITY
 from pcnav.dynamics.inertia_parameters import parameter_covariance
-from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.dynamics.state import (
     COM_MODEL,
@@ -25,7 +23,6 @@ from pcnav.dynamics.state import (
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.filtering.error_state import ErrorStateFilter
-from pcnav.perception.rectangles import RectangleObservation
 from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..blocks import JUDGED
@@ -75,19 +72,17 @@ def run_filter(
     can have are drawn again: the prior of the ratios is what of the paper's is physical.
     """
     sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spacing.EVEN, seed)
-    kalman, first_guess = _started(motion, sensor, pipeline, seed)
-    n = len(motion.truth.time_s)
-    stored = set(np.linspace(0, n - 1, min(_STORED, n)).astype(int).tolist())
-    errors, sd, covariances = np.empty((n, STATE_SIZE)), np.empty((n, STATE_SIZE)), []
-    flips = rejected = 0
+    kalman, guess = _started(motion, sensor, pipeline, seed)
+    time_s = motion.truth.time_s
+    n = len(time_s)
+    stored = np.unique(np.linspace(0, n - 1, min(_STORED, n)).astype(int))
+    errors, sd = np.empty((2, n, STATE_SIZE))
+    covariances, flips, rejected = [], 0, 0
     for k in range(n):
         if k > 0:
-            step_s = float(motion.truth.time_s[k] - motion.truth.time_s[k - 1])
-            kalman.predict(model, float(motion.truth.time_s[k - 1]), step_s)
+            kalman.predict(model, float(time_s[k - 1]), float(time_s[k] - time_s[k - 1]))
             guess = _predicted(kalman.state, motion, sensor, k)
-        else:
-            guess = first_guess
-        measurement = _measurement(motion, sensor, sensor.observe(k), guess, k, pipeline)
+        measurement = _measurement(motion, sensor, k, guess)
         true_R = sensor.true_T_cam_rect(k)[:3, :3]
         # The trace of a rotation by more than a right angle is below 1.
         flips += int(np.sum(true_R * measurement.T_cam_rect[:3, :3]) < 1.0)
@@ -98,11 +93,9 @@ def run_filter(
         sd[k] = np.sqrt(np.diag(covariance))
         if k in stored:
             covariances.append(covariance)
-    at = np.array(sorted(stored))
-    stacked = np.stack(covariances)
-    nees = {name: block.squared(errors[at], stacked) / block.size for name, block in JUDGED.items()}
-    times = motion.truth.time_s
-    return FilterRun(times, errors, sd, sd[0].copy(), times[at], nees, flips, rejected)
+    P = np.stack(covariances)
+    nees = {name: block.squared(errors[stored], P) / block.size for name, block in JUDGED.items()}
+    return FilterRun(time_s, errors, sd, sd[0], time_s[stored], nees, flips, rejected)
 
 
 def model_of(pipeline: Pipeline) -> MassCentreModel:
@@ -133,14 +126,7 @@ def disturbed_motion(pipeline: Pipeline, model: MassCentreModel, seed: int) -> T
             root[np.ix_(moving, moving)] = np.linalg.cholesky(noise[np.ix_(moving, moving)])
         state = state.retract(root @ generator.standard_normal(STATE_SIZE))
         states.append(state)
-    values = {
-        POSITION.name: np.stack([each.r_hill for each in states]),
-        VELOCITY.name: np.stack([each.v_hill for each in states]),
-        CENTRE.name: np.stack([each.com_model for each in states]),
-        ATTITUDE.name: np.stack([each.R_world_body for each in states]),
-        RATE.name: np.stack([each.omega_body for each in states]),
-        RATIOS.name: np.stack([each.inertia_ratios for each in states]),
-    }
+    values = {name: np.stack([each.values[name] for each in states]) for name in state.values}
     disturbed = replace(calm.truth, values=values)
     return TrueMotion.of(disturbed, calm.T_cam_world, calm.R_hill_world)
 
@@ -196,20 +182,14 @@ def _predicted(
 
 
 def _measurement(
-    motion: TrueMotion,
-    sensor: CloudSensor,
-    observation: RectangleObservation,
-    guess: FloatArray,
-    k: int,
-    pipeline: Pipeline,
+    motion: TrueMotion, sensor: CloudSensor, k: int, guess: FloatArray
 ) -> RectangleMeasurement:
-    T_cam_rect = resolved(observation, guess, sensor.rectangle)
-    R = R_hill_world(float(motion.truth.time_s[k]), pipeline.orbit.mean_motion_rad_s)
+    observation, R_hill_world = sensor.observe(k), motion.R_hill_world[k]
     return RectangleMeasurement(
         T_model_rect=sensor.rectangle.T_model_rect,
-        T_cam_rect=T_cam_rect,
+        T_cam_rect=resolved(observation, guess, sensor.rectangle),
         known=_KNOWN,
         full_covariance=observation.covariance[:6, :6],
-        T_cam_hill=motion.T_cam_world[k] @ make_transform(R.T, np.zeros(3)),
-        R_hill_world=R,
+        T_cam_hill=motion.T_cam_world[k] @ make_transform(R_hill_world.T, np.zeros(3)),
+        R_hill_world=R_hill_world,
     )

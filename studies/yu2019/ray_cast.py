@@ -285,7 +285,7 @@ def claims(found: RayCast) -> list[Claim]:
         for name, goal, ours in (
             ("position RMS, mm", _POSITION_GOAL_MM, position),
             ("attitude RMS, worst axis, deg", _ATTITUDE_GOAL_DEG, worst),
-            ("attitude RMS, whole angle, deg", _ATTITUDE_GOAL_DEG, np.rad2deg(angle)),
+            ("attitude RMS, whole angle, deg", _ATTITUDE_GOAL_DEG, angle),
         )
     ]
 
@@ -348,8 +348,8 @@ def _sequence_table(sequences: Sequence[tuple[Setting, JudgedRun]]) -> TextTable
             (
                 *(setting.noise_m, setting.mode),
                 f"{run.time_s[found][0]:.1f}" if found.any() else None,
-                f"{np.mean([status == 'locked' for status in run.status]):.0%}",
-                run.rectangles[found].mean() if found.any() else 0.0,
+                f"{np.mean([status == 'locked' for status in run.said.status]):.0%}",
+                run.said.notes["n_rectangles"][found].mean() if found.any() else 0.0,
                 percentile(1e3 * run.position_m[last], 50),
                 *(percentile(values, 50) for values in norms),
                 percentile(run.nees(WHOLE)[last] / WHOLE.size, 50),

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.dynamics.state import STATE_SIZE
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT, POSITION
+from pcnav.dynamics.trajectory import Trajectory
+from pcnav.evaluation.errors import Errors
+from pcnav.runs.run import Run
 from pcnav.simulation.random_truth import satellite
 from pcnav.target.mesh import mesh_diameter
 from studies.blocks import BLOCKS
-from studies.following import JudgedRun, errors_of_pose, status_sequence, status_shares
+from studies.following import JudgedRun, status_sequence, status_shares
 from studies.tracking import faults
 from studies.tracking.blackouts import Blackout, Phases
 from studies.tracking.starts import Outcome, run_start, start_figures
@@ -24,40 +26,34 @@ def judged_run(
 ) -> JudgedRun:
     """A run of so many frames that is off along x only, with the deviations given."""
     n = len(status)
-    error, sd = np.zeros((n, 6)), np.ones(n) if sd_m is None else sd_m
+    error, sd = np.zeros((n, 3)), np.ones(n) if sd_m is None else sd_m
     error[:, 0] = 0.0 if position_m is None else position_m
-    state_error = np.zeros((n, STATE_SIZE))
-    state_error[:, :6] = error
-    return JudgedRun(
-        time_s=np.arange(0.0, 0.5 * n, 0.5),
+    trajectory = Trajectory(
+        np.arange(0.0, 0.5 * n, 0.5),
+        MASS_CENTRE_LAYOUT,
+        sd=np.tile(sd[:, None], MASS_CENTRE_LAYOUT.size),
+        covariance=np.eye(MASS_CENTRE_LAYOUT.size) * sd[:, None, None] ** 2,
+    )
+    said = Run(
+        name="",
+        folder=None,
+        estimator="depth",
+        pipeline=None,
+        trajectory=trajectory,
         status=status,
-        seconds=np.full(n, 0.01),
         nis=np.full(n, 6.0),
         nis_dof=np.full(n, 6, dtype=np.intp),
-        inlier_ratio=np.full(n, 0.9),
-        rectangles=np.full(n, 4, dtype=np.intp),
-        pose_error=error,
-        pose_covariance=np.eye(6) * sd[:, None, None] ** 2,
-        state_error=state_error,
-        covariance=np.eye(STATE_SIZE) * sd[:, None, None] ** 2,
-        filter_nees=np.sum(state_error**2, axis=1) / sd**2,
+        window_nis=np.full(n, 1.0),
     )
-
-
-def test_errors_of_a_pose_are_to_the_nearest_equivalent_one() -> None:
-    symmetry = satellite("twinwing").target.symmetry_transforms
-    assert len(symmetry) == 2
-    generator = np.random.default_rng(1)
-    T = make_transform(exp_rotation(generator.standard_normal(3)), np.array([0.3, -0.2, 20.0]))
-    shift, turn = np.array([0.01, -0.02, 0.03]), np.array([0.02, 0.01, -0.03])
-    for S in symmetry:
-        labelled = T @ S
-        # The estimate sits short of the truth by a shift in the camera and a turn of the body.
-        R, p = labelled[:3, :3] @ exp_rotation(-turn), labelled[:3, 3] - shift
-        found = errors_of_pose(make_transform(R, p), T, symmetry)
-        np.testing.assert_allclose(found, [*shift, *turn], atol=1e-12)
-    alone = errors_of_pose(T @ symmetry[1], T, np.eye(4)[None])
-    assert np.linalg.norm(alone[3:]) == pytest.approx(np.pi)
+    state = {block.name: np.zeros((n, block.size)) for block in MASS_CENTRE_LAYOUT.blocks}
+    state[POSITION.name] = error
+    return JudgedRun(
+        said,
+        Errors(state, error, np.zeros((n, 3)), trajectory),
+        seconds=np.full(n, 0.01),
+        pose_covariance=np.eye(6) * sd[:, None, None] ** 2,
+        filter_nees=np.sum(error**2, axis=1) / sd**2,
+    )
 
 
 def test_statuses_are_told_in_order_and_in_shares() -> None:
@@ -65,7 +61,7 @@ def test_statuses_are_told_in_order_and_in_shares() -> None:
     assert status_sequence(words) == "acquiring 2, locked 1, coasting 1, locked 2"
     run = judged_run(words)
     assert run.lock == 2 and run.claims.tolist() == [False, False, True, False, True, True]
-    assert status_shares([run]) == "locked 50.0%, acquiring 33.3%, coasting 16.7%"
+    assert status_shares([run.said]) == "locked 50.0%, acquiring 33.3%, coasting 16.7%"
     assert judged_run(("acquiring",)).lock is None
 
 
