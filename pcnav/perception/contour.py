@@ -13,9 +13,10 @@ import numpy as np
 import trimesh
 from scipy.ndimage import uniform_filter1d
 
-from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picked
 from pcnav.core.camera import PinholeCamera, project
 from pcnav.core.spatial import transform_points
+from pcnav.target.mesh import mesh_diameter
 from pcnav.target.rendering import RenderedDepth
 
 _GATE_SIGMA = 4.0
@@ -33,7 +34,7 @@ _SATURATED = 0.6
 _MAX_UNKNOWN = 0.5
 """With more than this share of unusable pixels beside an edge it says nothing."""
 _ABOUT_CROSSINGS = 5
-_MOST_STRANGE = 0.5
+_MAX_UNMODELLED = 0.5
 """Where more of the crossings about one than this show neither the part nor what lies behind it,
 something that is not of the model hides the edge. Lone ones are outliers."""
 _RUN_GATE_SIGMA = 4.0
@@ -54,6 +55,10 @@ _MEAN_ABS_NORMAL = float(np.sqrt(2.0 / np.pi))
 class MeshEdges:
     """Edges of a mesh that can bound it in an image."""
 
+    vertices: FloatArray
+    """(m, 3) model frame, m."""
+    diameter_m: float
+    """Of the mesh."""
     ends: IntArray
     """(n, 2) vertices."""
     wings: IntArray
@@ -99,54 +104,63 @@ def mesh_edges(mesh: trimesh.Trimesh) -> MeshEdges:
     second = order[starts + (counts > 1)]
     flat = np.einsum("ij,ij->i", normals[owner[first]], normals[owner[second]]) > 1.0 - _COPLANAR
     bounds = (counts != 2) | ~flat
-    return MeshEdges(ends[bounds], wings[bounds])
+    vertices = np.array(mesh.vertices, dtype=np.float64)
+    return MeshEdges(vertices, mesh_diameter(mesh), ends[bounds], wings[bounds])
+
+
+@dataclass(frozen=True)
+class PoseDoubt:
+    """A pose, how uncertain it is, and what else makes a surface differ from where it is seen."""
+
+    T_cam_model: FloatArray
+    """(4, 4)"""
+    covariance: FloatArray
+    """(6, 6) of its error, as for `ContourRuns.jacobian`."""
+    sigma_m: float
+    """Range noise."""
+
+    def by_pose(self, gradient: FloatArray, p_cam: FloatArray) -> FloatArray:
+        """(n, 6) derivative by the pose of what changes by gradients (n, 3) where points of the
+        target (n, 3) move."""
+        R = self.T_cam_model[:3, :3]
+        p_model = (p_cam - self.T_cam_model[:3, 3]) @ R
+        return np.hstack([gradient, np.cross(p_model, gradient @ R)])
+
+    def variance(self, jacobian: FloatArray) -> FloatArray:
+        """(n,) variance that the pose's error makes of quantities with derivatives (n, 6) by it."""
+        return np.asarray(np.einsum("ij,ij->i", jacobian @ self.covariance, jacobian))
+
+    def tolerance(self, planes: FloatArray, p_cam: FloatArray) -> FloatArray:
+        """(n,) metres within which returns belong to planes (n, 3), near points (n, 3) on them.
+
+        Where a surface moves by dx the depth along a ray changes by ``z m . dx``: on steep faces by
+        many times as much.
+        """
+        variance = self.variance(self.by_pose(planes * p_cam[:, 2:], p_cam))
+        return np.asarray(_GATE_SIGMA * np.sqrt(self.sigma_m**2 + variance))
 
 
 def contour_runs(
-    edges: MeshEdges,
-    vertices: FloatArray,
-    depth_m: DepthImage,
-    rendered: RenderedDepth,
-    T_cam_model: FloatArray,
-    pose_covariance: FloatArray,
-    sigma_m: float,
-    dropout: float,
-    diameter_m: float,
+    edges: MeshEdges, depth_m: DepthImage, rendered: RenderedDepth, doubt: PoseDoubt, dropout: float
 ) -> ContourRuns:
     """The outline of a frame against the view rendered at a pose.
 
     Args:
         edges: of the mesh.
-        vertices: (n, 3) of the mesh, model frame, m.
         depth_m: (height, width) the frame.
         rendered: the view from the pose.
-        T_cam_model: (4, 4) the pose.
-        pose_covariance: (6, 6) of it, as for `ContourRuns.jacobian`.
-        sigma_m: range noise.
+        doubt: about the pose.
         dropout: share of the returns that are lost at random.
-        diameter_m: of the target.
     """
-    samples = _sampled(edges, vertices, rendered.camera, T_cam_model)
-    shift_px = _offsets(len(edges.ends), T_cam_model)[samples.edge]
-    jacobian = _displacement_jacobian(samples, rendered.camera, T_cam_model)
-    variance_px = np.einsum("ij,jk,ik->i", jacobian, pose_covariance, jacobian)
+    samples = _sampled(edges, rendered.camera, doubt.T_cam_model)
+    shift_px = _offsets(len(edges.ends), doubt.T_cam_model)[samples.edge]
+    jacobian = _displacement_jacobian(samples, rendered.camera, doubt)
+    variance_px = np.einsum("ij,jk,ik->i", jacobian, doubt.covariance, jacobian)
     doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
     reach = 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MAX_REACH_PX)
-    doubt = _DepthDoubt(T_cam_model, pose_covariance, sigma_m)
-    counted = _count(samples, shift_px, depth_m, rendered, reach, doubt, dropout, diameter_m)
+    counted = _count(samples, shift_px, depth_m, rendered, reach, doubt, dropout, edges.diameter_m)
     kept = _between_others(samples, counted)
-    return _runs(
-        samples.edge[kept],
-        samples.major[kept],
-        samples.slope[kept],
-        counted.displacement_px[kept],
-        counted.extra_variance[kept],
-        counted.kind[kept],
-        jacobian[kept],
-        counted.triangle[kept],
-        pose_covariance,
-        reach,
-    )
+    return _runs(picked(samples, kept), picked(counted, kept), jacobian[kept], doubt, reach)
 
 
 def _offsets(n: int, T_cam_model: FloatArray) -> FloatArray:
@@ -161,27 +175,6 @@ def _offsets(n: int, T_cam_model: FloatArray) -> FloatArray:
     seed = np.frombuffer(np.ascontiguousarray(T_cam_model).tobytes(), dtype=np.uint32)
     signs = np.random.default_rng(seed).integers(0, 2, n)
     return np.asarray(OFFSET_PX * (2.0 * signs - 1.0), dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class _DepthDoubt:
-    """What makes the depth of a predicted surface differ from the one seen."""
-
-    T_cam_model: FloatArray
-    pose_covariance: FloatArray
-    sigma_m: float
-
-    def tolerance(self, planes: FloatArray, p_cam: FloatArray) -> FloatArray:
-        """(n,) metres within which returns belong to planes (n, 3), near points (n, 3) on them.
-
-        Where a surface moves by dx the depth along a ray changes by ``z m . dx``: on steep faces by
-        many times as much.
-        """
-        along = planes * p_cam[:, 2:]
-        p_model = (p_cam - self.T_cam_model[:3, 3]) @ self.T_cam_model[:3, :3]
-        jacobian = np.hstack([along, np.cross(p_model, along @ self.T_cam_model[:3, :3])])
-        variance = np.einsum("ij,ij->i", jacobian @ self.pose_covariance, jacobian)
-        return np.asarray(_GATE_SIGMA * np.sqrt(self.sigma_m**2 + variance))
 
 
 @dataclass(frozen=True)
@@ -213,10 +206,8 @@ class _Samples:
         )
 
 
-def _sampled(
-    edges: MeshEdges, vertices: FloatArray, camera: PinholeCamera, T_cam_model: FloatArray
-) -> _Samples:
-    p_cam = transform_points(T_cam_model, vertices)
+def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -> _Samples:
+    p_cam = transform_points(T_cam_model, edges.vertices)
     z = p_cam[:, 2]
     in_front = z > 1e-3 * float(np.abs(z).max())
     pixels = project(camera, np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0]))
@@ -263,7 +254,7 @@ def _sampled(
 
 
 def _displacement_jacobian(
-    samples: _Samples, camera: PinholeCamera, T_cam_model: FloatArray
+    samples: _Samples, camera: PinholeCamera, doubt: PoseDoubt
 ) -> FloatArray:
     """(n, 6) outward displacement of the edge at each crossing, pixels, by the pose."""
     x, y, z = samples.p_cam.T
@@ -272,10 +263,7 @@ def _displacement_jacobian(
     dv = np.column_stack([np.zeros_like(z), camera.fy / z, -camera.fy * y / z**2])
     slope = samples.slope[:, None]
     across = np.where(samples.upright[:, None], du - slope * dv, dv - slope * du)
-    outward = -samples.side[:, None] * across
-    R = T_cam_model[:3, :3]
-    p_model = (samples.p_cam - T_cam_model[:3, 3]) @ R
-    return np.hstack([outward, np.cross(p_model, outward @ R)])
+    return doubt.by_pose(-samples.side[:, None] * across, samples.p_cam)
 
 
 @dataclass(frozen=True)
@@ -296,7 +284,7 @@ def _count(
     depth_m: DepthImage,
     rendered: RenderedDepth,
     reach: int,
-    doubt: _DepthDoubt,
+    doubt: PoseDoubt,
     dropout: float,
     diameter_m: float,
 ) -> _Counted:
@@ -351,8 +339,8 @@ def _count(
     # Extended beyond the edge, a steep part may come near what lies behind.
     told_apart = behind_z - part_z > _APART * (part_tolerance + behind_tolerance)
     usable &= space | told_apart.all(axis=1)
-    strange = (returned & ~is_part & (space[:, None] | ~is_behind)).any(axis=1)
-    usable &= uniform_filter1d(strange.astype(np.float64), _ABOUT_CROSSINGS) < _MOST_STRANGE
+    unmodelled = (returned & ~is_part & (space[:, None] | ~is_behind)).any(axis=1)
+    usable &= uniform_filter1d(unmodelled.astype(np.float64), _ABOUT_CROSSINGS) < _MAX_UNMODELLED
     grown = is_part[:, reach:].sum(axis=1).astype(np.float64)
     lost = (~returned[:, :reach]).sum(axis=1) - dropout * reach
     covered = is_behind[:, :reach].sum(axis=1)
@@ -392,49 +380,39 @@ def _between_others(samples: _Samples, counted: _Counted) -> BoolArray:
 
 
 def _runs(
-    edge: IntArray,
-    major: IntArray,
-    slope: FloatArray,
-    displacement: FloatArray,
-    extra: FloatArray,
-    kind: IntArray,
-    jacobian: FloatArray,
-    triangle: IntArray,
-    pose_covariance: FloatArray,
-    reach: int,
+    samples: _Samples, counted: _Counted, jacobian: FloatArray, doubt: PoseDoubt, reach: int
 ) -> ContourRuns:
+    edge, kind, displacement = samples.edge, counted.kind, counted.displacement_px
     if len(edge) == 0:
         empty = np.empty(0)
         return ContourRuns(empty, empty, np.empty((0, 6)), np.empty(0, dtype=np.intp))
-    breaks = (np.diff(edge) != 0) | (np.diff(major) != 1) | (np.diff(kind) != 0)
+    breaks = (np.diff(edge) != 0) | (np.diff(samples.major) != 1) | (np.diff(kind) != 0)
     starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
     n = np.diff(np.append(starts, len(edge)))
     offset = np.arange(len(edge)) - np.repeat(starts + 0.5 * (n - 1), n)
     spread = np.add.reduceat(offset**2, starts)
     tilt_weight = offset / np.repeat(np.maximum(spread, 0.5), n)
     mean_weight = np.repeat(1.0 / n, n)
-    first_triangle, first_slope, first_extra = triangle[starts], slope[starts], extra[starts]
-    jacobian_spread = np.einsum("ij,ij->i", jacobian @ pose_covariance, jacobian)
-    doubt = np.add.reduceat(jacobian_spread, starts) / n
-    displaced = np.hypot(OFFSET_PX, _MEAN_ABS_NORMAL * np.sqrt(doubt))
-    grid = grid_variances(n, first_slope, displaced)
-    first_extra = first_extra * np.where(kind[starts] == 0, 1.0, displaced)
+    doubt_px2 = np.add.reduceat(doubt.variance(jacobian), starts) / n
+    displaced = np.hypot(OFFSET_PX, _MEAN_ABS_NORMAL * np.sqrt(doubt_px2))
+    grid = grid_variances(n, samples.slope[starts], displaced)
+    extra = counted.extra_variance[starts] * np.where(kind[starts] == 0, 1.0, displaced)
     # As far as one looked, or farther: no better known than before.
     reached = np.abs(np.add.reduceat(displacement * mean_weight, starts)) > _SATURATED * reach
     rows = []
     for power, weight in enumerate((mean_weight, tilt_weight)):
         H = np.add.reduceat(jacobian * weight[:, None], starts)
         value = np.add.reduceat(displacement * weight, starts)
-        variance = grid[power] + first_extra * np.add.reduceat(weight**2, starts)
+        variance = grid[power] + extra * np.add.reduceat(weight**2, starts)
         variance += _EDGE_SD_PX**2 * n * np.add.reduceat(weight**2, starts)
         # Displaced pixels are few and whole: one is no outlier.
         one = np.maximum.reduceat(np.abs(weight), starts)
         variance = np.maximum(variance, (one / _ONE_PIXEL_SIGMA) ** 2)
         if power == 0:
-            variance += np.where(reached, doubt, 0.0)
-        innovation = np.einsum("ij,ij->i", H @ pose_covariance, H) + variance
+            variance += np.where(reached, doubt_px2, 0.0)
+        innovation = doubt.variance(H) + variance
         kept = (np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)) & (n > power)
-        rows.append((value[kept], variance[kept], H[kept], first_triangle[kept]))
+        rows.append((value[kept], variance[kept], H[kept], counted.triangle[starts][kept]))
     value, variance, H, triangles = (np.concatenate(part) for part in zip(*rows, strict=True))
     return ContourRuns(value, variance, H, triangles)
 

@@ -201,16 +201,9 @@ def random_sampling_covariance(moments: Moments, n: int) -> FloatArray:
     (n (lambda_i - lambda_j)^2)``, the first-order perturbation of the eigenvectors. Sides: the
     sample variance of a uniform law has variance ``0.8 lambda^2 / n``.
     """
-    x, y, z = np.maximum(moments.eigenvalues, 1e-18)
-    return _diagonal(
-        centroid=(x / n, y / n, z / n),
-        rotation=(
-            y * z / (n * (y - z) ** 2),
-            x * z / (n * (x - z) ** 2),
-            x * y / (n * max(y - x, 1e-9 * y) ** 2),
-        ),
-        sides=(2.4 * y / n, 2.4 * x / n),
-    )
+    spread = np.maximum(moments.eigenvalues, 1e-18)
+    x, y, z = spread
+    return _sampling_covariance(spread, spread, (y * z, x * z, x * y), (2.4 * y, 2.4 * x), n)
 
 
 def even_sampling_covariance(moments: Moments, noise_covariance: FloatArray, n: int) -> FloatArray:
@@ -219,26 +212,26 @@ def even_sampling_covariance(moments: Moments, noise_covariance: FloatArray, n: 
     Rotation across i and j: the noise of the cross moment, ``(sigma_i^2 lambda_j + sigma_j^2
     lambda_i) / n``, over the squared gap of the eigenvalues.
     """
-    x, y, z = np.maximum(moments.eigenvalues, 1e-18)
-    sx, sy, sz = np.einsum("ik,ij,jk->k", moments.R_cam_rect, noise_covariance, moments.R_cam_rect)
-    return _diagonal(
-        centroid=(sx / n, sy / n, sz / n),
-        rotation=(
-            (sy * z + sz * y) / (n * (y - z) ** 2),
-            (sx * z + sz * x) / (n * (x - z) ** 2),
-            (sx * y + sy * x) / (n * max(y - x, 1e-9 * y) ** 2),
-        ),
-        # d(side) = 6 d(lambda) / side, and lambda's noise is 2 sqrt(lambda) sigma / sqrt(n).
-        sides=(12.0 * sy / n, 12.0 * sx / n),
-    )
+    spread = np.maximum(moments.eigenvalues, 1e-18)
+    x, y, z = spread
+    noise = np.einsum("ik,ij,jk->k", moments.R_cam_rect, noise_covariance, moments.R_cam_rect)
+    sx, sy, sz = noise
+    cross = (sy * z + sz * y, sx * z + sz * x, sx * y + sy * x)
+    # d(side) = 6 d(lambda) / side, and lambda's noise is 2 sqrt(lambda) sigma / sqrt(n).
+    return _sampling_covariance(spread, noise, cross, (12.0 * sy, 12.0 * sx), n)
 
 
-def _diagonal(
-    centroid: tuple[float, float, float],
-    rotation: tuple[float, float, float],
+def _sampling_covariance(
+    spread: FloatArray,
+    centroid: FloatArray,
+    cross: tuple[float, float, float],
     sides: tuple[float, float],
+    n: int,
 ) -> FloatArray:
-    return np.diag([*centroid, *rotation, *sides, 0.0])
+    """(9, 9) of n points: variances of one point's part in centroid, cross moments and sides."""
+    x, y, z = spread
+    gaps = np.array([y - z, x - z, max(y - x, 1e-9 * y)])
+    return np.diag([*(centroid / n), *(np.array(cross) / (n * gaps**2)), *(np.array(sides) / n), 0])
 
 
 def _mean_footprint(

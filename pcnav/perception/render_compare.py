@@ -16,7 +16,7 @@ import numpy as np
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, agreement
-from pcnav.perception.contour import ContourRuns, contour_runs, mesh_edges
+from pcnav.perception.contour import ContourRuns, PoseDoubt, contour_runs, mesh_edges
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.satellite import Rectangle, Target
@@ -86,7 +86,6 @@ class RenderComparer:
         self._target, self._sigma_m, self._stride = target, range_sigma_m, stride
         self._renderer = DepthRenderer(target.mesh, camera.strided(stride))
         self._edges = mesh_edges(target.mesh)
-        self._vertices = np.array(target.mesh.vertices, dtype=np.float64)
         self._face_of_triangle = rectangle_of_triangle(target)
         self._diameter_m = target.diameter_m
 
@@ -139,23 +138,16 @@ class RenderComparer:
         seen_m = depth_m[rendered.window][pixels.inside] * pixels.range_per_depth
         returned = seen_m > 0.0
         residual = seen_m - pixels.range_m
-        jacobian = _range_jacobian(pixels, T_cam_model)
-        doubt = np.einsum("ij,ij->i", jacobian @ pose_covariance, jacobian)
-        agrees = returned & (residual**2 < _GATE_SIGMA**2 * (self._sigma_m**2 + doubt))
+        doubt = PoseDoubt(T_cam_model, pose_covariance, self._sigma_m)
+        # ``n . dx / (n . ray)`` at the surface point x.
+        along, p_cam = pixels.m * pixels.range_m[:, None], pixels.rays * pixels.range_m[:, None]
+        jacobian = doubt.by_pose(along, p_cam)
+        variance = doubt.variance(jacobian)
+        agrees = returned & (residual**2 < _GATE_SIGMA**2 * (self._sigma_m**2 + variance))
         dropout = float(np.mean(~returned)) if len(returned) else 0.0
-        typical = float(np.median(doubt)) if len(doubt) else 0.0
+        typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = _GATE_SIGMA * float(np.sqrt(self._sigma_m**2 + typical))
-        runs = contour_runs(
-            self._edges,
-            self._vertices,
-            depth_m,
-            rendered,
-            T_cam_model,
-            pose_covariance,
-            self._sigma_m,
-            min(dropout, 0.9),
-            self._diameter_m,
-        )
+        runs = contour_runs(self._edges, depth_m, rendered, doubt, min(dropout, 0.9))
         index = self._face_of_triangle[pixels.triangle]
         faces, used = self._faces(index, agrees, residual, jacobian, runs)
         labels = np.full(depth_m.shape, _NO_FACE, dtype=np.intp)
@@ -253,14 +245,6 @@ def _surface_pixels(rendered: RenderedDepth, sigma_m: float) -> _Pixels:
             part[~steep] for part in (kept, per_depth, m, unit, inverse)
         )
     return _Pixels(inside, kept, unit, 1.0 / inverse, per_depth, m)
-
-
-def _range_jacobian(pixels: _Pixels, T_cam_model: FloatArray) -> FloatArray:
-    """(n, 6) derivative of the range by the pose: ``n . dx / (n . ray)`` at the surface point x."""
-    along = pixels.m * pixels.range_m[:, None]
-    R = T_cam_model[:3, :3]
-    p_model = (pixels.rays * pixels.range_m[:, None] - T_cam_model[:3, 3]) @ R
-    return np.hstack([along, np.cross(p_model, along @ R)])
 
 
 def _misfit(gram: FloatArray, vector: FloatArray, squares: float, n: int, sigma_m: float) -> float:

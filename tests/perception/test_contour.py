@@ -5,7 +5,7 @@ known ``value - jacobian @ error`` has mean zero and the stated variance, whatev
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from pcnav.perception.contour import (
     OFFSET_PX,
     ContourRuns,
     MeshEdges,
+    PoseDoubt,
     contour_runs,
     grid_variances,
     mesh_edges,
@@ -56,7 +57,7 @@ def moved(T: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def one_edge(edges: MeshEdges, k: int) -> MeshEdges:
-    return MeshEdges(edges.ends[k : k + 1], edges.wings[k : k + 1])
+    return replace(edges, ends=edges.ends[k : k + 1], wings=edges.wings[k : k + 1])
 
 
 class View:
@@ -66,9 +67,8 @@ class View:
         self, mesh: trimesh.Trimesh, camera: PinholeCamera, diameter_m: float = 10.0
     ) -> None:
         """``mesh`` may be part of a target of that diameter."""
-        self.camera, self.diameter_m = camera, diameter_m
-        self.edges = mesh_edges(mesh)
-        self.vertices = np.array(mesh.vertices)
+        self.camera = camera
+        self.edges = replace(mesh_edges(mesh), diameter_m=diameter_m)
         self.renderer = DepthRenderer(mesh, camera)
 
     def frame(self, T: FloatArray) -> DepthImage:
@@ -85,14 +85,10 @@ class View:
         """Of a frame against the view from T, whose shift (m) and turn (rad) are so uncertain."""
         return contour_runs(
             self.edges if edges is None else edges,
-            self.vertices,
             depth_m,
             self.renderer.render(T),
-            T,
-            np.diag(np.square(np.repeat(sd, 3))),
-            SIGMA,
+            PoseDoubt(T, np.diag(np.square(np.repeat(sd, 3))), SIGMA),
             dropout,
-            self.diameter_m,
         )
 
 
@@ -181,7 +177,7 @@ def test_jacobian_is_the_motion_of_the_projected_edge(
         runs = view.runs(frame, T, edges=one_edge(view.edges, k))
         if len(runs) != 2 or is_mean(runs).tolist() != [True, False]:
             continue  # not in view, or cut into short stretches
-        mean, tilt, n = numerical_jacobian(view.vertices[view.edges.ends[k]], camera, T)
+        mean, tilt, n = numerical_jacobian(view.edges.vertices[view.edges.ends[k]], camera, T)
         np.testing.assert_allclose(runs.jacobian[1], tilt, rtol=1e-6, atol=1e-8)
         # A line stays a line: the middle of the stretch that is seen is somewhere along it.
         along = (runs.jacobian[0] - mean) @ tilt / (tilt @ tilt)
@@ -429,7 +425,7 @@ def test_edges_behind_the_camera_give_no_sample(camera: PinholeCamera) -> None:
     frame = beam.frame(T)
     assert (frame > 0.0).any()
     for k in range(12):
-        if np.ptp(beam.vertices[beam.edges.ends[k], 2]) > 0.0:
+        if np.ptp(beam.edges.vertices[beam.edges.ends[k], 2]) > 0.0:
             assert len(beam.runs(frame, T, edges=one_edge(beam.edges, k))) == 0
 
 
