@@ -1,5 +1,6 @@
 """Array type names used across the package, and members of batches of arrays."""
 
+from collections.abc import Collection, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -22,6 +23,16 @@ Batch = TypeVar("Batch", bound="DataclassInstance")
 def picked(batch: Batch, index: IntArray | BoolArray | int) -> Batch:
     """The members of a batch at (b,) places, or one member without the leading dimension."""
     return replace(batch, **{name: array[index] for name, array in _arrays(batch)})
+
+
+def joined(batches: Sequence[Batch], axis: int = 0, alike: Collection[str] = ()) -> Batch:
+    """The members of batches in one, along an axis; ``alike`` fields are those of the first."""
+    arrays = {
+        name: np.concatenate([getattr(each, name) for each in batches], axis)
+        for name, _ in _arrays(batches[0])
+        if name not in alike
+    }
+    return replace(batches[0], **arrays)
 
 
 def chosen(which: BoolArray, new: Batch, old: Batch) -> Batch:

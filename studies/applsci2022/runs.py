@@ -2,13 +2,13 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference, Smoothing
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, joined
 from pcnav.core.spatial import log_rotation
 from pcnav.core.statistics import mean, root_mean_square
 from pcnav.estimators.image_motion.chain import ChainFrame, run_chain
@@ -134,14 +134,10 @@ class ChainErrors:
     """Frames by what became of them."""
 
     @staticmethod
-    def joined(parts: Sequence["ChainErrors"]) -> "ChainErrors":
+    def of(runs: Sequence["ChainErrors"]) -> "ChainErrors":
         """All runs of a case."""
-        angle, rate, sd, nees = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("angle_deg", "rate_deg_s", "sd_deg", "nees")
-        )
-        outcomes = sum((part.outcomes for part in parts), Counter[Outcome]())
-        return ChainErrors(parts[0].case, angle, rate, sd, nees, outcomes)
+        outcomes = sum((run.outcomes for run in runs), Counter[Outcome]())
+        return replace(joined(runs), outcomes=outcomes)
 
     @property
     def times_s(self) -> FloatArray:

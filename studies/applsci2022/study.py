@@ -69,7 +69,7 @@ def study(runs: int, work: Work) -> Study:
     inertia = work.plan(joined.run_joined, joined.joined_runs(runs, joined_s))
     work.run()
     noises, faults, intervals = (
-        [ChainErrors.joined(parts) for parts in each.by_case.values()] for each in planned
+        [ChainErrors.of(parts) for parts in each.by_case.values()] for each in planned
     )
     intervals += [each for each in noises if each.case.name.endswith(" 0.1 px")]
     intervals.sort(key=lambda each: each.case.settings.interval_s)

@@ -1,7 +1,7 @@
 """Runs of the estimator on the paper's scenario, judged against the truth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,13 +92,6 @@ class Judged:
         unknown = (motion, one, places, places.copy(), one.copy(), one.copy(), one.copy())
         lost, matches = np.zeros(1, dtype=np.bool_), np.zeros((1, 4), dtype=np.intp)
         return Judged(time_s, motion.copy(), *unknown, lost, matches)
-
-    @staticmethod
-    def joined(parts: Sequence["Judged"]) -> "Judged":
-        """All runs of a case."""
-        _, *names = (field.name for field in fields(Judged))
-        arrays = ([getattr(part, name) for part in parts] for name in names)
-        return Judged(parts[0].time_s, *map(np.concatenate, arrays))
 
     def compare(
         self, n: int, true: PrincipalState, state: PrincipalState, P: FloatArray, slots: list[int]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pcnav.batch.monte_carlo import Case, Run, RunBatch, batches, runs_of
+from pcnav.core.arrays import joined
 from pcnav.files.text_table import TextTable
 
 from ..folder import Study
@@ -35,7 +36,7 @@ def study(runs: int, work: Work) -> Study:
     followed = work.plan(run_case, filter_runs(runs))
     work.run()
     rmse = identification.rmse_of(identified.by_case)
-    by_case = {name: Judged.joined(parts) for name, parts in followed.by_case.items()}
+    by_case = {name: joined(parts, alike=("time_s",)) for name, parts in followed.by_case.items()}
     unique, free, wrong = (by_case[name] for name in ("unique axes", "free axes", "wrong matches"))
     matched, twice = (Consistency.of(by_case[name]) for name in ("matched", "pixels used twice"))
     stereo = paper.pipeline().stereo

@@ -1,7 +1,7 @@
 """The runs of the study: random points and pixels, a bank over each, errors against the truth."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,16 +72,6 @@ class Found:
     """(frames, runs, h) by (12)."""
     nees: FloatArray
     """(frames, runs, h) normalised squared error of the motion (12 components)."""
-
-    @staticmethod
-    def joined(parts: Sequence["Found"]) -> "Found":
-        """All runs of a case."""
-        return Found(
-            *(
-                np.concatenate([getattr(part, field.name) for part in parts], axis=1)
-                for field in fields(Found)
-            )
-        )
 
     @property
     def runs(self) -> int:

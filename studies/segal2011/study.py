@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.batch.monte_carlo import batches, runs_of
-from pcnav.core.arrays import IntArray
+from pcnav.core.arrays import IntArray, joined
 from pcnav.files.text_table import TextTable
 
 from ..folder import Study
@@ -58,7 +58,7 @@ def study(runs: int, work: Work) -> Study:
     planned = runs_of(STUDY, banks, runs) + runs_of(STUDY, [*couplings, *motions], few)
     results = work.plan(run_batch, batches(planned, RUNS_PER_BATCH))
     work.run()
-    found = {name: Found.joined(parts) for name, parts in results.by_case.items()}
+    found = {name: joined(parts, axis=1) for name, parts in results.by_case.items()}
     physical, printed = found["physical draws"], found["draws as printed"]
     picks = [picks_of("as printed", banks[0], physical, _WITH_TRUTH, _TRUTH)]
     picks += [picks_of(case.name, case, found[case.name], np.arange(5), 4) for case in motions]

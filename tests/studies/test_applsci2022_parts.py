@@ -52,7 +52,7 @@ def test_the_printed_chain_is_exact_without_noise_and_lost_with_wrong_matches() 
     assert np.nanmax(lost.angle_deg) > 20.0
     kept = chained(runs.KEY_FRAMES, wrong)
     assert np.nanmax(kept.angle_deg) < 2.0
-    both = ChainErrors.joined([lost, kept])
+    both = ChainErrors.of([lost, kept])
     last = np.concatenate([lost.angle_deg[0, 10:], kept.angle_deg[0, 10:]])
     assert both.error_at_end == pytest.approx(np.sqrt(np.nanmean(last**2)))
     shown = float(errors_table("key", [both]).rows[0][5])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pcnav.batch.monte_carlo import Case, batches, runs_of
+from pcnav.core.arrays import joined
 from pcnav.dynamics import blocks
 from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE
 from pcnav.simulation.motion import rotate_torque_free
@@ -18,7 +19,7 @@ from studies.hu2024.errors import (
     error_figures,
     last_table,
 )
-from studies.hu2024.following import Judged, cases, disturbed_truth, judge
+from studies.hu2024.following import cases, disturbed_truth, judge
 from studies.hu2024.identification import (
     REPORT_S,
     Method,
@@ -104,8 +105,9 @@ def test_rmse_with_its_tables_and_figures():
 @pytest.fixture(scope="module")
 def runs():
     return {
-        name: Judged.joined(
-            [judge(replace(cases()[name].settings, every=5), short(18.0), seed) for seed in (1, 2)]
+        name: joined(
+            [judge(replace(cases()[name].settings, every=5), short(18.0), seed) for seed in (1, 2)],
+            alike=("time_s",),
         )
         for name in ("unique axes", "free axes", "matched")
     }

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from pcnav.batch.monte_carlo import batches, runs_of
+from pcnav.core.arrays import joined
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.dynamics.inertia_parameters import inertia_of, parameters_of
 from pcnav.dynamics.orbit import EARTH_MU_M3_S2
@@ -108,11 +109,11 @@ def test_a_batch_is_its_runs():
     runs = runs_of("test", [bank.case("test")], 3)
     together = run_batch(batches(runs, 3)[0])
     alone = [run_batch(batch) for batch in batches(runs, 1)]
-    joined = Found.joined(alone)
-    np.testing.assert_array_equal(together.inertia, joined.inertia)
-    np.testing.assert_allclose(together.errors, joined.errors, rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(together.log_innovation[-1], joined.log_innovation[-1], rtol=1e-6)
-    np.testing.assert_allclose(together.blended, joined.blended, rtol=1e-5, atol=1e-9)
+    apart = joined(alone, axis=1)
+    np.testing.assert_array_equal(together.inertia, apart.inertia)
+    np.testing.assert_allclose(together.errors, apart.errors, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(together.log_innovation[-1], apart.log_innovation[-1], rtol=1e-6)
+    np.testing.assert_allclose(together.blended, apart.blended, rtol=1e-5, atol=1e-9)
 
 
 def test_the_filter_that_knows_the_inertia_is_consistent_and_improves():
