@@ -14,7 +14,7 @@ from pcnav.dynamics.blocks import (
     RATIOS,
     VELOCITY,
 )
-from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.evaluation.consistency import squared_normalised_errors
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.estimators.interface import AxesPolicy
 from pcnav.evaluation.bound import pose_jacobian
+from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.evaluation.errors import Errors, errors
-from pcnav.evaluation.metrics import squared_normalised_errors
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.collector import collected
 from pcnav.runs.run import Run

@@ -10,8 +10,9 @@ from pcnav.core.spatial import xyzw_from_rotation
 from pcnav.dynamics.blocks import CENTRE, RATE, RATIOS, VELOCITY, Block
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.interface import AxesPolicy
+from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.evaluation.errors import Errors, errors
-from pcnav.evaluation.metrics import BLOCKS, squared_normalised_errors
+from pcnav.evaluation.metrics import BLOCKS
 from pcnav.evaluation.model_distance import model_distances, surface_points
 from pcnav.evaluation.trajectory import absolute_errors, relative_errors, root_mean_square
 from pcnav.runs.run import Run

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.dynamics.blocks import ATTITUDE, Block, Layout
+from pcnav.dynamics.blocks import Block, Layout
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,3 @@ class Trajectory:
             covariance=of(self.covariance),
             T_cam_target=of(self.T_cam_target),
         )
-
-
-def empty_values(layout: Layout, n: int) -> dict[str, FloatArray]:
-    """Values of n frames of which nothing is known."""
-    return {
-        block.name: np.full((n, 3, 3) if block is ATTITUDE else (n, block.size), np.nan)
-        for block in layout.blocks
-    }

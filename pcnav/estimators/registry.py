@@ -1,6 +1,6 @@
 """Every estimator by its key: what a run, a table of runs and a view know of it beforehand."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -91,53 +91,47 @@ def _attitude_inertia(given: Given) -> Estimator:
     return RecordedAttitudes(given.pipeline.attitude_inertia)
 
 
-_DEPTH = (RecordingKind.DEPTH,)
+def _on_depth(
+    title: str,
+    make: Callable[[Given], Estimator],
+    first_pose: FirstPose = FirstPose.NOTHING,
+    library: Callable[[str], object] | None = None,
+) -> EstimatorEntry:
+    axes = AxesPolicy.SYMMETRY
+    kinds = (RecordingKind.DEPTH,)
+    return EstimatorEntry(title, kinds, axes, make, first_pose=first_pose, library=library)
+
+
+def _mode(
+    title: str,
+    measurements: Measurements,
+    mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED,
+) -> EstimatorEntry:
+    return _on_depth(title, partial(_tracker, measurements=measurements, mode=mode))
+
+
 _STEREO = (RecordingKind.STEREO_TRACKS,)
-_SYMMETRY = AxesPolicy.SYMMETRY
+_FEWER = f"small_gicp, {FEWER_NEIGHBOURS} neighbours"
 
 ESTIMATORS: Mapping[str, EstimatorEntry] = {
-    EstimatorKind.DEPTH: EstimatorEntry("pcnav", _DEPTH, _SYMMETRY, _tracker),
-    "pcnav": EstimatorEntry(
-        *("pcnav filtered", _DEPTH, _SYMMETRY),
-        partial(_tracker, measurements=Measurements.REFINED),
-    ),
-    "pcnav_rectangles": EstimatorEntry(
-        *("pcnav, rectangles", _DEPTH, _SYMMETRY),
-        partial(_tracker, measurements=Measurements.RECTANGLES),
-    ),
-    "pcnav_both": EstimatorEntry(
-        *("pcnav, both", _DEPTH, _SYMMETRY),
-        partial(_tracker, measurements=Measurements.BOTH),
-    ),
-    "pcnav_paper": EstimatorEntry(
-        *("pcnav, the paper's means", _DEPTH, _SYMMETRY),
-        partial(_tracker, measurements=Measurements.RECTANGLES, mode=PerceptionMode.PAPER),
-    ),
+    EstimatorKind.DEPTH: _on_depth("pcnav", _tracker),
+    "pcnav": _mode("pcnav filtered", Measurements.REFINED),
+    "pcnav_rectangles": _mode("pcnav, rectangles", Measurements.RECTANGLES),
+    "pcnav_both": _mode("pcnav, both", Measurements.BOTH),
+    "pcnav_paper": _mode("pcnav, the paper's means", Measurements.RECTANGLES, PerceptionMode.PAPER),
     "pcnav_single_frame": EstimatorEntry(
-        *("pcnav single frame", _DEPTH, AxesPolicy.SYMMETRY_OF_FRAME),
+        *("pcnav single frame", (RecordingKind.DEPTH,), AxesPolicy.SYMMETRY_OF_FRAME),
         _single_frame,
     ),
-    "open3d_icp": EstimatorEntry(
-        *("Open3D point-to-plane", _DEPTH, _SYMMETRY, _open3d_icp), first_pose=FirstPose.NEAR
+    "open3d_icp": _on_depth("Open3D point-to-plane", _open3d_icp, FirstPose.NEAR),
+    "open3d_icp_tukey": _on_depth(
+        "Open3D, Tukey weights", partial(_open3d_icp, robust=True), FirstPose.NEAR
     ),
-    "open3d_icp_tukey": EstimatorEntry(
-        *("Open3D, Tukey weights", _DEPTH, _SYMMETRY, partial(_open3d_icp, robust=True)),
-        first_pose=FirstPose.NEAR,
+    "small_gicp": _on_depth("small_gicp", _small_gicp, FirstPose.NEAR, small_gicp),
+    "small_gicp_10": _on_depth(
+        _FEWER, partial(_small_gicp, neighbours=FEWER_NEIGHBOURS), FirstPose.NEAR, small_gicp
     ),
-    "small_gicp": EstimatorEntry(
-        *("small_gicp", _DEPTH, _SYMMETRY, _small_gicp),
-        first_pose=FirstPose.NEAR,
-        library=small_gicp,
-    ),
-    "small_gicp_10": EstimatorEntry(
-        *(f"small_gicp, {FEWER_NEIGHBOURS} neighbours", _DEPTH, _SYMMETRY),
-        partial(_small_gicp, neighbours=FEWER_NEIGHBOURS),
-        first_pose=FirstPose.NEAR,
-        library=small_gicp,
-    ),
-    "kiss_icp": EstimatorEntry(
-        *("KISS-ICP (no model)", _DEPTH, _SYMMETRY, _kiss_icp), first_pose=FirstPose.EXACT
-    ),
+    "kiss_icp": _on_depth("KISS-ICP (no model)", _kiss_icp, FirstPose.EXACT),
     EstimatorKind.PRINCIPAL_AXES: EstimatorEntry(
         *("principal axes of tracked points (Hu 2024)", _STEREO, AxesPolicy.PRINCIPAL),
         _principal_axes,

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.statistics import chi_square_bounds as chi_square_bounds
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.blocks import (
     ATTITUDE,
     CENTRE,
@@ -23,9 +22,13 @@ from pcnav.dynamics.blocks import (
     VELOCITY,
     Block,
 )
-from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
 from pcnav.dynamics.trajectory import Trajectory
-from pcnav.estimators.registry import ESTIMATORS
+from pcnav.evaluation.consistency import (
+    Consistency,
+    finite_or_none,
+    nees_consistency,
+    nis_consistency,
+)
 from pcnav.evaluation.errors import Errors, errors
 from pcnav.runs.run import Run
 
@@ -34,7 +37,9 @@ BLOCKS = {block.name: MASS_CENTRE_LAYOUT.slice_of(block) for block in MASS_CENTR
 BLOCKS |= {"all": slice(0, MASS_CENTRE_LAYOUT.size)}
 """Blocks of the error state of a target with a model, whose NEES is told apart."""
 
-_FRAMES_AT_ONCE = 512
+_UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
+_PARTS = {"whole": 0.0, "second_half": 1 / 2, "last_third": 2 / 3}
+"""Of a run, and the share of its duration at which they begin."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,15 @@ class Distribution:
         """The error that this percentage of the frames does not exceed; one of `PERCENTILES`."""
         return self.percentiles[PERCENTILES.index(percent)]
 
+    def to_json(self) -> dict[str, object]:
+        """As in metrics.json; null where a number does not exist."""
+        return {
+            "frames": self.frames,
+            "rms": finite_or_none(self.rms),
+            **{f"p{percent}": finite_or_none(self.at(percent)) for percent in PERCENTILES},
+            "max": finite_or_none(self.maximum),
+        }
+
 
 @dataclass(frozen=True)
 class QuantityErrors:
@@ -72,25 +86,10 @@ class QuantityErrors:
     last_third: Distribution
     """Parts of the run's duration."""
 
-
-@dataclass(frozen=True)
-class Consistency:
-    """Squared normalised errors against the chi-square distribution they should have."""
-
-    name: str
-    frames: int
-    degrees: int
-    """Degrees of freedom, summed over the frames."""
-    mean_per_degree: float
-    """Their sum over `degrees`: 1 when the covariance is right, more when it is too small."""
-    lower: float
-    upper: float
-    """95 % bounds of `mean_per_degree`: of innovations as of independent frames, of errors, which
-    are correlated from frame to frame, as of a single one."""
-    share_inside: float
-    """Share of frames within their own two-sided 95 % bounds."""
-    unusable_frames: int
-    """Frames left out because their covariance is not positive definite."""
+    def to_json(self) -> dict[str, object]:
+        """As in metrics.json."""
+        parts = {name: getattr(self, name).to_json() for name in _PARTS}
+        return {"unit": self.unit, "title": self.title, **parts}
 
 
 @dataclass(frozen=True)
@@ -120,13 +119,15 @@ class Metrics:
             "frames": self.frames,
             "frames_with_estimate": self.frames_with_estimate,
             "duration_s": self.duration_s,
-            "first_estimate_after_s": _number(self.first_estimate_after_s),
+            "first_estimate_after_s": finite_or_none(self.first_estimate_after_s),
             "status_share": dict(self.status_share),
-            "nis": _consistency_json(self.nis),
+            "nis": self.nis.to_json(),
             "frames_compared": self.frames_compared,
             "symmetry": self.symmetry,
-            "errors": {_json_key(each): _quantity_json(each) for each in self.quantities},
-            "nees": {block.name: _consistency_json(block) for block in self.nees},
+            "errors": {
+                each.key + _UNIT_SUFFIX[each.unit]: each.to_json() for each in self.quantities
+            },
+            "nees": {block.name: block.to_json() for block in self.nees},
         }
 
 
@@ -232,129 +233,6 @@ def distribution(norms: FloatArray) -> Distribution:
     )
 
 
-def nis_consistency(run: Run) -> Consistency:
-    """Normalised innovations squared of a run against their degrees of freedom."""
-    used = np.isfinite(run.nis) & (run.nis_dof > 0)
-    return consistency("nis", run.nis[used], run.nis_dof[used], independent=True)
-
-
-def nees_consistency(run: Run, compared: Errors) -> tuple[Consistency, ...]:
-    """NEES of every block of the error state and of all of it: see `squared_errors`."""
-    frames = compared.has(*run.trajectory.layout.blocks)
-    return tuple(
-        consistency(name, squared[frames], np.full(np.count_nonzero(frames), degrees))
-        for name, (squared, degrees) in squared_errors(run, compared).items()
-    )
-
-
-def squared_errors(run: Run, compared: Errors) -> dict[str, tuple[FloatArray, int]]:
-    """Squared normalised errors (n,) and their degrees of freedom by block, all of them last.
-
-    Of what the estimator does not hold fixed: a component without any variance is no estimate. nan
-    in frames without a truth. Empty without covariances or full truth.
-    """
-    layout, covariance = run.trajectory.layout, run.trajectory.covariance
-    frames = np.flatnonzero(compared.has(*layout.blocks))
-    if covariance is None or not layout.blocks or not frames.size:
-        return {}
-    state = np.hstack([compared[block] for block in layout.blocks])[frames]
-    entry = ESTIMATORS.get(run.estimator)
-    P = covariance[frames]
-    if entry is not None and entry.judged_over_trace:
-        ratios = run.trajectory[RATIOS][frames]
-        state, P = _over_trace(state, P, ratios, layout.slice_of(RATIOS))
-    free = ~(np.diagonal(P, axis1=1, axis2=2) == 0.0).any(axis=0)
-    parts = {block.name: layout.slice_of(block) for block in layout.blocks}
-    if len(parts) > 1:
-        parts["all"] = slice(0, layout.size)
-    found = {}
-    for name, part in parts.items():
-        chosen = np.arange(layout.size)[part][free[part]]
-        if chosen.size:
-            squared = np.full(len(run), np.nan)
-            squared[frames] = squared_normalised_errors(
-                state[:, chosen], P[:, chosen[:, None], chosen]
-            )
-            found[name] = squared, chosen.size
-    return found
-
-
-def _over_trace(
-    state: FloatArray, covariance: FloatArray, ratios: FloatArray, part: slice
-) -> tuple[FloatArray, FloatArray]:
-    """Errors (n, k) and covariances (n, k, k) with those of ratios (n, 5) turned into those of the
-    inertia's entries over its trace."""
-    state, covariance = state.copy(), covariance.copy()
-    for k, own in enumerate(ratios):
-        parameters = parameters_from_ratios(own)
-        state[k, part] = parameters_from_ratios(own + state[k, part]) - parameters
-        change = np.eye(state.shape[1])
-        change[part, part] = np.linalg.inv(ratios_jacobian(parameters))
-        covariance[k] = change @ covariance[k] @ change.T
-    return state, covariance
-
-
-def squared_normalised_errors(error: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n,) ``e^T P^-1 e`` of errors (n, k) and covariances (n, k, k).
-
-    nan where the covariance is not positive definite to working accuracy.
-    """
-    # In blocks, so that a long run needs no second copy of its covariances.
-    blocks = range(0, max(len(error), 1), _FRAMES_AT_ONCE)
-    return np.concatenate(
-        [
-            _squared(error[k : k + _FRAMES_AT_ONCE], covariance[k : k + _FRAMES_AT_ONCE])
-            for k in blocks
-        ]
-    )
-
-
-def _squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
-    variance = np.diagonal(covariance, axis1=1, axis2=2)
-    usable = np.isfinite(covariance).all(axis=(1, 2)) & (variance > 0.0).all(axis=1)
-    squared = np.full(len(error), np.nan)
-    # Metres, radians per second and ratios differ by many powers of ten: the correlation matrix
-    # is what can be judged for definiteness and inverted without loss.
-    sd = np.sqrt(variance[usable])
-    correlation = covariance[usable] / (sd[:, :, None] * sd[:, None, :])
-    eigenvalues, axes = np.linalg.eigh(correlation)
-    definite = eigenvalues[:, 0] > error.shape[1] * np.finfo(np.float64).eps
-    along_axes = np.einsum("nki,nk->ni", axes, error[usable] / sd)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sums = np.sum(along_axes**2 / eigenvalues, axis=1)
-    squared[usable] = np.where(definite, sums, np.nan)
-    return squared
-
-
-def consistency(
-    name: str, squared: FloatArray, degrees: IntArray, *, independent: bool = False
-) -> Consistency:
-    """Judge squared normalised errors (n,) of so many degrees of freedom each.
-
-    Innovations are ``independent`` from frame to frame, so that their mean lies near 1. Errors of a
-    filter are correlated: at worst all frames of a run are one draw, and so wide are their bounds.
-    """
-    usable: BoolArray = np.isfinite(squared)
-    values, own_degrees = squared[usable], degrees[usable]
-    total = int(own_degrees.sum())
-    unusable = int((~usable).sum())
-    if not total:
-        return Consistency(name, 0, 0, math.nan, math.nan, math.nan, math.nan, unusable)
-    lower, upper = chi_square_bounds(own_degrees)
-    drawn = total if independent else total / len(values)
-    mean_lower, mean_upper = chi_square_bounds(drawn)
-    return Consistency(
-        name=name,
-        frames=len(values),
-        degrees=total,
-        mean_per_degree=float(values.sum() / total),
-        lower=float(mean_lower) / drawn,
-        upper=float(mean_upper) / drawn,
-        share_inside=float(np.mean((values >= lower) & (values <= upper))),
-        unusable_frames=unusable,
-    )
-
-
 def quantity_errors(time_s: FloatArray, compared: Errors) -> tuple[QuantityErrors, ...]:
     """Statistics by quantity; one without any error is left out."""
     elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
@@ -366,49 +244,6 @@ def quantity_errors(time_s: FloatArray, compared: Errors) -> tuple[QuantityError
             title = quantity.title
             if quantity.key == "attitude" and compared.defines_axes is not None:
                 title = "attitude since the first frame"
-            parts = (distribution(norms[elapsed >= start]) for start in (0.0, 1 / 2, 2 / 3))
+            parts = (distribution(norms[elapsed >= start]) for start in _PARTS.values())
             found.append(QuantityErrors(quantity.key, title, quantity.unit, *parts))
     return tuple(found)
-
-
-_UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
-
-
-def _json_key(quantity: QuantityErrors) -> str:
-    return quantity.key + _UNIT_SUFFIX[quantity.unit]
-
-
-def _quantity_json(quantity: QuantityErrors) -> dict[str, object]:
-    return {
-        "unit": quantity.unit,
-        "title": quantity.title,
-        "whole": _distribution_json(quantity.whole),
-        "second_half": _distribution_json(quantity.second_half),
-        "last_third": _distribution_json(quantity.last_third),
-    }
-
-
-def _distribution_json(values: Distribution) -> dict[str, object]:
-    percentiles = zip(PERCENTILES, values.percentiles, strict=True)
-    return {
-        "frames": values.frames,
-        "rms": _number(values.rms),
-        **{f"p{percent}": _number(value) for percent, value in percentiles},
-        "max": _number(values.maximum),
-    }
-
-
-def _consistency_json(values: Consistency) -> dict[str, object]:
-    return {
-        "frames": values.frames,
-        "degrees_of_freedom": values.degrees,
-        "mean_per_degree_of_freedom": _number(values.mean_per_degree),
-        "bounds_95_of_mean": [_number(values.lower), _number(values.upper)],
-        "share_of_frames_inside_own_95": _number(values.share_inside),
-        "unusable_frames": values.unusable_frames,
-    }
-
-
-def _number(value: float) -> float | None:
-    """A number JSON can hold."""
-    return value if math.isfinite(value) else None

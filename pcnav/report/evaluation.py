@@ -9,13 +9,13 @@ from pcnav.core import chi_square
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.statistics import CONFIDENCE
 from pcnav.dynamics.blocks import BLOCKS, FILE_ORDER, MASS_CENTRE_LAYOUT
+from pcnav.evaluation.consistency import Consistency, squared_errors
 from pcnav.evaluation.knowledge import (
     ENOUGH_BITS,
     FROM_DATA,
     MAX_PRIOR_SHARE,
     StateKnowledge,
 )
-from pcnav.evaluation.metrics import Consistency, squared_errors
 from pcnav.files.text_table import MISSING, TextTable, display_unit, number
 from pcnav.report.content import ReportContent
 from pcnav.report.figures import ALERT, LINE, drawing

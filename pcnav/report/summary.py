@@ -6,8 +6,9 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
+from pcnav.evaluation.consistency import Consistency
 from pcnav.evaluation.knowledge import FROM_DATA, PRIOR_ONLY, RunKnowledge
-from pcnav.evaluation.metrics import Consistency, Metrics, QuantityErrors
+from pcnav.evaluation.metrics import Metrics, QuantityErrors
 from pcnav.files.text_table import MISSING, display_unit, number
 
 ERROR_HEADINGS = ("RMS whole", "RMS 2nd half", "RMS last 3rd", "median", "95 %", "max")

@@ -4,7 +4,6 @@ The files of a run that goes on are written through buffers of their own, so tha
 the middle of another frame: such a run is cut where the first of them ends.
 """
 
-import csv
 import zipfile
 from collections import Counter
 from collections.abc import Callable
@@ -114,21 +113,16 @@ def read_records(folder: Path, until_s: float = np.inf) -> tuple[RectangleRecord
 
 
 def count_outcomes(folder: Path) -> Counter[tuple[str, str]]:
-    """How often each (rectangle, outcome) occurs in a result folder, read line by line.
+    """How often each (rectangle, outcome) occurs in a result folder.
 
     The rectangle is empty where a segment was not recognised; a run that sees no rectangles has
     none. Raises `InputError`.
     """
-    path = folder / MEASUREMENTS_FILE
+    path, names = folder / MEASUREMENTS_FILE, ("rectangle", "outcome")
     if not path.is_file():
         return Counter()
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return Counter((row["rectangle"], row["outcome"]) for row in csv.DictReader(file))
-    except OSError as error:
-        raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
-    except (KeyError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, "file", f"expected the columns of a run ({error})") from error
+    table = read_csv(path, names, names)
+    return Counter(zip(*map(table.words, names), strict=True))
 
 
 def read_points(folder: Path) -> PointTable | None:
@@ -192,7 +186,8 @@ def _run_of(folder: Path, table: CsvTable, output: Output, is_finished: bool) ->
     window = table.numbers(("window_nis",))[:, 0] if stated else None
     pipeline = folder / PIPELINE_FILE
     as_run = read_pipeline(pipeline) if pipeline.is_file() else None
-    told = next((name for column, name in _TOLD_BY.items() if column in _columns(table)), "")
+    header = {*table.values, *table.texts}
+    told = next((name for column, name in _TOLD_BY.items() if column in header), "")
     notes = {_RENAMED.get(name, name): name for name in output.notes if name in table.values}
     return Run(
         name=folder.resolve().name,
@@ -208,10 +203,6 @@ def _run_of(folder: Path, table: CsvTable, output: Output, is_finished: bool) ->
         words={name: table.words(name) for name in output.notes if name in table.texts},
         is_finished=is_finished,
     )
-
-
-def _columns(table: CsvTable) -> set[str]:
-    return {*table.values, *table.texts}
 
 
 def _values(table: CsvTable, block: Block) -> FloatArray:

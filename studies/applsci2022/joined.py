@@ -16,7 +16,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     printed_covariance,
     printed_from_parameters,
 )
-from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.files.text_table import TextTable
 from pcnav.simulation.images import TrackFaults
 

@@ -14,7 +14,7 @@ from pcnav.core.statistics import mean, root_mean_square
 from pcnav.estimators.image_motion.chain import ChainFrame, run_chain
 from pcnav.estimators.image_motion.rates import rotation_history
 from pcnav.estimators.image_motion.relative import Outcome
-from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.files.text_table import TextTable
 from pcnav.report.panels import Curve, Panel, Scale
 from pcnav.simulation.images import TrackFaults

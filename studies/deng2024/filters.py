@@ -20,7 +20,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     printed_covariance,
 )
 from pcnav.estimators.image_motion.rates import continuous_xyzw
-from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.files.text_table import TextTable
 from pcnav.filtering.batched_filter import Together

@@ -17,7 +17,7 @@ from pcnav.estimators.inertia_bank.relative_state import (
     RelativeStates,
     reduced_pixels,
 )
-from pcnav.evaluation.metrics import squared_normalised_errors
+from pcnav.evaluation.consistency import squared_normalised_errors
 
 from . import paper
 from .draws import (

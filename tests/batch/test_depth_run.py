@@ -25,8 +25,9 @@ from pcnav.estimators.interface import FirstPose, Given
 from pcnav.estimators.peers.icp import START_SHIFT_FRACTION, START_TURN_DEG
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import SceneBound
+from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.evaluation.errors import errors
-from pcnav.evaluation.metrics import BLOCKS, squared_normalised_errors
+from pcnav.evaluation.metrics import BLOCKS
 from pcnav.pipeline import run as run_sequence
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.truth import read_truth

@@ -17,7 +17,7 @@ from pcnav.dynamics.blocks import (
     VELOCITY,
     Layout,
 )
-from pcnav.dynamics.trajectory import Trajectory, empty_values
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.truth import STATE_COLUMNS
 
 
@@ -52,9 +52,9 @@ def test_a_layout_does_not_know_the_rows_of_what_it_lacks() -> None:
 
 
 def test_frames_without_a_value_have_no_estimate() -> None:
-    values = empty_values(ROTATION_LAYOUT, 3)
-    for array in values.values():
-        array[1] = 1.0
+    some = np.array([np.nan, 1.0, np.nan])
+    values = {block.name: np.tile(some[:, None], block.size) for block in (RATE, RATIOS)}
+    values[ATTITUDE.name] = np.tile(some[:, None, None], (3, 3))
     found = Trajectory(np.arange(3.0), ROTATION_LAYOUT, values, sd=np.ones((3, 11)))
     assert found.has_estimate.tolist() == [False, True, False]
     assert np.isnan(found.sd_of(CENTRE)).all()

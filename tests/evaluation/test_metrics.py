@@ -35,16 +35,9 @@ from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.interface import AxesPolicy
+from pcnav.evaluation.consistency import consistency, squared_normalised_errors
 from pcnav.evaluation.errors import errors, match_times, relabelled
-from pcnav.evaluation.metrics import (
-    BLOCKS,
-    PERCENTILES,
-    Metrics,
-    consistency,
-    distribution,
-    evaluate,
-    squared_normalised_errors,
-)
+from pcnav.evaluation.metrics import BLOCKS, PERCENTILES, Metrics, distribution, evaluate
 from pcnav.files.text_table import number
 from pcnav.report.summary import summary_table
 from pcnav.runs.reader import read_run

@@ -38,68 +38,38 @@ _FIRST_THRESHOLD = 1.0 / 30.0
 _MIN_MOTION = 1.0 / 1000.0
 _CONVERGENCE = 1e-6
 """Lengths of KISS-ICP's settings as shares of the size."""
-_EXTENT_PERCENTILES = (2.0, 98.0)
-
-
-class Odometry:
-    """Follows whatever a depth camera sees, frame by frame.
-
-    Memory grows with the surface seen, not with the number of frames. The same frames give the
-    same motion bit for bit; environment variables named ``kiss_icp_*`` change nothing.
-    """
-
-    def __init__(self, size_m: float | None = None) -> None:
-        """``size_m``: diameter of the target; None takes the extent of the first cloud.
-
-        Raises ``ValueError`` when the size is not a positive number.
-        """
-        if size_m is not None and not 0.0 < size_m < np.inf:
-            raise ValueError(f"expected a size above 0 m, got {size_m}")
-        self._size_m = size_m
-        self._origin = np.zeros(3)
-        self._kiss: KissICP | None = None
-
-    def register(self, frame: Frame) -> FloatArray | None:
-        """(4, 4) T_now_first, the motion since the first frame with returns.
-
-        It takes a point of the target, in camera axes then, to where it is in the camera now; None
-        where fewer than 50 points came back. The target may drift by its own size from there.
-        """
-        points = returns_of(frame)
-        if self._kiss is None and len(points) >= _MIN_POINTS:
-            self._size_m = self._size_m or _extent(points)
-            self._origin = points.mean(axis=0)
-            self._kiss = KissICP(_settings(self._size_m))
-        T_now_first = None
-        if self._kiss is not None and self._size_m is not None:
-            centred = points - self._origin
-            points = centred[np.linalg.norm(centred, axis=1) < _REACH * self._size_m]
-            if len(points) >= _MIN_POINTS:
-                self._kiss.register_frame(points, np.array([]))
-                T_cam_centred = make_transform(np.eye(3), self._origin)
-                # last_pose takes the present sensor axes to those of the map, the first frame's.
-                T_now_map = invert_transform(self._kiss.last_pose)
-                T_now_first = T_cam_centred @ T_now_map @ invert_transform(T_cam_centred)
-        return T_now_first
 
 
 class KissIcp(Baseline):
-    """The peer without a model: how the target moved since the first frame, whose pose is given."""
+    """How the target moved since the first frame with returns, whose pose is given.
+
+    Memory grows with the surface seen, not with the number of frames. The same frames give the
+    same motion bit for bit; environment variables named ``kiss_icp_*`` change nothing. The target
+    may drift by its own size from where it was first seen.
+    """
 
     def __init__(self, given: Given) -> None:
-        self._T_cam_model_first = given.first_pose
-        self._odometry = Odometry(given.target.diameter_m)
+        self._T_cam_model_first, self._size_m = given.first_pose, given.target.diameter_m
+        self._kiss = KissICP(_settings(self._size_m))
+        self._origin: FloatArray | None = None
 
     def pose(self, frame: Frame) -> FloatArray | None:
         """None where fewer than 50 points came back."""
-        T_now_first = self._odometry.register(frame)
-        return None if T_now_first is None else T_now_first @ self._T_cam_model_first
-
-
-def _extent(points: FloatArray) -> float:
-    """Diagonal of the box about the points, but for the outermost, m."""
-    low, high = np.percentile(points, _EXTENT_PERCENTILES, axis=0)
-    return float(np.linalg.norm(high - low))
+        points = returns_of(frame)
+        if self._origin is None:
+            if len(points) < _MIN_POINTS:
+                return None
+            self._origin = points.mean(axis=0)
+        centred = points - self._origin
+        points = centred[np.linalg.norm(centred, axis=1) < _REACH * self._size_m]
+        if len(points) < _MIN_POINTS:
+            return None
+        self._kiss.register_frame(points, np.array([]))
+        T_cam_centred = make_transform(np.eye(3), self._origin)
+        # last_pose takes the present sensor axes to those of the map, the first frame's.
+        T_now_map = invert_transform(self._kiss.last_pose)
+        T_now_first = T_cam_centred @ T_now_map @ invert_transform(T_cam_centred)
+        return T_now_first @ self._T_cam_model_first
 
 
 def _settings(size_m: float) -> KISSConfig:

@@ -3,20 +3,24 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.spatial import invert_transform, rotation_angle
-from pcnav.estimators.peers.kiss_icp import Odometry
+from pcnav.estimators.interface import Given
+from pcnav.estimators.peers.kiss_icp import KissIcp
+from pcnav.perception.returns import returns_of
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.sequence import Frame
 from pcnav.simulation.motion import true_motion
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
-from pcnav.target.satellite import load_target
+from pcnav.target.satellite import Target, load_target
 
 _FRAMES = 12
 _SIZE_M = 10.0
@@ -45,10 +49,16 @@ def tumble() -> tuple[list[Frame], np.ndarray]:
     return frames, poses
 
 
-def _motion(frames: Iterable[Frame], size_m: float | None = None) -> np.ndarray:
+def _odometry(size_m: float = _SIZE_M) -> KissIcp:
+    """Of a target of a size, from the first pose 1."""
+    target = cast(Target, SimpleNamespace(diameter_m=size_m))
+    return KissIcp(Given(Pipeline(), None, target, np.eye(4)))
+
+
+def _motion(frames: Iterable[Frame], size_m: float = _SIZE_M) -> np.ndarray:
     """(n, 4, 4); fails where a frame has none."""
-    odometry = Odometry(size_m)
-    steps = [odometry.register(frame) for frame in frames]
+    odometry = _odometry(size_m)
+    steps = [odometry.pose(frame) for frame in frames]
     assert all(step is not None for step in steps)
     return np.array(steps)
 
@@ -59,9 +69,9 @@ def _errors(T: np.ndarray, T_true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.linalg.norm(T[:, :3, 3] - T_true[:, :3, 3], axis=1), np.rad2deg(turn)
 
 
-@pytest.mark.parametrize("size_m", [_SIZE_M, None])
+@pytest.mark.parametrize("size_m", [_SIZE_M, 0.7 * _SIZE_M])
 def test_motion_of_a_tumbling_satellite(
-    tumble: tuple[list[Frame], np.ndarray], size_m: float | None
+    tumble: tuple[list[Frame], np.ndarray], size_m: float
 ) -> None:
     frames, poses = tumble
     T = _motion(frames, size_m)
@@ -96,8 +106,8 @@ def test_environment_changes_nothing(
 def test_frames_without_returns_are_passed_over(tumble: tuple[list[Frame], np.ndarray]) -> None:
     frames, poses = tumble
     dark = replace(frames[0], depth_m=np.zeros_like(frames[0].depth_m))
-    odometry = Odometry(_SIZE_M)
-    steps = [odometry.register(frame) for frame in (dark, frames[0], dark, frames[1])]
+    odometry = _odometry()
+    steps = [odometry.pose(frame) for frame in (dark, frames[0], dark, frames[1])]
     assert [step is None for step in steps] == [True, False, True, False]
     _, turn_deg = _errors(np.array([steps[1], steps[3]]) @ poses[0], poses[:2])
     assert turn_deg.max() < 1.0
@@ -106,15 +116,9 @@ def test_frames_without_returns_are_passed_over(tumble: tuple[list[Frame], np.nd
 def test_a_target_out_of_reach_has_no_motion(tumble: tuple[list[Frame], np.ndarray]) -> None:
     frames, _ = tumble
     gone = replace(frames[1], depth_m=frames[1].depth_m * np.float32(3.0))
-    odometry = Odometry(_SIZE_M)
-    assert odometry.register(frames[0]) is not None
-    assert odometry.register(gone) is None
-
-
-@pytest.mark.parametrize("size_m", [0.0, -1.0, float("nan"), float("inf")])
-def test_size_must_be_positive(size_m: float) -> None:
-    with pytest.raises(ValueError, match="size above 0"):
-        Odometry(size_m)
+    odometry = _odometry()
+    assert odometry.pose(frames[0]) is not None
+    assert odometry.pose(gone) is None
 
 
 def test_camera_motion_in_a_real_room(shared_data: Path) -> None:
@@ -129,7 +133,9 @@ def test_camera_motion_in_a_real_room(shared_data: Path) -> None:
     frames = [sequence.frame(k) for k in range(0, len(sequence), 3)]
     T_cam_world = np.stack([frame.T_cam_world for frame in frames])
     T_true = T_cam_world @ invert_transform(T_cam_world[0])
-    shift_m, turn_deg = _errors(_motion(frames), T_true)
+    low, high = np.percentile(returns_of(frames[0]), (2.0, 98.0), axis=0)
+    size_m = float(np.linalg.norm(high - low))
+    shift_m, turn_deg = _errors(_motion(frames, size_m), T_true)
     assert shift_m.max() < 0.025
     assert turn_deg.max() < 0.75
     assert np.rad2deg(rotation_angle(T_true[-1, :3, :3])) > 2.0
