@@ -6,6 +6,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.evaluation.errors import principal_rotation
 
 SIGMAS = 3.0
 _MAX_SHARE = 1.0 / 6.0
@@ -64,8 +65,7 @@ def attitude_cone_scale(sd_theta: FloatArray, length_m: float, magnified: float)
 
 def principal_axes_model(inertia_ratios: FloatArray) -> FloatArray:
     """(3, 3) axes of inertia as columns, model axes, largest moment first; proper."""
-    moments, R = np.linalg.eigh(inertia_from_ratios(inertia_ratios))
-    R = R[:, np.argsort(moments)[::-1]]
+    R = principal_rotation(inertia_from_ratios(inertia_ratios))
     # Of the two directions of an axis the one nearer to the model's own, for a picture at rest.
     signs = np.sign(R[np.argmax(np.abs(R), axis=0), np.arange(3)])
     R = R * signs
