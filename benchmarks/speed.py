@@ -31,21 +31,21 @@ PER_FRAME = (
 )
 
 _PLACES = {
-    "pcnav.pipeline.open_sequence": _READING,
+    "pcnav.pipeline.open_recording": _READING,
     "pcnav.recordings.bop.BopSequence.frame": _READING,
     "pcnav.perception.reading.perceive": _PERCEPTION,
     "pcnav.perception.reading.pose_hypotheses": _ACQUISITION,
     "pcnav.perception.render_compare.RenderComparer.compare": _COMPARISON,
     "pcnav.estimators.depth.acquisition.fit_arc": _ARC,
     "pcnav.estimators.depth.tracker.Tracker.step": _FILTER,
-    "pcnav.runs.result_writer.ResultWriter.add": _WRITING,
-    "pcnav.runs.result_writer.ResultWriter.finish_tables": _WRITING,
-    "pcnav.pipeline.read_track": _REPORT,
+    "pcnav.runs.writer.RunWriter.add": _WRITING,
+    "pcnav.runs.writer.RunWriter.finish_tables": _WRITING,
+    "pcnav.pipeline.read_run": _REPORT,
     "pcnav.pipeline.read_truth": _REPORT,
-    "pcnav.pipeline.count_outcomes": _REPORT,
     "pcnav.pipeline.evaluate": _REPORT,
     "pcnav.pipeline.what_is_known": _REPORT,
     "pcnav.pipeline.frame_picture": _REPORT,
+    "pcnav.pipeline.tables_of_run": _REPORT,
     "pcnav.pipeline.library_versions": _REPORT,
     "pcnav.pipeline.write_report": _REPORT,
 }

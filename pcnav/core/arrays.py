@@ -1,14 +1,11 @@
 """Array type names used across the package, and members of batches of arrays."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from dataclasses import Field, fields, replace
+from typing import Any, ClassVar, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -16,7 +13,14 @@ IntArray: TypeAlias = npt.NDArray[np.intp]
 DepthImage: TypeAlias = npt.NDArray[np.float32]
 """(height, width) z-depth, metres; 0 where no return came back."""
 
-Batch = TypeVar("Batch", bound="DataclassInstance")
+
+class AnyDataclass(Protocol):
+    """An instance of any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+Batch = TypeVar("Batch", bound=AnyDataclass)
 """A dataclass of arrays over one leading dimension; its other fields are common to all."""
 
 
@@ -44,12 +48,12 @@ def chosen(which: BoolArray, new: Batch, old: Batch) -> Batch:
     return replace(new, **changes)
 
 
-def is_finite(batch: "DataclassInstance") -> BoolArray:
+def is_finite(batch: AnyDataclass) -> BoolArray:
     """(B,) whether all numbers of a member are finite."""
     finite = [np.isfinite(array.reshape(len(array), -1)).all(axis=1) for _, array in _arrays(batch)]
     return np.asarray(np.all(finite, axis=0))
 
 
-def _arrays(batch: "DataclassInstance") -> list[tuple[str, FloatArray]]:
+def _arrays(batch: AnyDataclass) -> list[tuple[str, FloatArray]]:
     values = ((field.name, getattr(batch, field.name)) for field in fields(batch))
     return [(name, value) for name, value in values if isinstance(value, np.ndarray)]

@@ -6,16 +6,13 @@ the damping, what counts as an improvement and when a problem has settled.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from pcnav.core.arrays import BoolArray, FloatArray, chosen
+from pcnav.core.arrays import AnyDataclass, BoolArray, FloatArray, chosen
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-S = TypeVar("S", bound="DataclassInstance")
+S = TypeVar("S", bound=AnyDataclass)
 
 
 @dataclass(frozen=True)
