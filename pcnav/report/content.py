@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from pcnav.evaluation.errors import Errors
 from pcnav.evaluation.knowledge import RunKnowledge
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable
@@ -38,8 +37,3 @@ class ReportContent:
     picture: Figure | None = None
     """A frame drawn by `frame_picture`."""
     picture_caption: str = ""
-
-    @property
-    def errors(self) -> Errors | None:
-        """Those behind the metrics; None without a truth."""
-        return self.metrics.errors

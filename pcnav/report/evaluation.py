@@ -81,7 +81,7 @@ def consistency(content: ReportContent) -> list[Piece]:
 
 def consistency_figure(content: ReportContent) -> Figure:
     """NIS, and the NEES where there is a truth, over the 95 % chi-square bound of each frame."""
-    run, errors = content.run, content.errors
+    run, errors = content.run, content.metrics.errors
     panels = []
     if content.metrics.nis.frames:
         panels.append(_squared_panel("NIS", run.nis, run.nis_dof))

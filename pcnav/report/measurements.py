@@ -150,7 +150,7 @@ def _attitudes(content: ReportContent) -> list[Piece]:
 
 def _points(content: ReportContent) -> list[Piece]:
     """The errors of the points of a run without a model."""
-    rms_m = None if content.errors is None else content.errors.points_rms_m
+    rms_m = None if content.metrics.errors is None else content.metrics.errors.points_rms_m
     if rms_m is None or not np.isfinite(rms_m).any():
         return []
     scale, unit = display_unit("m", float(np.nanmedian(rms_m)))
@@ -165,7 +165,7 @@ def _feature_table(content: ReportContent) -> TextTable | None:
     table = None if content.run.folder is None else read_features(content.run.folder)
     if table is None:
         return None
-    known = (content.errors.point_m if content.errors is not None else None) or {}
+    known = (content.metrics.errors.point_m if content.metrics.errors is not None else None) or {}
     header = ("feature", "x, m", "y, m", "z, m", "sd x, m", "sd y, m", "sd z, m")
     header = (*header, "frames seen", "rejected", *(("error, m",) if known else ()))
     rows = []

@@ -16,7 +16,6 @@ from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.runs.run import Run
 
 _AXES = {ATTITUDE: ", body axes", RATE: ", body axes", RATIOS: " over Ixx"}
-_XYZ = POSITION.components
 _FIXED = 1e-12
 """A component is held fixed when it has no deviation and no value above this."""
 
@@ -29,17 +28,19 @@ def block_title(block: Block) -> str:
 
 def states_over_time(content: ReportContent) -> list[Piece]:
     """A figure for the pose and for every block that the run has values of."""
-    run, errors = content.run, content.errors
+    run, errors = content.run, content.metrics.errors
     if not run.has_estimate.any():
         return []
     figures: list[Piece] = []
     if errors is not None and errors.has_pose.any():
         caption = "Norms of the error of the model origin and of the attitude in the camera."
         figures.append(drawing("Pose error", caption, pose_error_figure(run.time_s, errors)))
-    elif not run.trajectory.layout.blocks:
-        figures.append(_pose(run))
+    elif run.trajectory.T_cam_target is not None and not run.trajectory.layout.blocks:
+        p_cam = run.trajectory.T_cam_target[:, :3, 3]
+        figure = component_figure(run, p_cam, POSITION.components, "m")
+        figures.append(drawing("Model origin in cam", "Estimate.", figure))
     if run.segments:
-        figures += _own_axes(run)
+        figures += _motion(run)
     for block in FILE_ORDER:
         if block in run.trajectory:
             figures += _block_figures(run, errors, block)
@@ -47,32 +48,37 @@ def states_over_time(content: ReportContent) -> list[Piece]:
 
 
 def component_figure(
-    time_s: FloatArray,
+    run: Run,
     values: FloatArray,
-    sd: FloatArray,
     names: tuple[str, ...],
     unit: str,
+    sd: FloatArray | None = None,
     *,
-    is_error: bool,
+    is_error: bool = False,
 ) -> Figure:
     """Components (n, k) over time, one row each, with their 3 sigma bounds where these are known.
 
     Errors are drawn against bounds about zero, estimates inside bounds about themselves. Errors
     that shrink by orders of magnitude get an axis that is linear about zero and logarithmic
-    beyond; otherwise the axes span what happens after the first tenth of the run.
+    beyond; otherwise a start-up transient may leave the axes. No line joins two segments.
     """
-    settled = np.abs(values[time_s >= time_s[0] + 0.1 * np.ptp(time_s)])
+    starts = np.searchsorted(run.time_s, [segment.time_s for segment in run.segments[1:]])
+    time_s = np.insert(run.time_s, starts, run.time_s[starts])
+    settled = np.abs(values[run.time_s >= run.time_s[0] + 0.1 * np.ptp(run.time_s)])
     typical = [np.median(column) for column in map(finite, settled.T) if column.size]
     scale, unit = display_unit(unit, float(max(typical, default=1.0)))
-    label = "error (truth - estimate)" if is_error else "estimate"
+    columns = scale * np.insert(values, starts, np.nan, axis=0).T
+    bounds = np.full_like(columns, np.nan)
+    if sd is not None:
+        bounds = 3.0 * scale * np.insert(sd, starts, np.nan, axis=0).T
     panels = []
-    for name, value, bound in zip(names, scale * values.T, 3.0 * scale * sd.T, strict=True):
+    for name, value, bound in zip(names, columns, bounds, strict=True):
         centre = np.zeros_like(value) if is_error else value
         known = bool(np.isfinite(bound).any())
         panels.append(
             Panel(
                 name if unit == "1" else f"{name}, {unit}",
-                [Curve(label, value, colour=LINE)],
+                [Curve("error (truth - estimate)" if is_error else "estimate", value, colour=LINE)],
                 Scale.ERROR if is_error else Scale.SETTLED,
                 bands={"3 sigma as stated": (centre - bound, centre + bound)} if known else {},
                 base=0.0 if is_error else None,
@@ -124,47 +130,26 @@ def _block_figures(run: Run, errors: Errors | None, block: Block) -> list[Drawin
     if not shown.size:
         return []
     figure = component_figure(
-        run.time_s,
+        run,
         block.to_shown * values[:, shown],
-        block.to_shown * sd[:, shown],
         tuple(block.components[k] for k in shown),
         block.shown_unit,
+        block.to_shown * sd[:, shown],
         is_error=error is not None,
     )
     return [drawing(title, f"{caption}.", figure)]
 
 
-def _own_axes(run: Run) -> list[Drawing]:
-    """Attitude and rate of a run in the axes that it chose: no line joins two of its segments."""
-    starts = [segment.time_s for segment in run.segments]
-    segment = np.searchsorted(starts, run.time_s, side="right")
+def _motion(run: Run) -> list[Drawing]:
+    """Attitude and rate of a run in axes of its own, which its errors do not tell."""
+    segment = np.searchsorted([each.time_s for each in run.segments], run.time_s, side="right")
     known = np.flatnonzero(run.has_estimate)
     xyzw = np.full((len(run), 4), np.nan)
     xyzw[known] = continuous_xyzw(run.trajectory[ATTITUDE][known], segment[known])
-    cuts = np.flatnonzero(np.diff(segment)) + 1
-    time_s = np.insert(run.time_s, cuts, run.time_s[cuts])
-
-    def figure(values: FloatArray, labels: list[str]) -> Figure:
-        parts = np.insert(values, cuts, np.nan, axis=0)
-        panels = [
-            Panel(label, [Curve("", column, colour=LINE)])
-            for label, column in zip(labels, parts.T, strict=True)
-        ]
-        return panels_figure(time_s, panels)
-
-    caption = "Quaternion of R_world_body, scalar last."
-    figures = [drawing("Attitude", caption, figure(xyzw, list(ATTITUDE.columns)))]
+    figure = component_figure(run, xyzw, ATTITUDE.columns, "1")
+    figures = [drawing("Attitude", "Quaternion of R_world_body, scalar last.", figure)]
     if RATE in run.trajectory:
-        labels = [f"{axis}, {RATE.shown_unit}" for axis in RATE.components]
-        rate = figure(RATE.to_shown * run.trajectory[RATE], labels)
-        figures.append(drawing(block_title(RATE), "Inertial.", rate))
+        rate = RATE.to_shown * run.trajectory[RATE]
+        figure = component_figure(run, rate, RATE.components, RATE.shown_unit)
+        figures.append(drawing(block_title(RATE), "Inertial.", figure))
     return figures
-
-
-def _pose(run: Run) -> Drawing:
-    """Where the target is, as an estimator of poses alone sees it."""
-    pose = run.trajectory.T_cam_target
-    assert pose is not None, "an estimate without blocks is a pose"
-    p_cam, unknown = pose[:, :3, 3], np.full((len(run), 3), np.nan)
-    figure = component_figure(run.time_s, p_cam, unknown, _XYZ, "m", is_error=False)
-    return drawing("Position of the model origin in the camera", "Estimate.", figure)

@@ -54,7 +54,8 @@ def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[t
     ]
     statuses = [f"{name} {share:.1%}" for name, share in metrics.status_share.items()]
     facts.append(("status", ", ".join(statuses) or MISSING))
-    facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
+    if metrics.nis.frames:
+        facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
     if knowledge is not None:
         facts.append((FROM_DATA, knowledge_text(knowledge)))
     alone = len(metrics.nees) == 1

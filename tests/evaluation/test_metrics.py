@@ -2,7 +2,6 @@
 
 import io
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,17 +39,8 @@ from pcnav.evaluation.errors import errors, match_times, relabelled
 from pcnav.evaluation.metrics import BLOCKS, PERCENTILES, Metrics, distribution, evaluate
 from pcnav.files.text_table import number
 from pcnav.report.summary import summary_table
-from pcnav.runs.reader import read_run
 from pcnav.runs.run import Run
-from pcnav.runs.writer import RunWriter
-
-
-def stored(folder: Path, run: Any) -> Run:
-    """The run's frames by way of the disk."""
-    with RunWriter(folder, run.output) as writer:
-        for estimate in run.estimates:
-            writer.add(estimate)
-    return read_run(folder, with_covariance=True)
+from tests.made_runs import made_run
 
 
 def quantity(metrics: Metrics, key: str) -> tuple[str, FloatArray]:
@@ -67,11 +57,11 @@ def statistics(norms: FloatArray) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def honest(
-    make_run: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Any, Run, Path]:
-    run = make_run(400)
+    run = made_run("depth", 400)
     folder = tmp_path_factory.mktemp("honest") / "run"
-    return run, stored(folder, run), folder
+    return run, run.stored(folder), folder
 
 
 def test_state_errors_are_the_states_own(honest: tuple[Any, Run, Path]) -> None:
@@ -180,11 +170,9 @@ def test_nees_of_honest_errors_lies_within_its_bounds(honest: tuple[Any, Run, Pa
 
 
 @pytest.mark.parametrize("inflation", [0.6, 1.4])
-def test_nees_tells_covariances_of_the_wrong_size(
-    make_run: Callable[..., Any], tmp_path: Path, inflation: float
-) -> None:
-    run = make_run(200, inflation)
-    track = stored(tmp_path / "run", run)
+def test_nees_tells_covariances_of_the_wrong_size(tmp_path: Path, inflation: float) -> None:
+    run = made_run("depth", 200, inflation)
+    track = run.stored(tmp_path / "run")
     for block in evaluate(track, run.truth).nees:
         outside = block.mean_per_degree - (block.upper if inflation > 1.0 else block.lower)
         assert outside * (inflation - 1.0) > 0.0 or block.name != "all"

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, project
@@ -15,16 +16,21 @@ from pcnav.report.figures import svg_bytes
 from pcnav.report.measurements import count_figure, outcome_figure
 from pcnav.report.overlay import frame_picture, visible_pieces
 from pcnav.report.panels import Curve, Panel, Scale, panels_figure
-from pcnav.report.states import component_figure
 from pcnav.runs.records import ACCEPTED, RectangleRecord
+
+
+def error_figure(time_s: FloatArray, error: FloatArray, sd: FloatArray) -> Figure:
+    """Of an error (n,) and its stated deviations (n,)."""
+    bands = {"3 sigma": (-3.0 * sd, 3.0 * sd)}
+    return panels_figure(time_s, [Panel("x", [Curve("", error)], Scale.ERROR, bands=bands)])
 
 
 def test_the_same_figure_gives_the_same_bytes() -> None:
     def drawn() -> bytes:
         time_s = np.arange(30.0)
-        values = np.sin(time_s)[:, None]
-        sd = np.ones((30, 1))
-        return svg_bytes(component_figure(time_s, values, sd, ("x",), "m", is_error=True))
+        values = np.sin(time_s)
+        sd = np.ones(30)
+        return svg_bytes(error_figure(time_s, values, sd))
 
     assert drawn() == drawn()
 
@@ -43,21 +49,21 @@ def test_thinning_keeps_every_peak_and_gap() -> None:
 
 def test_a_transient_does_not_set_the_scale() -> None:
     time_s = np.linspace(0.0, 100.0, 1001)
-    error = np.where(time_s < 5.0, 1e3, np.sin(time_s))[:, None]
-    figure = component_figure(time_s, error, np.full((1001, 1), 0.2), ("x",), "1", is_error=True)
+    error = np.where(time_s < 5.0, 1e3, np.sin(time_s))
+    figure = error_figure(time_s, error, np.full(1001, 0.2))
     low, high = figure.axes[0].get_ylim()
     assert -1.5 < low < -1.0 < 1.0 < high < 1.5
 
 
 def test_a_run_that_settles_by_decades_shows_both_ends() -> None:
     time_s = np.linspace(0.0, 100.0, 1001)
-    sd = 10.0 ** (1.0 - 4.0 * time_s / 100.0)[:, None]
-    figure = component_figure(time_s, sd * np.sin(time_s)[:, None], sd, ("x",), "1", is_error=True)
+    sd = 10.0 ** (1.0 - 4.0 * time_s / 100.0)
+    figure = error_figure(time_s, sd * np.sin(time_s), sd)
     axes = figure.axes[0]
     low, high = axes.get_ylim()
     assert low < -30.0 < 30.0 < high
     # The last bound of 3 mm stands well clear of zero: a tenth of the axis and more.
-    inside = axes.transData.transform([(0.0, 0.0), (0.0, 3.0 * sd[-1, 0]), (0.0, high)])[:, 1]
+    inside = axes.transData.transform([(0.0, 0.0), (0.0, 3.0 * sd[-1]), (0.0, high)])[:, 1]
     assert (inside[1] - inside[0]) > 0.1 * (inside[2] - inside[0])
 
 

@@ -2,33 +2,35 @@
 
 import re
 from base64 import b64decode
-from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from pcnav.dynamics.blocks import RATIOS
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.knowledge import what_is_known
 from pcnav.evaluation.metrics import evaluate
 from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report.content import ReportContent
+from pcnav.report.page import Drawing
 from pcnav.report.run_report import SECTIONS, report_html, write_report
+from pcnav.report.states import states_over_time
 from pcnav.runs.reader import count_outcomes, read_features
 from pcnav.runs.records import ACCEPTED
-from tests.report.conftest import KINDS
+from pcnav.runs.run import Segment
+from tests.made_runs import KINDS
+from tests.report.conftest import Contents
 
 VOID = {"meta", "img", "br", "wbr"}
 COMMON = {"Summary", "Status", "Against the truth", "States over time", "How the run was made"}
 OWN = {
     "depth": {"Consistency", "Measurements"},
-    "principal_axes": {"Consistency", "Measurements", "Notes of the estimator"},
+    "inertia_bank": {"Consistency", "Measurements", "Notes of the estimator"},
     "attitude_inertia": {"Consistency", "Measurements"},
     "image_motion": {"Consistency", "Frames", "Measurements"},
     "open3d_icp": set[str](),
@@ -38,7 +40,7 @@ FIGURES = {
     # Status, pose, six states, consistency, counts and outcomes.
     "depth": 11,
     # Status, five states, consistency, counts, points, notes.
-    "principal_axes": 10,
+    "inertia_bank": 10,
     # Status, three states, consistency, attitudes taken in.
     "attitude_inertia": 6,
     # Status, outcomes, attitude, rate and their errors, consistency, counts.
@@ -93,14 +95,14 @@ def read_page(html: str) -> PageReader:
 @pytest.fixture(scope="module", params=KINDS)
 def written(
     request: pytest.FixtureRequest,
-    make_run: Callable[..., Any],
+    make_content: Contents,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[str, ReportContent, PageReader]:
     """A kind of run whose errors are thrice what it states, and its page as read back."""
-    folder = tmp_path_factory.mktemp("report")
-    content = make_run(request.param, 60, 3.0).content(folder / "run")
-    write_report(folder / "report.html", content)
-    html = (folder / "report.html").read_text(encoding="utf-8")
+    content = make_content(request.param, 60, inflation=3.0)
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(path, content)
+    html = path.read_text(encoding="utf-8")
     assert not re.search(r"url\(|@import|https?://", re.sub(r"base64,[^\"]*", "", html))
     return request.param, content, read_page(html)
 
@@ -140,7 +142,7 @@ def test_the_numbers_in_the_page_are_those_of_the_metrics(
     if content.metrics.nis.frames:
         assert f"{content.metrics.nis.mean_per_degree:.3f} (95 %: " in page.text
     else:
-        assert "NIS" not in page.text.split("Status")[0].replace("NIS per degree of freedom", "")
+        assert "NIS" not in page.text.split("Consistency")[0]
 
 
 def test_what_was_measured_is_told(written: tuple[str, ReportContent, PageReader]) -> None:
@@ -155,15 +157,15 @@ def test_what_was_measured_is_told(written: tuple[str, ReportContent, PageReader
         assert "panel, +y" in page.text
         assert "not recognised" in page.text
         assert "bus <b>bold</b>" in page.text
-    elif kind == "principal_axes":
-        assert content.errors is not None
-        assert content.errors.point_m is not None
+    elif kind == "inertia_bank":
+        assert content.metrics.errors is not None
+        assert content.metrics.errors.point_m is not None
         table = read_features(run.folder)
         assert table is not None
         point = "\n".join(f"{value:.4f}" for value in (*table.p_body[1], *table.sd[1]))
         assert f"\n7\n{point}\n" in page.text
-        assert f"\n57\n57\n{number(content.errors.point_m[7])}\n" in page.text
-        assert f"p_x\n{number(5.9)}\n" in page.text
+        assert f"\n57\n57\n{number(content.metrics.errors.point_m[7])}\n" in page.text
+        assert f"hypothesis\n{number(5.9)}\n" in page.text
     elif kind == "image_motion":
         measured = run.words["outcome"].count("measured")
         assert f"measured\n{measured}\n{measured / 60:.1%}\n" in page.text
@@ -174,10 +176,8 @@ def test_what_was_measured_is_told(written: tuple[str, ReportContent, PageReader
 
 @pytest.mark.usefixtures("quick_drawings")
 @pytest.mark.parametrize("kind", KINDS)
-def test_without_a_truth_the_estimates_are_shown(
-    make_run: Callable[..., Any], tmp_path: Path, kind: str
-) -> None:
-    page = read_page(report_html(make_run(kind, 40).content(tmp_path / "run", with_truth=False)))
+def test_without_a_truth_the_estimates_are_shown(make_content: Contents, kind: str) -> None:
+    page = read_page(report_html(make_content(kind, 40, with_truth=False)))
     assert {"Against the truth"} == (COMMON | OWN[kind]) - set(page.sections) - {"Consistency"}
     assert ("Consistency" in page.sections) == KINDS[kind].has_nis
     assert "Pose error" not in page.text
@@ -189,18 +189,18 @@ def test_without_a_truth_the_estimates_are_shown(
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("frames", [0, 1, 3, 4])
 def test_a_run_of_hardly_any_frames_has_a_report(
-    make_run: Callable[..., Any], tmp_path: Path, kind: str, frames: int
+    make_content: Contents, kind: str, frames: int
 ) -> None:
     # Up to three frames there is no estimate at all.
-    content = make_run(kind, frames).content(tmp_path / "run", with_truth=frames > 0)
+    content = make_content(kind, frames, with_truth=frames > 0)
     page = read_page(report_html(content))
     assert f"{frames} frames" in page.text
     assert ("States over time" in page.sections) == (frames > 3)
     assert ("Status" in page.sections) == (frames > 0)
 
 
-def test_a_long_run_stays_a_small_page(make_run: Callable[..., Any], tmp_path: Path) -> None:
-    short = make_run("depth", 500).content(tmp_path / "run")
+def test_a_long_run_stays_a_small_page(make_content: Contents) -> None:
+    short = make_content("depth", 500)
     repeats = np.tile(np.arange(500), 10)
     noise = np.random.default_rng(5).standard_normal((5000, 3))
     run = short.run
@@ -223,8 +223,8 @@ def test_a_long_run_stays_a_small_page(make_run: Callable[..., Any], tmp_path: P
 
 
 @pytest.mark.usefixtures("quick_drawings")
-def test_the_report_says_what_the_data_told(make_run: Callable[..., Any], tmp_path: Path) -> None:
-    content = make_run("depth", 8).content(tmp_path / "run")
+def test_the_report_says_what_the_data_told(make_content: Contents) -> None:
+    content = make_content("depth", 8)
     assert "prior only" not in read_page(report_html(content)).text
     covariance = np.diag(np.full(20, 1e-6))
     covariance[15:17, 15:17] = 0.005 * np.ones((2, 2)) + 1e-9 * np.eye(2)
@@ -253,8 +253,8 @@ def test_the_report_says_what_the_data_told(make_run: Callable[..., Any], tmp_pa
 
 
 @pytest.mark.usefixtures("quick_drawings")
-def test_segments_and_symmetry_are_told(make_run: Callable[..., Any], tmp_path: Path) -> None:
-    content = make_run("image_motion", 20).content(tmp_path / "run")
+def test_segments_and_symmetry_are_told(make_content: Contents) -> None:
+    content = make_content("image_motion", 20)
     run = content.run
     later = replace(run.segments[0], time_s=float(run.time_s[12]))
     content = replace(content, run=replace(run, segments=(*run.segments, later)))
@@ -262,3 +262,27 @@ def test_segments_and_symmetry_are_told(make_run: Callable[..., Any], tmp_path: 
     assert "symmetry 3 of the target" not in read_page(report_html(content)).text
     content = replace(content, metrics=replace(content.metrics, symmetry=3))
     assert "symmetry 3 of the target" in read_page(report_html(content)).text
+
+
+def test_what_is_held_fixed_is_not_drawn(
+    make_content: Contents, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = dict[str, Figure]()
+
+    def keep(title: str, caption: str, figure: Figure) -> Drawing:
+        drawn[title] = figure
+        return Drawing(title, caption, b"")
+
+    monkeypatch.setattr("pcnav.report.states.drawing", keep)
+    content = make_content("attitude_inertia", 20, with_truth=False)
+    trajectory = content.run.trajectory
+    assert trajectory.sd is not None
+    ratios, sd = trajectory[RATIOS].copy(), trajectory.sd.copy()
+    ratios[:, 2:] = sd[:, -3:] = 0.0
+    fixed = replace(trajectory, sd=sd, values={**trajectory.values, RATIOS.name: ratios})
+    states_over_time(replace(content, run=replace(content.run, trajectory=fixed)))
+    assert [axes.get_ylabel() for axes in drawn["Inertia ratios over Ixx"].axes] == ["Iyy", "Izz"]
+    later = Segment(float(content.run.time_s[10]), np.eye(3))
+    states_over_time(replace(content, run=replace(content.run, segments=(later, later))))
+    line = drawn["Attitude"].axes[0].lines[0]
+    assert np.flatnonzero(np.isnan(np.asarray(line.get_ydata()))).tolist() == [0, 1, 2, 10]

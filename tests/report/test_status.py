@@ -1,8 +1,6 @@
 """The status over time and its evidence."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,14 +19,12 @@ from pcnav.report.status import (
 )
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
 from pcnav.runs.status import Status
+from tests.report.conftest import Contents
 
 
 @pytest.fixture(scope="module")
-def content(
-    make_run: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
-) -> ReportContent:
-    found: ReportContent = make_run("depth", 60).content(tmp_path_factory.mktemp("status") / "run")
-    return found
+def content(make_content: Contents) -> ReportContent:
+    return make_content("depth", 60)
 
 
 def beside(content: ReportContent) -> tuple[Any, ...]:
@@ -100,10 +96,8 @@ def test_without_evidence_only_the_status_is_drawn(content: ReportContent) -> No
     assert len(status_figure(run).axes) == 1
 
 
-def test_the_band_of_the_window_nis_is_chi_square(
-    make_run: Callable[..., Any], tmp_path: Path
-) -> None:
-    run = make_run("depth", 400).content(tmp_path / "run").run
+def test_the_band_of_the_window_nis_is_chi_square(make_content: Contents) -> None:
+    run = make_content("depth", 400).run
     lower, upper = window_nis_bounds(run)
     for k in (3, 10, 50, 399):
         used = np.flatnonzero(run.nis_dof[: k + 1])[-NIS_WINDOW_FRAMES:]
