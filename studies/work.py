@@ -1,13 +1,14 @@
 """The runs of a study: planned part by part, made together, told in one count."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from pcnav.batch.cluster import EVERY_CORE, Workers
 from pcnav.batch.engine import results
-from pcnav.batch.monte_carlo import Run, RunBatch
+from pcnav.batch.monte_carlo import Case, Run, RunBatch, runs_of
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -66,6 +67,21 @@ class Work:
         ]
         return planned
 
+    def repeat(
+        self,
+        function: Callable[..., Result],
+        name: str,
+        cases: Mapping[str, tuple[object, ...]],
+        count: int,
+        work: float,
+    ) -> Planned[Result]:
+        """``function`` of the arguments of every case and a seed, so many times.
+
+        The seeds follow from the name: all cases meet the same draws.
+        """
+        runs = runs_of(name, [Case(case, given, work) for case, given in cases.items()], count)
+        return self.plan(partial(_seeded, function), runs)
+
     def run(self) -> None:
         """Make all that is planned, the first planned first. Raises `RunError` when a run fails."""
         total, done = max(1, round(sum(call.work for call in self._calls))), 0.0
@@ -91,6 +107,10 @@ class _Call:
 
     def __str__(self) -> str:
         return str(self.item)
+
+
+def _seeded(function: Callable[..., Result], run: Run[tuple[object, ...]]) -> Result:
+    return function(*run.case.settings, run.seed)
 
 
 def _made(call: _Call) -> Any:

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, mean_squared, percentile
 from pcnav.files.text_table import TextTable, number
@@ -21,7 +20,7 @@ from .starts import RIGHT_FRACTION, RIGHT_RAD
 from .tumbles import FRAME_RATE_HZ, boxsat, tumble
 
 NAME = "blackouts"
-DURATIONS_S = (5, 20, 60)
+CASES = {f"{duration_s} s": (duration_s,) for duration_s in (5, 20, 60)}
 _RELOCK_BAR = 3
 _GROWTH_BAR = 1.1
 """A deviation that grows no more than this over a blackout was not forgotten."""
@@ -99,18 +98,6 @@ Blackouts = Mapping[str, Sequence[Blackout]]
 """By duration."""
 
 
-def blackout_runs(count: int, phases: Phases) -> list[Run[tuple[int, Phases]]]:
-    """So many runs of every duration."""
-    cases = [Case(f"{each} s", (each, phases), phases.seen) for each in DURATIONS_S]
-    return runs_of(NAME, cases, count)
-
-
-def black_out(run: Run[tuple[int, Phases]]) -> Blackout:
-    """One run."""
-    duration_s, phases = run.case.settings
-    return run_blackout(duration_s, run.seed, phases)
-
-
 def run_blackout(duration_s: int, seed: int, phases: Phases | None = None) -> Blackout:
     """One blackout in a track of boxsat: truth and noise are the seed's."""
     phases, target = phases or Phases(), boxsat().target
@@ -130,12 +117,9 @@ def figures(found: Blackouts) -> list[StudyFigure]:
     return [_figure(own[0]) for own in found.values()]
 
 
-def claims(found: Blackouts) -> list[Claim]:
-    """The bars of every duration."""
-    return [claim for name, own in found.items() for claim in _claims(name, own)]
-
-
-def _claims(name: str, own: Sequence[Blackout]) -> list[Claim]:
+def claims(own: Sequence[Blackout]) -> list[Claim]:
+    """The bars of a duration."""
+    name = f"{own[0].duration_s} s"
     nees = _last_nees(own)
     soon = [b.relocked is not None and b.relocked <= _RELOCK_BAR for b in own]
     growths = [float(b.growth.max()) for b in own]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, chi_square_bounds, mean_squared
 from pcnav.evaluation.bound import SceneBound
@@ -39,16 +38,6 @@ class ConsistencyRun:
     run: JudgedRun
     bound: FloatArray
     """(n, 20) variance that no tracker can beat, after each frame."""
-
-
-def consistency_runs(count: int, frames: int) -> list[Run[int]]:
-    """So many runs of so many frames."""
-    return runs_of(NAME, [Case(NAME, frames, frames)], count)
-
-
-def track(run: Run[int]) -> ConsistencyRun:
-    """One run."""
-    return run_consistency(run.seed, run.case.settings)
 
 
 def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:

@@ -7,7 +7,6 @@ from itertools import groupby
 import numpy as np
 import trimesh
 
-from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
@@ -56,15 +55,7 @@ def as_modelled(target: Target) -> trimesh.Trimesh:
 
 def with_box(target: Target) -> trimesh.Trimesh:
     """The target with a box of 0.5 x 0.4 x 0.3 m on a face of its bus, off the face's middle."""
-    T_model_face = _rectangle(target, _BOX_ON).T_model_rect
-    x, y = _BOX_OFF_CENTRE_M
-    # The box's thin side stands up along the face's normal, which is z of the face's frame.
-    height, length, width = _BOX_M
-    on_face = make_transform(np.eye(3), np.array([x, y, 0.5 * height]))
-    box = trimesh.creation.box((width, length, height), transform=T_model_face @ on_face)
-    joined = trimesh.util.concatenate([target.mesh, box])
-    assert isinstance(joined, trimesh.Trimesh)
-    return joined
+    return _boxed(target.mesh, target)
 
 
 def with_bent_panel(target: Target) -> trimesh.Trimesh:
@@ -82,10 +73,7 @@ def with_bent_panel(target: Target) -> trimesh.Trimesh:
 
 def with_box_and_bent_panel(target: Target) -> trimesh.Trimesh:
     """Both."""
-    bent, boxed = with_bent_panel(target), with_box(target)
-    vertices = np.array(boxed.vertices)
-    vertices[: len(bent.vertices)] = bent.vertices
-    return trimesh.Trimesh(vertices, boxed.faces, process=False)
+    return _boxed(with_bent_panel(target), target)
 
 
 def another_satellite(target: Target) -> trimesh.Trimesh:
@@ -109,6 +97,9 @@ FAULTS = {
     "all of these at once": Fault(_EVERYTHING, with_box_and_bent_panel),
     WRONG_TARGET: Fault({}, another_satellite),
 }
+
+
+CASES = {fault: (fault,) for fault in FAULTS}
 
 
 @dataclass(frozen=True)
@@ -137,16 +128,6 @@ class FaultRun:
 
 FaultRuns = Mapping[str, Sequence[FaultRun]]
 """By fault."""
-
-
-def fault_runs(count: int, frames: int) -> list[Run[int]]:
-    """So many runs of every fault, on the same truths."""
-    return runs_of(NAME, [Case(fault, frames, frames) for fault in FAULTS], count)
-
-
-def disturb(run: Run[int]) -> FaultRun:
-    """One run."""
-    return run_fault(run.case.name, run.seed, run.case.settings)
 
 
 def run_fault(fault: str, seed: int, frames: int = FRAMES) -> FaultRun:
@@ -236,6 +217,18 @@ def _silent_table(runs: Sequence[FaultRun]) -> TextTable:
             "last": lambda each: np.flatnonzero(each.silent)[-1],
         },
     )
+
+
+def _boxed(mesh: trimesh.Trimesh, target: Target) -> trimesh.Trimesh:
+    T_model_face = _rectangle(target, _BOX_ON).T_model_rect
+    x, y = _BOX_OFF_CENTRE_M
+    # The box's thin side stands up along the face's normal, which is z of the face's frame.
+    height, length, width = _BOX_M
+    on_face = make_transform(np.eye(3), np.array([x, y, 0.5 * height]))
+    box = trimesh.creation.box((width, length, height), transform=T_model_face @ on_face)
+    joined = trimesh.util.concatenate([mesh, box])
+    assert isinstance(joined, trimesh.Trimesh)
+    return joined
 
 
 def _rectangle(target: Target, name: str) -> Rectangle:

@@ -7,7 +7,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.statistics import mean, percentile, share
 from pcnav.files.text_table import TextTable
 from pcnav.report.panels import Curve, Panel, Scale
@@ -23,6 +22,7 @@ from ..tables import Claim, always, below, never, table_of
 
 NAME = "cold starts"
 SATELLITES = ("boxsat", "cubesat6u", "twinwing")
+CASES = {name: (name,) for name in SATELLITES}
 FRAMES = 5
 FRAME_RATE_HZ = 5.0
 _SPREAD = Spread(range_m=(10.0, 30.0), rate_deg_s=(0.0, 20.0), speed_m_s=0.02)
@@ -67,16 +67,6 @@ Starts = Mapping[str, Sequence[Start]]
 """By satellite."""
 
 
-def start_runs(count: int) -> list[Run[None]]:
-    """So many starts of every satellite."""
-    return runs_of(NAME, [Case(name, None, FRAMES) for name in SATELLITES], count)
-
-
-def start(run: Run[None]) -> Start:
-    """One run."""
-    return run_start(run.case.name, run.seed)
-
-
 def run_start(name: str, seed: int) -> Start:
     """One cold start of a shipped satellite: truth and noise are the seed's."""
     of = satellite(name)
@@ -117,12 +107,9 @@ def _locks(starts: Sequence[Start]) -> list[Start]:
     return [start for start in starts if start.outcome is not Outcome.NOT_YET]
 
 
-def claims(found: Starts) -> list[Claim]:
-    """The bars of every satellite."""
-    return [claim for name, starts in found.items() for claim in _claims(name, starts)]
-
-
-def _claims(name: str, starts: Sequence[Start]) -> list[Claim]:
+def claims(starts: Sequence[Start]) -> list[Claim]:
+    """The bars of a satellite."""
+    name = starts[0].satellite
     right, locks = count(starts, Outcome.RIGHT), _locks(starts)
     symmetric = len(satellite(name).target.symmetry_transforms) > 1
     word = Status.AMBIGUOUS if symmetric else Status.LOCKED

@@ -1,6 +1,7 @@
 """The study of the tracker as a list of verbs: start, black out, repeat, disturb, compare."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from pcnav.simulation.random_truth import satellite
@@ -15,7 +16,6 @@ from .blackouts import Phases
 RUNS = 100
 """Monte Carlo runs of the consistency chapter unless told otherwise; the others follow from it."""
 _STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT = 3, 10, 20
-_FEWEST = 2
 _QUICK_RUNS = 5
 
 
@@ -44,16 +44,23 @@ def study(runs: int, work: Work) -> Study:
     """
     lengths = _QUICK if runs < _QUICK_RUNS else Lengths()
     phases = lengths.blackout
-    some = max(_FEWEST, runs // _RUNS_PER_BLACKOUT), max(_FEWEST, runs // _RUNS_PER_FAULT)
-    cold = work.plan(starts.start, starts.start_runs(_STARTS_PER_RUN * runs))
-    dark = work.plan(blackouts.black_out, blackouts.blackout_runs(some[0], phases))
-    repeated = work.plan(consistency.track, consistency.consistency_runs(runs, lengths.consistency))
-    disturbed = work.plan(faults.disturb, faults.fault_runs(some[1], lengths.faults))
+    few, fewer = (max(2, runs // per) for per in (_RUNS_PER_BLACKOUT, _RUNS_PER_FAULT))
+    black_out = partial(blackouts.run_blackout, phases=phases)
+    track = partial(consistency.run_consistency, frames=lengths.consistency)
+    disturb = partial(faults.run_fault, frames=lengths.faults)
+    cold = work.repeat(
+        starts.run_start, starts.NAME, starts.CASES, _STARTS_PER_RUN * runs, starts.FRAMES
+    )
+    dark = work.repeat(black_out, blackouts.NAME, blackouts.CASES, few, phases.seen)
+    repeated = work.repeat(
+        track, consistency.NAME, {consistency.NAME: ()}, runs, lengths.consistency
+    )
+    disturbed = work.repeat(disturb, faults.NAME, faults.CASES, fewer, lengths.faults)
     work.run()
     judged = consistency.Judged.of(repeated.results)
     claims = [
-        *starts.claims(cold.by_case),
-        *blackouts.claims(dark.by_case),
+        *(claim for own in cold.by_case.values() for claim in starts.claims(own)),
+        *(claim for own in dark.by_case.values() for claim in blackouts.claims(own)),
         *consistency.claims(judged),
         *faults.claims(disturbed.by_case),
     ]

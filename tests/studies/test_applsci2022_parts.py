@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from pcnav.batch.cluster import Workers
 from pcnav.batch.monte_carlo import Run
 from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.simulation.images import TrackFaults
 from studies.applsci2022 import limits, paper, runs
 from studies.applsci2022.runs import Chained, ChainErrors, errors_table, outcomes_table, run_case
 from studies.applsci2022.scene import nutation, tracks_of
-from studies.applsci2022.study import study as make_study
-from studies.work import Work
 
 pytest.importorskip("poselib", reason="the extra `images` is not installed")
 
@@ -80,16 +77,3 @@ def test_the_translation_answers_what_is_known() -> None:
     assert rows["both directions"][1].startswith("direction_only: needs the range")
     assert rows["both ranges"][1].startswith("open")
     assert float(rows["both directions, first range"][2]) < 0.05
-
-
-@pytest.mark.study
-def test_a_quick_study() -> None:
-    done: list[tuple[int, int]] = []
-    study = make_study(2, Work(Workers(), lambda *at: done.append(at)))
-    assert done[-1][0] == done[-1][1]
-    assert {table.key for chapter in study.chapters for table in chapter.tables} == {
-        *("noise", "faults", "intervals", "accuracy", "degenerate", "translation"),
-        *("noise_outcomes", "faults_outcomes", "intervals_outcomes", "inertia_from_images"),
-    }
-    keys = {figure.key for chapter in study.chapters for figure in chapter.figures}
-    assert {"fig_5", "fig_6", "fig_7", "fig_8", "fig_9", "growth"} <= keys

@@ -30,8 +30,7 @@ from studies.hu2024.identification import (
     rmse_table,
     run_identification,
 )
-from studies.hu2024.study import filter_runs, identification_batches, study
-from studies.work import Work
+from studies.hu2024.study import filter_runs, identification_batches
 
 
 def short(duration_s: float):
@@ -151,10 +150,3 @@ def test_wrong_matches_are_counted():
     assert right > 5 * wrong
     assert used_wrong <= 0.02 * wrong
     assert rejected_right <= 0.01 * right
-
-
-@pytest.mark.study
-def test_the_whole_study_in_small():
-    made = study(2, Work())
-    assert made.chapters[0].title == "What is shown"
-    assert len(made.summary_keys) == 2
