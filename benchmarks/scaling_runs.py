@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.batch.axes import GridRun, grid_case
-from pcnav.batch.depth_run import DepthRun
 from pcnav.batch.grid import grid_runs, named_grid
+from pcnav.batch.one_run import OneRun
 from pcnav.batch.record import RunRecord
 from pcnav.runs.provenance import library_versions
 
@@ -33,7 +33,7 @@ def real_runs(count: int, folder: Path) -> Planned:
     grid = folder / "scaling.toml"
     grid.write_text(GRID.format(runs=count), encoding="utf-8")
     plan = named_grid(str(grid))
-    return DepthRun(plan.basis), plan.runs
+    return OneRun(plan.basis), plan.runs
 
 
 def cheap_runs(count: int, folder: Path) -> Planned:

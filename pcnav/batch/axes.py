@@ -14,7 +14,6 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.table import Fraction, NonNegative, Positive
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.files.toml_file import checked
-from pcnav.recordings.recording import RecordingKind
 
 AxisValue = str | float | int
 """What a case has on an axis."""
@@ -74,9 +73,8 @@ class Axis:
 
 
 def _known_estimator(name: str) -> str:
-    known = [key for key, each in ESTIMATORS.items() if RecordingKind.DEPTH in each.takes]
-    if name not in known:
-        raise ValueError(f"expected some of {', '.join(known)}")
+    if name not in ESTIMATORS:
+        raise ValueError(f"expected some of {', '.join(ESTIMATORS)}")
     return name
 
 

@@ -19,6 +19,7 @@ from pcnav.batch.metrics import Metric, named_metrics
 from pcnav.batch.record import RunRecord
 from pcnav.batch.resampling import Pool, once
 from pcnav.batch.samples import SETTLED, EvaluationWindow
+from pcnav.batch.standard_tables import position_of
 from pcnav.batch.statistics import replicates_of, samples_of
 from pcnav.batch.store import RunStore
 from pcnav.batch.tables import metric_label
@@ -26,7 +27,6 @@ from pcnav.core.errors import InputError
 from pcnav.files.text_table import TextTable, display_unit, number
 
 COMPARED = (
-    "position_sym_rms_m",
     "attitude_sym_rms_deg",
     "rate_rms_deg_s",
     "com_rms_m",
@@ -35,7 +35,7 @@ COMPARED = (
     "never_locked_pct",
     "pose_pct",
 )
-"""Unless other metrics are asked for."""
+"""Unless other metrics are asked for, after the RMS error of the position."""
 _SAME_RUN = ["case", "index", "seed"]
 """Columns of `run_values`: runs that agree in them met the same truth and noise."""
 _HEADER = ("where", "metric", "old", "new", "worse by", "interval", "runs", "verdict")
@@ -87,8 +87,10 @@ def compare(
     Runs with the same index and seed are paired. Raises `InputError` for an unknown metric and for
     batches without a case in common.
     """
-    wanted = named_metrics(COMPARED if metrics is None else metrics)
     headers = [list(store.headers()) for store in (old, new)]
+    measured = {name for header in headers[0] for name in header.columns}
+    standard = (f"{position_of(measured)}_rms_m", *COMPARED)
+    wanted = named_metrics(standard if metrics is None else metrics)
     olds, news = (dict.fromkeys(each.run.case.name for each in found) for found in headers)
     shared = [case for case in olds if case in news]
     if not shared:

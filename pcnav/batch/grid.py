@@ -16,13 +16,14 @@ from pcnav.batch.axes import (
     SATELLITE_AXIS,
     GridCase,
     GridRun,
+    named_axis,
     scenario_of,
     shown_value,
     with_axes,
 )
 from pcnav.batch.grid_file import GridFile, cases_of, read_grid_file
 from pcnav.batch.monte_carlo import Run
-from pcnav.config.pipeline_file import EstimatorKind, Pipeline, read_pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import (
     shipped_grid_names,
     shipped_mesh,
@@ -31,7 +32,9 @@ from pcnav.config.shipped import (
     shipped_pipeline_names,
 )
 from pcnav.core.errors import InputError
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
+from pcnav.recordings.recording import RecordingKind
 
 
 @dataclass(frozen=True)
@@ -75,25 +78,42 @@ class GridBasis:
             raise InputError(self.source, SATELLITE_AXIS, expected)
         return name, read_pipeline(path)
 
+    def kind_of(self, case: GridCase) -> RecordingKind:
+        """The kind of recording that the pipeline of a case simulates."""
+        _, pipeline = self.shared_pipeline(case)
+        estimator = ESTIMATORS.get(str(pipeline.estimator.kind))
+        lives_on = RecordingKind.DEPTH if estimator is None else estimator.takes[0]
+        return pipeline.scenario.recording or lives_on
+
     def pipeline_of(self, case: GridCase) -> Pipeline:
         """The pipeline of a case: its axes applied, before a truth is drawn.
 
-        Raises `InputError` for an axis that means nothing to its kind of recording.
+        Raises `InputError` for an axis that means nothing to its kind of recording, and for an
+        estimator that does not live on it.
         """
-        name, pipeline = self.shared_pipeline(case)
-        kind = pipeline.estimator.kind
-        if kind is not EstimatorKind.DEPTH:
-            expected = f'expected a pipeline for depth frames, {name} has estimator.kind = "{kind}"'
-            raise InputError(self.source, "batch.pipeline", expected)
-        pipeline = with_axes(pipeline, case, self.source)
-        return pipeline.model_copy(update={"target_mesh": str(self.mesh_of(case))})
+        (name, pipeline), kind = self.shared_pipeline(case), self.kind_of(case)
+        for axis, value in case.settings:
+            if kind is not RecordingKind.DEPTH and named_axis(axis).only_depth:
+                expected = f"expected none: {name} simulates {kind}, this axis is for depth frames"
+                raise InputError(self.source, axis, expected)
+            if axis == ESTIMATOR_AXIS and kind not in ESTIMATORS[str(value)].takes:
+                fitting = [key for key, each in ESTIMATORS.items() if kind in each.takes]
+                expected = f"expected some of {', '.join(fitting)} for {kind} ({name}), got {value}"
+                raise InputError(self.source, axis, expected)
+        pipeline, mesh = with_axes(pipeline, case, self.source), self.mesh_of(case)
+        return pipeline.model_copy(update={"target_mesh": None if mesh is None else str(mesh)})
 
-    def mesh_of(self, case: GridCase) -> Path:
-        """The mesh of a case's satellite. Raises `InputError` where there is none."""
+    def mesh_of(self, case: GridCase) -> Path | None:
+        """The mesh of a case's satellite; None where its recording needs none.
+
+        Raises `InputError` for depth frames without one, and for one that is not there.
+        """
         satellite = _satellite(case)
         if satellite is None:
             name, pipeline = self.shared_pipeline(case)
             satellite = pipeline.target_mesh
+            if satellite is None and self.kind_of(case) is not RecordingKind.DEPTH:
+                return None
             if satellite is None:
                 expected = f"expected this axis, as {name} has no target_mesh"
                 raise InputError(self.source, SATELLITE_AXIS, expected)
@@ -147,12 +167,11 @@ class GridPlan:
     def check(self) -> None:
         """Look at all that the cases need before the first of them runs.
 
-        Raises `InputError` for a mesh, a pipeline or a library that is missing or unusable, and
-        for a distance at which the camera would be inside the satellite, or the satellite beyond
-        what a depth image can store.
+        Raises `InputError` for a mesh, a pipeline or a library that is missing or unusable, for an
+        axis or an estimator that does not fit, and for a distance at which the camera would be
+        inside the satellite, or the satellite beyond what a depth image can store.
         """
-        # They bring Open3D, which a look at a grid alone does not need.
-        from pcnav.estimators.registry import ESTIMATORS
+        # It brings Open3D, which a look at a grid alone does not need.
         from pcnav.target.satellite import load_target
 
         source = self.basis.source
@@ -164,6 +183,8 @@ class GridPlan:
         radius_m: dict[Path, float] = {}
         for case in self.cases:
             mesh, pipeline = self.basis.mesh_of(case), self.basis.pipeline_of(case)
+            if mesh is None or self.basis.kind_of(case) is not RecordingKind.DEPTH:
+                continue
             if mesh not in radius_m:
                 radius_m[mesh] = 0.5 * load_target(mesh).diameter_m
             range_m = dict(case.settings).get(RANGE_AXIS)
@@ -184,7 +205,7 @@ class GridPlan:
         """
         basis = self.basis
         pipelines = dict(map(basis.shared_pipeline, self.cases))
-        meshes = {path.name: path for path in map(basis.mesh_of, self.cases)}
+        meshes = {path.name: path for path in map(basis.mesh_of, self.cases) if path is not None}
         as_run: dict[str, object] = {
             "pipelines_sha256": {name: _pipeline_digest(pipelines[name]) for name in pipelines},
             "meshes_sha256": {name: _mesh_digest(path) for name, path in meshes.items()},

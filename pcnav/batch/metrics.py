@@ -18,7 +18,7 @@ from pcnav.batch.samples import (
     value,
 )
 from pcnav.core.errors import InputError
-from pcnav.evaluation.metrics import BLOCKS
+from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
 
 
 class Family(StrEnum):
@@ -86,9 +86,9 @@ class Metric:
     """As typed on the command line and as it heads a CSV column; its unit ends it."""
     quantity: Quantity
     statistic: Statistic
-    degrees_per_run: int | None = None
-    """Of a mean squared normalised error: degrees of freedom of one frame, where the frames of one
-    run are correlated; None where each frame stands for itself."""
+    is_correlated: bool = False
+    """Of a mean squared normalised error: whether the frames of one run are correlated; else each
+    frame stands for itself."""
 
     @property
     def title(self) -> str:
@@ -113,33 +113,28 @@ class Metric:
         return self.quantity.family is not Family.LOCKING
 
 
-_SUFFIX = {
-    "m": "_m",
-    "m/s": "_m_s",
-    "deg": "_deg",
-    "deg/s": "_deg_s",
-    "s": "_s",
-    "ms": "_ms",
-    "MB": "_mb",
-    "%": "_pct",
-    "1": "",
-}
+_SUFFIX = {**UNIT_SUFFIX, "s": "_s", "ms": "_ms", "MB": "_mb", "%": "_pct"}
 _OF_ERRORS = tuple(statistic for statistic in Statistic if statistic is not Statistic.MEAN)
-_ERRORS = tuple(
-    Quantity(name, title, unit, Family.ERRORS, column(source))
-    for name, title, unit, source in (
-        ("position", "position", "m", "position_error_m"),
-        ("attitude", "attitude", "deg", "attitude_error_deg"),
-        ("position_sym", "position up to symmetry", "m", "position_sym_error_m"),
-        ("attitude_sym", "attitude up to symmetry", "deg", "attitude_sym_error_deg"),
-        ("add", "ADD", "m", "add_m"),
-        ("add_s", "ADD-S", "m", "add_s_m"),
-        ("velocity", "velocity", "m/s", "velocity_error_m_s"),
-        ("rate", "rate", "deg/s", "rate_error_deg_s"),
-        ("com", "mass centre", "m", "com_error_m"),
-        ("inertia_ratio", "inertia ratios", "1", "inertia_ratio_error"),
-    )
-)
+
+
+def _error_quantities() -> Iterator[Quantity]:
+    """Those of `QUANTITIES`, of the pose in two ways, and the distances of the model's points."""
+    of_pose = [each for each in QUANTITIES if each.of_pose]
+    for ending, title in (("", ""), ("_sym", " up to symmetry")):
+        for each in of_pose:
+            yield _error(f"{each.name}{ending}", each.short + title, each.unit)
+    yield Quantity("add", "ADD", "m", Family.ERRORS, column("add_m"))
+    yield Quantity("add_s", "ADD-S", "m", Family.ERRORS, column("add_s_m"))
+    for each in QUANTITIES:
+        if each.name and not each.of_pose:
+            yield _error(each.name, each.short, each.unit)
+
+
+def _error(name: str, title: str, unit: str) -> Quantity:
+    return Quantity(name, title, unit, Family.ERRORS, column(f"{name}_error{_SUFFIX[unit]}"))
+
+
+_ERRORS = tuple(_error_quantities())
 _TRAJECTORY = (
     ("ate_rmse_m", "absolute trajectory error", "m"),
     ("rpe_translation_rmse_m", "relative translation error", "m"),
@@ -167,7 +162,7 @@ _LOCKING = (
     ("locked_wrong", "frames locked wrong", "%", value("share_locked_wrong", 100), Better.LOWER),
     ("unlocked", "frames not locked", "%", value("share_unlocked", 100), Better.LOWER),
     ("frames_lost", "frames lost after the lock, a run", "1", value("frames_lost"), Better.LOWER),
-    ("pose", "frames with a pose", "%", per_cent_known("position_error_m"), Better.HIGHER),
+    ("pose", "frames with a pose", "%", per_cent_known("attitude_error_deg"), Better.HIGHER),
 )
 
 
@@ -179,11 +174,9 @@ def _all_metrics() -> Iterator[Metric]:
             )
     for name, title, unit in _TRAJECTORY:
         yield Metric(name, Quantity(name, title, unit, Family.ERRORS, value(name)), Statistic.RMS)
-    for block, part in BLOCKS.items():
-        name, size = f"nees_{block}", part.stop - part.start
-        title = f"NEES of {_BLOCK_TITLES[block]}"
-        yield _consistency(name, title, per_degree(name, size), size)
-    yield _consistency("nis", "NIS", per_degree("nis", "nis_dof"), None)
+    for block, title in _BLOCK_TITLES.items():
+        yield _consistency(f"nees_{block}", f"NEES of {title}", is_correlated=True)
+    yield _consistency("nis", "NIS", is_correlated=False)
     for name, title, source, bound in _BOUNDED:
         quantity = Quantity(
             f"{name}_over_crb",
@@ -202,9 +195,9 @@ def _all_metrics() -> Iterator[Metric]:
     yield from _cost()
 
 
-def _consistency(name: str, title: str, sample_of: SampleOf, size: int | None) -> Metric:
-    quantity = Quantity(name, title, "1", Family.CONSISTENCY, sample_of, Better.NEAR_ONE)
-    return Metric(name, quantity, Statistic.MEAN, size)
+def _consistency(name: str, title: str, is_correlated: bool) -> Metric:
+    quantity = Quantity(name, title, "1", Family.CONSISTENCY, per_degree(name), Better.NEAR_ONE)
+    return Metric(name, quantity, Statistic.MEAN, is_correlated)
 
 
 def _cost() -> Iterator[Metric]:

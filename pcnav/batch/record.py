@@ -10,7 +10,7 @@ import math
 import os
 import secrets
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -106,12 +106,16 @@ def read_record(path: Path) -> RunRecord:
     if found.failure is not None:
         return found
     columns = {name: _column(table.column(name)) for name in table.column_names}
-    return RunRecord(found.run, columns, found.values, found.failure, found.versions, found.command)
+    return replace(found, columns=columns)
 
 
 def read_header(path: Path) -> RunRecord:
-    """A record without its frames: quick. Raises `InputError` as `read_record` does."""
-    return _without_frames(path, _read(path, pq.read_schema).metadata)
+    """A record without its frames, its columns empty: quick. Raises `InputError` as `read_record`
+    does."""
+    schema = _read(path, pq.read_schema)
+    found = _without_frames(path, schema.metadata)
+    names = () if found.failure is not None else schema.names
+    return replace(found, columns=dict.fromkeys(names, np.empty(0)))
 
 
 def _read(path: Path, read: Callable[[Path], Any]) -> Any:

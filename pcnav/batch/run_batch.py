@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 
 from pcnav.batch.cluster import Workers
-from pcnav.batch.depth_run import DepthRun
 from pcnav.batch.grid import GridPlan
+from pcnav.batch.one_run import OneRun
 from pcnav.batch.record import RunRecord
 from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
@@ -36,7 +36,7 @@ def run_batch(
     is_new = not out.exists()
     store = new_store(out, plan.to_toml(), plan.runs)
     try:
-        run_stored(DepthRun(plan.basis), plan.runs, store, workers, plan.basis.command, on_progress)
+        run_stored(OneRun(plan.basis), plan.runs, store, workers, plan.basis.command, on_progress)
     except InputError:
         # Workers that cannot be used leave nothing behind; finished runs are never thrown away.
         if is_new and not any(True for _ in store.headers()):
@@ -54,5 +54,5 @@ def run_alone(plan: GridPlan, case: str, index: int, out: Path) -> RunRecord:
     run = plan.run_named(case, index)
     plan.check()
     store = new_store(out, plan.to_toml(), plan.runs)
-    run_stored(DepthRun(plan.basis), [run], store, Workers(jobs=1), plan.basis.command)
+    run_stored(OneRun(plan.basis), [run], store, Workers(jobs=1), plan.basis.command)
     return store.record(run.key)

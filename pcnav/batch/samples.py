@@ -78,18 +78,20 @@ def columns_ratio(name: str, other: str) -> SampleOf:
     return sample
 
 
-def per_degree(name: str, degrees: int | str) -> SampleOf:
-    """A squared normalised error over its degrees of freedom: a number, or those of a column.
+def per_degree(name: str) -> SampleOf:
+    """A squared normalised error over its degrees of freedom: those of the column ``name_dof``, or
+    of all frames the value of that name.
 
     In a mean each frame weighs as many times as it has degrees of freedom.
     """
+    degrees = f"{name}_dof"
 
     def sample(record: RunRecord, window: EvaluationWindow) -> Sample:
         squared = within(record, window, name)
-        if isinstance(degrees, str):
+        if degrees in record.columns:
             of_frame = within(record, window, degrees)
         else:
-            of_frame = np.full(len(squared), float(degrees))
+            of_frame = np.full(len(squared), record.values.get(degrees, np.nan))
         used = of_frame > 0.0
         return Sample.known(squared[used] / of_frame[used], of_frame[used])
 

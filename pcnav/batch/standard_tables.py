@@ -1,17 +1,19 @@
 """Which tables a batch gets: those asked for, or the ones that every batch has."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
 from pcnav.batch.axes import ESTIMATOR_AXIS, RESOLUTION_AXIS, SATELLITE_AXIS
-from pcnav.batch.metrics import METRICS, Family, named_metrics, of_family
+from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics, of_family
 from pcnav.batch.tables import TableLayout, axes_of, varying_axes
 from pcnav.core.errors import InputError
 
-DEFAULT_METRICS = ("position_sym_rms_m", "attitude_sym_rms_deg")
-"""Of a pivot that names none, of figures and of comparisons."""
+Measured = Collection[str]
+"""Columns that the records of a batch have."""
+PIVOT = "pivot"
+"""Key of the table that was asked for."""
 STATISTICS = "statistics"
 """Key of the table with every metric of every case, for programs."""
 
@@ -34,7 +36,19 @@ STANDARD = Wanted()
 """Nothing in particular: the tables that every batch has."""
 
 
-def asked_layout(wanted: Wanted, runs: pd.DataFrame) -> TableLayout:
+def position_of(measured: Measured) -> str:
+    """The quantity that says how far off a position is: of the pose, or without poses of the mass
+    centre."""
+    has_poses = "position_error_m" in measured or "r_hill_error_m" not in measured
+    return "position_sym" if has_poses else "r_hill"
+
+
+def default_metrics(measured: Measured) -> tuple[Metric, ...]:
+    """Of a pivot that names none, and of figures."""
+    return named_metrics((f"{position_of(measured)}_rms_m", "attitude_sym_rms_deg"))
+
+
+def asked_layout(wanted: Wanted, runs: pd.DataFrame, measured: Measured = ()) -> TableLayout:
     """The table asked for. Raises `InputError` for an unknown axis or metric, or one given twice.
 
     Without rows: every axis on which cases differ and that is not a column. Without columns: the
@@ -49,17 +63,19 @@ def asked_layout(wanted: Wanted, runs: pd.DataFrame) -> TableLayout:
     both = set(rows) & set(columns)
     if both:
         raise InputError("--columns", min(both), "expected an axis that is not among the rows")
-    metrics = named_metrics(DEFAULT_METRICS if wanted.metrics is None else wanted.metrics)
-    return TableLayout("pivot", "As asked for", rows, columns, metrics)
+    default = default_metrics(measured)
+    metrics = default if wanted.metrics is None else named_metrics(wanted.metrics)
+    return TableLayout(PIVOT, "As asked for", rows, columns, metrics)
 
 
-def default_layouts(runs: pd.DataFrame) -> tuple[TableLayout, ...]:
+def default_layouts(runs: pd.DataFrame, measured: Measured = ()) -> tuple[TableLayout, ...]:
     """The tables that every batch has; the cost is apart, because no two machines agree on it."""
     scenario, estimator = _scenario(runs, but=(ESTIMATOR_AXIS,)), _estimator(runs)
+    position = position_of(measured)
     cases, satellite = (*scenario, *estimator), tuple({SATELLITE_AXIS} & set(axes_of(runs)))
     shown = tuple(axis for axis in (SATELLITE_AXIS, RESOLUTION_AXIS) if axis in varying_axes(runs))
     summary = (
-        *("position_sym_median_m", "position_sym_p95_m"),
+        *(f"{position}_median_m", f"{position}_p95_m"),
         *("attitude_sym_median_deg", "attitude_sym_p95_deg"),
         *("locked_right_pct", "locked_wrong_pct", "pose_pct"),
     )
@@ -68,7 +84,7 @@ def default_layouts(runs: pd.DataFrame) -> tuple[TableLayout, ...]:
     states = ("velocity_rms_m_s", "rate_rms_deg_s", "com_rms_m", "inertia_ratio_rms")
     layouts = (
         ("summary", "Summary, cases pooled", (*satellite, *estimator), named_metrics(summary)),
-        ("errors", "Errors of the pose", scenario, named_metrics(DEFAULT_METRICS)),
+        ("errors", "Errors of the pose", scenario, default_metrics(measured)),
         (
             "model",
             "Distances of the model's points, and of the trajectory",

@@ -151,11 +151,11 @@ def _value(
         low, high = interval(seen, drawn, spread, metric.differs_by_factors)
         # Nothing here is negative, and no share is more than all.
         low, high = max(low, 0.0), min(high, 100.0 if metric.unit == "%" else np.inf)
-    bounds = consistency_bounds(metric, pool, spread) if metric.is_consistency else None
+    bounds = consistency_bounds(metric, pool) if metric.is_consistency else None
     return MetricValue(seen, low, high, spread.runs, len(pool.values), bounds)
 
 
-def consistency_bounds(metric: Metric, pool: Pool, spread: Spread) -> Bounds:
+def consistency_bounds(metric: Metric, pool: Pool) -> Bounds:
     """95 % chi-square bounds of a mean squared normalised error per degree of freedom.
 
     The errors of one run's frames are correlated: however many there are, a run may tell no more
@@ -163,9 +163,11 @@ def consistency_bounds(metric: Metric, pool: Pool, spread: Spread) -> Bounds:
     runs, which hold whatever the correlation and are wider than need be without it. Innovations of
     a consistent filter are white: each frame counts for the NIS.
     """
-    if metric.degrees_per_run is None:
-        degrees = float(pool.weights.sum())
-    else:
-        degrees = float(metric.degrees_per_run * spread.runs)
+    degrees = float(pool.weights.sum())
+    if metric.is_correlated:
+        # Those of one frame of each run.
+        frames = np.bincount(pool.run)
+        per_frame = pool.sums(pool.weights)[: len(frames)] / np.maximum(frames, 1)
+        degrees = float(per_frame.sum())
     lower, upper = chi_square_bounds(degrees)
     return Bounds(float(lower) / degrees, float(upper) / degrees)

@@ -5,7 +5,7 @@ Cases that differ only in axes a table does not show are pooled in one cell.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +111,12 @@ def pivot(
     return pd.Series(cells, index, dtype=object)
 
 
+def with_numbers(layout: TableLayout, cells: pd.Series) -> TableLayout:
+    """The layout with the metrics alone that have a number in any cell; all if none has."""
+    having = [m for m in layout.metrics if any(cell.values[m.name].exists for cell in cells)]
+    return replace(layout, metrics=tuple(having)) if having else layout
+
+
 def without_empty_rows(layout: TableLayout, cells: pd.Series) -> pd.Series:
     """Cells without the rows that have no number at all: what they estimate is not asked here."""
     known = cells.map(lambda cell: any(value.exists for value in cell.values.values()))
@@ -174,8 +180,10 @@ def _one_metric(
 ) -> TextTable:
     scale, unit = shown_unit(metric, cells)
     texts = cells.map(lambda cell: _cell_text(cell, metric, scale))
-    levels = list(range(len(layout.rows), cells.index.nlevels))
-    wide = texts.unstack(levels, fill_value=MISSING).sort_index(axis=1)
+    wide = texts.to_frame().T
+    if layout.rows:
+        levels = list(range(len(layout.rows), cells.index.nlevels))
+        wide = texts.unstack(levels, fill_value=MISSING).sort_index(axis=1)
     wide.columns = pd.Index([", ".join(map(shown_value, _place(names))) for names in wide.columns])
     labels = row_labels(layout.rows, wide.index)
     return _text_table(

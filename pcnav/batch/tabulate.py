@@ -13,16 +13,18 @@ import pandas as pd
 
 from pcnav.batch.axes import ESTIMATOR_AXIS
 from pcnav.batch.figures import Drawing, figures
-from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics
+from pcnav.batch.metrics import METRICS, Family, Metric
 from pcnav.batch.record import RunRecord
 from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import (
-    DEFAULT_METRICS,
+    PIVOT,
     STANDARD,
     STATISTICS,
+    Measured,
     Wanted,
     asked_layout,
     default_layouts,
+    default_metrics,
     statistics_layout,
 )
 from pcnav.batch.statistics import cell_of
@@ -36,6 +38,7 @@ from pcnav.batch.tables import (
     pivot,
     run_table,
     text_tables,
+    with_numbers,
     without_empty_rows,
 )
 from pcnav.core.errors import InputError
@@ -51,7 +54,8 @@ DOCUMENT_FILE = "index.md"
 _FIGURES_FOLDER = "figures"
 _NOT_EVERYONES = {Family.CONSISTENCY, Family.BOUND}
 """What only a filter has: rows without any number say nothing there."""
-_STATES = "states"
+_OF_SOME = ("states", "model")
+"""Keys of tables of what only some estimators estimate."""
 _KEPT_BYTES = 200_000_000
 _PANELS = 2
 """Metrics drawn side by side in a figure."""
@@ -100,7 +104,8 @@ def tabulate(
     if not headers:
         raise InputError(store.folder, "runs", "expected at least one finished run, found none")
     runs = run_table([header.run for header in headers])
-    layouts, drawn = _plan(runs, wanted, keep_standard=out is None)
+    measured = {name for header in headers for name in header.columns}
+    layouts, drawn = _plan(runs, measured, wanted, keep_standard=out is None)
     read = kept_records(store)
     _refuse_empty(window, (read(header.run) for header in headers if not header.failure))
     failed = [read(header.run) for header in headers if header.failure]
@@ -166,19 +171,19 @@ def _refuse_empty(window: EvaluationWindow, records: Iterable[RunRecord]) -> Non
 
 
 def _plan(
-    runs: pd.DataFrame, wanted: Wanted, keep_standard: bool
+    runs: pd.DataFrame, measured: Measured, wanted: Wanted, keep_standard: bool
 ) -> tuple[tuple[TableLayout, ...], tuple[Metric, ...]]:
     """The tables to make, the one with everything last, and the metrics to draw.
 
     What is asked for comes first, before the tables that every batch keeps in its own folder.
     """
-    default = named_metrics(DEFAULT_METRICS)
+    standard, default = default_layouts(runs, measured), default_metrics(measured)
     if not wanted.anything:
-        return (*default_layouts(runs), statistics_layout(runs)), default
-    asked = asked_layout(wanted, runs)
+        return (*standard, statistics_layout(runs)), default
+    asked = asked_layout(wanted, runs, measured)
     drawable = [m for m in asked.metrics if m.quantity.family is Family.ERRORS]
-    standard = default_layouts(runs) if keep_standard else ()
-    return (asked, *standard, statistics_layout(runs)), tuple(drawable[:_PANELS]) or default
+    kept = standard if keep_standard else ()
+    return (asked, *kept, statistics_layout(runs)), tuple(drawable[:_PANELS]) or default
 
 
 def _written(
@@ -186,10 +191,12 @@ def _written(
 ) -> list[tuple[str, tuple[TextTable, ...]]]:
     """Write one layout's files; its part of the page, none for the table for programs."""
     families = {metric.quantity.family for metric in layout.metrics}
-    if layout.key == _STATES or families <= _NOT_EVERYONES:
+    if layout.key in _OF_SOME or families <= _NOT_EVERYONES:
         cells = without_empty_rows(layout, cells)
         if cells.empty:
             return []
+    if layout.key not in (STATISTICS, PIVOT):
+        layout = with_numbers(layout, cells)
     path = staging / layout.key
     path.with_suffix(".csv").write_text(csv_text(layout, cells), encoding="utf-8")
     if layout.key == STATISTICS:

@@ -37,7 +37,7 @@ BLOCKS = {block.name: MASS_CENTRE_LAYOUT.slice_of(block) for block in MASS_CENTR
 BLOCKS |= {"all": slice(0, MASS_CENTRE_LAYOUT.size)}
 """Blocks of the error state of a target with a model, whose NEES is told apart."""
 
-_UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
+UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
 _PARTS = {"whole": 0.0, "second_half": 1 / 2, "last_third": 2 / 3}
 """Of a run, and the share of its duration at which they begin."""
 
@@ -125,7 +125,7 @@ class Metrics:
             "frames_compared": self.frames_compared,
             "symmetry": self.symmetry,
             "errors": {
-                each.key + _UNIT_SUFFIX[each.unit]: each.to_json() for each in self.quantities
+                each.key + UNIT_SUFFIX[each.unit]: each.to_json() for each in self.quantities
             },
             "nees": {block.name: block.to_json() for block in self.nees},
         }
@@ -136,11 +136,19 @@ class Quantity:
     """What errors are told of: the one list that reports, tables and metrics.json share."""
 
     key: str
+    """In metrics.json."""
     title: str
     unit: str
     """In which people read it."""
     of: Callable[[Errors], FloatArray | None]
     """(n, k) errors in that unit; None of a run that does not estimate it."""
+    name: str = ""
+    """In the tables of a batch, where its metrics are called ``name_rms_unit`` and the like; empty
+    of one that they do not have, because it needs the files of a run."""
+    short: str = ""
+    """Its title there."""
+    of_pose: bool = False
+    """Whether it depends on which of a symmetric target's equivalent poses is the true one."""
 
 
 def _pose_attitude(compared: Errors) -> FloatArray | None:
@@ -159,18 +167,25 @@ def _points(compared: Errors) -> FloatArray | None:
     return None if rms is None else rms[:, None]
 
 
-def _of_block(block: Block) -> Quantity:
+def _of_block(block: Block, name: str, short: str) -> Quantity:
     def of(compared: Errors) -> FloatArray | None:
         found = compared.state.get(block.name)
         return None if found is None else block.to_shown * found
 
-    return Quantity(block.quantity, block.title, block.shown_unit, of)
+    return Quantity(block.quantity, block.title, block.shown_unit, of, name, short)
 
 
 QUANTITIES = (
-    Quantity("position_cam", "model origin in cam", "m", lambda compared: compared.p_cam_m),
-    Quantity("attitude", "attitude", "deg", _pose_attitude),
-    *(_of_block(block) for block in (POSITION, VELOCITY, RATE, CENTRE, RATIOS)),
+    Quantity(
+        *("position_cam", "model origin in cam", "m", lambda compared: compared.p_cam_m),
+        *("position", "position", True),
+    ),
+    Quantity("attitude", "attitude", "deg", _pose_attitude, "attitude", "attitude", True),
+    _of_block(POSITION, "r_hill", "mass centre in hill"),
+    _of_block(VELOCITY, "velocity", "velocity"),
+    _of_block(RATE, "rate", "rate"),
+    _of_block(CENTRE, "com", "mass centre"),
+    _of_block(RATIOS, "inertia_ratio", "inertia ratios"),
     Quantity("features", "features, RMS of a frame", "m", _points),
 )
 

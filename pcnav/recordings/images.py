@@ -13,7 +13,7 @@ import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,19 @@ class ImageFrame(NamedTuple):
     R_cam_world: FloatArray
     """(3, 3)"""
     grey: GreyImage
+
+
+class Images(Protocol):
+    """A recording of images, on disk or in memory."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> Path | None: ...
+    @property
+    def camera(self) -> PinholeCamera: ...
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[ImageFrame]: ...
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,13 @@ from pcnav.batch.axes import GridCase, GridRun, grid_case
 from pcnav.batch.grid import grid_runs
 from pcnav.batch.record import RunRecord
 from pcnav.core.arrays import FloatArray
-from pcnav.evaluation.metrics import BLOCKS
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 
 FRAMES = 40
 ESTIMATORS = ("pcnav", "open3d_icp")
+DEGREES = {block.name: block.size for block in MASS_CENTRE_LAYOUT.blocks}
+DEGREES["all"] = MASS_CENTRE_LAYOUT.size
+"""Of the squared normalised errors."""
 
 
 def cases(
@@ -103,8 +106,8 @@ def _filter_columns(
     generator: np.random.Generator, level: float, attitude: FloatArray, frames: int
 ) -> dict[str, FloatArray]:
     columns: dict[str, FloatArray] = {}
-    for block, part in BLOCKS.items():
-        columns[f"nees_{block}"] = generator.chisquare(part.stop - part.start, frames)
+    for block, degrees in DEGREES.items():
+        columns[f"nees_{block}"] = generator.chisquare(degrees, frames)
     columns["nis_dof"] = np.full(frames, 50.0)
     columns["nis"] = generator.chisquare(50.0, frames)
     columns["velocity_error_m_s"] = errors(generator, 0.1 * level, frames)
@@ -119,7 +122,9 @@ def _filter_columns(
 def _values(
     generator: np.random.Generator, position: FloatArray, filtered: bool
 ) -> dict[str, float]:
+    degrees = {f"nees_{block}_dof": float(size) for block, size in DEGREES.items()}
     return {
+        **degrees,
         "time_to_lock_s": 1.0 if filtered else 0.0,
         "share_locked_right": 0.95,
         "share_locked_wrong": 0.0,

@@ -409,7 +409,11 @@ def test_the_grid_as_run_changes_with_what_it_stands_on(own_files: Path) -> None
         (("[15, 20]", "[15, 4]"), r"range_m: expected above 5.01 m \(half of mine\) up to 60.5 m"),
         (("[15, 20]", "[61, 15]"), r"up to 60.5 m \(16 bits of depth\), got 61"),
         (('"mine.obj"', '"none.obj"'), "satellite: expected a mesh file or one of boxsat"),
-        (('"settings.toml"', '"hu2024"'), 'hu2024 has estimator.kind = "principal_axes"'),
+        (
+            ('"settings.toml"', '"hu2024"'),
+            "satellite: expected none: hu2024 simulates stereo_tracks, this axis is for depth",
+        ),
+        (('"pcnav"', '"inertia_bank"'), "estimator: expected some of depth, pcnav, .*kiss_icp for"),
         (('pipeline = "settings.toml"', ""), "satellite: expected one of .*, got mine.obj"),
         (
             ('satellite = "mine.obj"\n', ""),
@@ -426,6 +430,20 @@ def test_all_that_cases_need_is_looked_at_first(
     with pytest.raises(InputError, match=told) as caught:
         read_grid(written(own_files.parent, text.replace(*change))).check()
     assert str(own_files) in str(caught.value)
+
+
+def test_other_kinds_of_recordings_take_their_own_estimators_and_keys(tmp_path: Path) -> None:
+    text = (
+        BATCH + 'pipeline = "applsci2022"\n[base]\nframe_rate_hz = 2.0\n'
+        '[[grid]]\ncross = { features.count = [20], estimator = ["image_motion", "depth"] }'
+    )
+    with pytest.raises(InputError, match="expected some of image_motion, attitude_inertia for im"):
+        read_grid(written(tmp_path, text)).check()
+    plan = read_grid(written(tmp_path, text.replace('"depth"', '"attitude_inertia"')))
+    plan.check()
+    assert plan.basis.kind_of(plan.cases[0]) == "images"
+    assert plan.basis.pipeline_of(plan.cases[0]).scenario.frame_rate_hz == 2.0
+    assert tomllib.loads(plan.to_toml())["as_run"]["meshes_sha256"] == {}
 
 
 def test_a_missing_extra_is_said_before_anything_runs(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from pcnav.batch.metrics import METRICS, Family, Metric, Statistic, named_metrics, of_family
+from pcnav.batch.metrics import METRICS, Family, Statistic, named_metrics, of_family
 from pcnav.batch.record import RunRecord
 from pcnav.batch.resampling import (
     Pool,
@@ -21,7 +21,6 @@ from pcnav.batch.resampling import (
 )
 from pcnav.batch.samples import EvaluationWindow, Sample
 from pcnav.batch.statistics import (
-    Bounds,
     MetricValue,
     cell_of,
     consistency_bounds,
@@ -168,16 +167,12 @@ def test_nees_bounds_hold_whatever_the_correlation(correlated: bool) -> None:
         nees = np.broadcast_to(generator.chisquare(3, shape), (runs, 20)) / 3.0
         samples = [Sample(each, np.full(20, 3.0)) for each in nees]
         pool = Pool.of(samples)
-        bounds = consistency(metric, pool, runs)
+        bounds = consistency_bounds(metric, pool)
         failed += not bounds.lower <= mean(pool, once(runs))[0] <= bounds.upper
     if correlated:
         assert 0.035 <= failed / trials <= 0.065
     else:
         assert failed / trials < 0.01
-
-
-def consistency(metric: Metric, pool: Pool, runs: int) -> Bounds:
-    return consistency_bounds(metric, pool, Spread.of(pool, ["a"] * runs))
 
 
 def test_nis_bounds_are_those_of_all_innovations() -> None:
@@ -187,7 +182,7 @@ def test_nis_bounds_are_those_of_all_innovations() -> None:
         dof = generator.integers(1, 9, (4, 25)).astype(np.float64)
         nis = generator.chisquare(dof)
         pool = Pool.of([Sample(*each) for each in zip(nis / dof, dof, strict=True)])
-        bounds = consistency(metric, pool, 4)
+        bounds = consistency_bounds(metric, pool)
         found = mean(pool, once(4))[0]
         assert found == pytest.approx(nis.sum() / dof.sum())
         failed += not bounds.lower <= found <= bounds.upper
@@ -247,6 +242,7 @@ def test_runs_that_never_lock_and_frames_without_a_pose_are_counted() -> None:
     position = np.asarray(columns["position_error_m"]).copy()
     position[20:30] = np.nan
     columns["position_error_m"] = position
+    columns["attitude_error_deg"] = position
     values = dict(made.values) | {"time_to_lock_s": np.nan}
     never = RunRecord(made.run, columns, values, None, made.versions, made.command)
     wanted = named_metrics(["never_locked_pct", "pose_pct", "time_to_lock_s", "position_rms_m"])

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -307,6 +308,26 @@ def test_tables_are_the_same_to_the_bit_whatever_the_timings(
             assert path.read_bytes() == (tmp_path / "out" / path.name).read_bytes(), path.name
     for path in (tables / "figures").iterdir():
         assert path.read_bytes() == (tmp_path / "out" / "figures" / path.name).read_bytes()
+
+
+def test_tables_of_runs_without_poses_tell_the_mass_centre_and_leave_out_the_model(
+    tmp_path: Path,
+) -> None:
+    runs = some_runs(2, satellites=("boxsat",), estimators=("pcnav",))
+    store = new_store(tmp_path / "tracks", "x", runs)
+    for made in records(runs):
+        columns = dict(made.columns) | {"r_hill_error_m": made.columns["position_error_m"]}
+        for name in ("position_error_m", "position_sym_error_m", "add_m", "add_s_m"):
+            del columns[name]
+        values = {name: x for name, x in made.values.items() if "rmse" not in name}
+        write_record(store.runs_folder, replace(made, columns=columns, values=values))
+    tabulate(store)
+    tables = store.folder / "tables"
+    assert not (tables / "model.md").exists()
+    header = (tables / "summary.md").read_text().splitlines()[2]
+    assert "mass centre in hill, median" in header and "position" not in header
+    assert "r_hill_rms_m" in (tables / "errors.csv").read_text()
+    assert "Error against distance" in (tables / "index.html").read_text()
 
 
 class _Page(HTMLParser):

@@ -8,7 +8,7 @@ from typing import ClassVar
 from pcnav.config.image_motion import FeatureTrackerTable
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.feature_tracking import track_features
-from pcnav.recordings.images import ImageSequence
+from pcnav.recordings.images import Images
 from pcnav.recordings.monocular_tracks import write_monocular_files
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.tracks import MonocularTracks, TrackFrame
@@ -20,7 +20,7 @@ class TrackedImages:
 
     kind: ClassVar[RecordingKind] = RecordingKind.IMAGES
 
-    images: ImageSequence
+    images: Images
     settings: FeatureTrackerTable
     _frames: list[TrackFrame] = field(default_factory=list)
 
@@ -30,8 +30,8 @@ class TrackedImages:
         return self.images.name
 
     @property
-    def path(self) -> Path:
-        """The folder of the images, or the video."""
+    def path(self) -> Path | None:
+        """The folder of the images, or the video; None of images in memory."""
         return self.images.path
 
     @property

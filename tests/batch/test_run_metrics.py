@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from pcnav.batch.axes import grid_case
-from pcnav.batch.following import Followed, follow
 from pcnav.batch.grid import GridBasis
-from pcnav.batch.judging import Verdict, judge
 from pcnav.batch.monte_carlo import Run
+from pcnav.batch.one_run import follow, run_pipeline
 from pcnav.batch.process import peak_memory_mb, reset_peak_memory
-from pcnav.batch.scenario import run_pipeline
+from pcnav.batch.run_metrics import Followed, RunMetrics, run_metrics
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.blocks import POSE_LAYOUT
@@ -30,6 +29,7 @@ def twinwing() -> tuple[Scene, Target]:
     basis = GridBasis("small.toml", Path(), FRAMES, None, None, None)
     axes = (("satellite", "twinwing"), ("range_m", 18.0), ("resolution_px", 96))
     pipeline, target = run_pipeline(basis, Run(grid_case(axes), 0, 3))
+    assert target is not None
     return Scene.of(pipeline, target.mesh), target
 
 
@@ -57,8 +57,8 @@ def told(
     return follow(scene, name, Told(answers))
 
 
-def number(verdict: Verdict, column: str) -> FloatArray:
-    return np.asarray(verdict.columns[column], dtype=np.float64)
+def number(found: RunMetrics, column: str) -> FloatArray:
+    return np.asarray(found.columns[column], dtype=np.float64)
 
 
 def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Target]) -> None:
@@ -67,7 +67,7 @@ def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Ta
     assert truth.T_cam_target is not None
     half_turn = target.symmetry_transforms[1]
     status = ["locked"] * FRAMES
-    turned = judge(told(scene, truth.T_cam_target @ half_turn, status), truth, target)
+    turned = run_metrics(told(scene, truth.T_cam_target @ half_turn, status), truth, target)
     assert turned.values["share_locked_right"] == 1.0
     np.testing.assert_allclose(number(turned, "attitude_error_deg"), 180.0, atol=1e-5)
     np.testing.assert_allclose(number(turned, "attitude_sym_error_deg"), 0.0, atol=1e-5)
@@ -76,9 +76,9 @@ def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Ta
 
     flipping = truth.T_cam_target.copy()
     flipping[-2:] = flipping[-2:] @ half_turn
-    flips = judge(told(scene, flipping, status), truth, target)
+    flips = run_metrics(told(scene, flipping, status), truth, target)
     assert flips.values["share_locked_wrong"] == pytest.approx(2 / FRAMES)
-    forgets = judge(told(scene, flipping, status, "pcnav_single_frame"), truth, target)
+    forgets = run_metrics(told(scene, flipping, status, "pcnav_single_frame"), truth, target)
     assert forgets.values["share_locked_right"] == 1.0
 
 
@@ -92,7 +92,7 @@ def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -
     T[4] = T[4] @ make_transform(exp_rotation(np.deg2rad([0.0, 11.0, 0.0])), np.zeros(3))
     T[5, 0, 3] += 1.0
     status = ["acquiring", "locked", "lost", "ambiguous", "locked", "locked", "coasting"]
-    values = judge(told(scene, T, status), truth, target).values
+    values = run_metrics(told(scene, T, status), truth, target).values
     assert values["time_to_lock_s"] == 0.5
     assert values["share_locked_right"] == pytest.approx(2 / 7)
     assert values["share_locked_wrong"] == pytest.approx(2 / 7)
@@ -100,7 +100,7 @@ def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -
     assert values["frames_lost"] == 2.0
     assert values["ate_rmse_m"] == pytest.approx(np.sqrt(1.0 / 5))
 
-    silent = judge(told(scene, np.full_like(T, np.nan), ["acquiring"] * 7), truth, target)
+    silent = run_metrics(told(scene, np.full_like(T, np.nan), ["acquiring"] * 7), truth, target)
     assert np.isnan(silent.values["time_to_lock_s"])
     assert np.isnan(silent.values["ate_rmse_m"])
     assert (silent.values["share_unlocked"], silent.values["frames_lost"]) == (1.0, 0.0)

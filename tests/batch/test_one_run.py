@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pcnav.batch.axes import GridRun, grid_case
-from pcnav.batch.depth_run import DepthRun, given_to
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.monte_carlo import Run
+from pcnav.batch.one_run import OneRun, given_to, run_pipeline
 from pcnav.batch.record import Column, RunRecord
-from pcnav.batch.scenario import run_pipeline
 from pcnav.config.depth import Measurements, PerceptionMode
-from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.shipped import shipped_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
@@ -27,12 +27,13 @@ from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import SceneBound
 from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.evaluation.errors import errors
-from pcnav.evaluation.metrics import BLOCKS
+from pcnav.evaluation.metrics import BLOCKS, QUANTITIES, UNIT_SUFFIX
 from pcnav.pipeline import run as run_sequence
 from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.truth import read_truth
 from pcnav.runs.reader import read_run
 from pcnav.simulation.depth import Scene
+from pcnav.simulation.simulate import simulate
 from pcnav.target.satellite import Target
 
 FRAMES = 7
@@ -60,6 +61,12 @@ def a_run(seed: int = 3, **axes: str | float | int) -> GridRun:
     return Run(grid_case(tuple((AXES | axes).items())), 0, seed)
 
 
+def depth_pipeline(**axes: str | float | int) -> tuple[Pipeline, Target]:
+    pipeline, target = run_pipeline(BASIS, a_run(3, **axes))
+    assert target is not None
+    return pipeline, target
+
+
 def needs_extra(name: str) -> None:
     if ESTIMATORS[name].library is not None:
         pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
@@ -67,7 +74,8 @@ def needs_extra(name: str) -> None:
 
 def number(columns: Mapping[str, Column], name: str) -> FloatArray:
     """(n,) one column."""
-    return np.asarray(columns[name], dtype=np.float64)
+    frames = len(columns["time_s"])
+    return np.asarray(columns.get(name, np.full(frames, np.nan)), dtype=np.float64)
 
 
 def numbers(columns: Mapping[str, Column], *names: str) -> FloatArray:
@@ -84,7 +92,7 @@ def poses(record: RunRecord, whose: str) -> tuple[FloatArray, Rotation]:
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pipeline, Target]:
     """The sequence that `pcnav simulate` writes of the run."""
-    pipeline, target = run_pipeline(BASIS, a_run(outlier_share=0.02))
+    pipeline, target = depth_pipeline(outlier_share=0.02)
     folder = tmp_path_factory.mktemp("run") / "sequence"
     Scene.showing(target, pipeline).write(folder)
     return folder, pipeline, target
@@ -109,14 +117,14 @@ def test_frames_are_those_of_a_simulated_sequence(
 
 def test_runs_of_a_batch_say_nothing(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO", logger="pcnav")
-    record = DepthRun(BASIS)(a_run())
+    record = OneRun(BASIS)(a_run())
     assert "locked" in record.columns["status"]
     assert caplog.messages == []
 
 
 def test_a_depth_that_no_sequence_can_store_is_refused() -> None:
     with pytest.raises(InputError, match=r"expected depths up to 65.535 m .*, got 7"):
-        DepthRun(BASIS)(a_run(range_m=70.0))
+        OneRun(BASIS)(a_run(range_m=70.0))
 
 
 def test_the_case_fixes_what_it_names_and_the_seed_draws_the_rest() -> None:
@@ -152,7 +160,7 @@ def test_a_run_says_what_pcnav_run_says(
     found = errors(track, truth, symmetry_transforms=target.symmetry_transforms)
     state = np.hstack([found[block] for block in MASS_CENTRE_LAYOUT.blocks])
 
-    record = DepthRun(BASIS)(a_run(outlier_share=0.02))
+    record = OneRun(BASIS)(a_run(outlier_share=0.02))
     columns = record.columns
     assert columns["status"] == list(track.status)
     assert record.failure is None
@@ -187,7 +195,7 @@ def test_the_bound_is_that_of_the_frames_on_disk(simulated: tuple[Path, Pipeline
     folder, pipeline, target = simulated
     scene_bound = SceneBound(Scene.of(pipeline, target.mesh), target)
     bound = np.stack([scene_bound.step(frame) for frame in open_sequence(folder)])
-    columns = DepthRun(BASIS)(a_run(outlier_share=0.02)).columns
+    columns = OneRun(BASIS)(a_run(outlier_share=0.02)).columns
     deviation: FloatArray = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))
 
     def size(block: slice) -> FloatArray:
@@ -212,12 +220,12 @@ def test_modes_are_those_of_the_tracker(
     table = pipeline.perception.model_copy(update={"mode": mode, "measurements": measurements})
     sequence = open_sequence(folder)
     tracker = Tracker(target, sequence.info, table, pipeline.filter, pipeline.seed)
-    record = DepthRun(BASIS)(a_run(outlier_share=0.02, estimator=str(name)))
+    record = OneRun(BASIS)(a_run(outlier_share=0.02, estimator=str(name)))
     p_cam, _ = poses(record, "true")
     for k, frame in enumerate(sequence):
         estimate = tracker.step(frame)
         assert record.columns["status"][k] == estimate.status
-        error_m = record.columns["position_error_m"][k]
+        error_m = record.numbers("position_error_m")[k]
         if estimate.T_cam_target is None:
             assert np.isnan(float(error_m))
         else:
@@ -229,7 +237,7 @@ def test_modes_are_those_of_the_tracker(
 def test_peers_have_errors_of_poses_alone(name: str) -> None:
     """Their errors, computed anew by SciPy from the poses stored; nothing else has a value."""
     needs_extra(name)
-    record = DepthRun(BASIS)(a_run(estimator=str(name)))
+    record = OneRun(BASIS)(a_run(estimator=str(name)))
     columns, values = record.columns, record.values
     assert columns["status"] == ["locked"] * FRAMES
     (p_true, R_true), (p, R) = poses(record, "true"), poses(record, "est")
@@ -261,17 +269,17 @@ def test_peers_follow_a_motion_without_noise(name: str) -> None:
     # The robust one weighs by the noise it is told, and of none it is told the rounding.
     sigma_m = 0.002 if name == "open3d_icp_tukey" else 0.0
     run = a_run(estimator=str(name), range_sigma_m=sigma_m, resolution_px=128, tumble_deg_s=3.0)
-    columns = DepthRun(BASIS)(run).columns
+    columns = OneRun(BASIS)(run).columns
     errors = numbers(columns, "position_error_m", "attitude_error_deg")
     limits = (0.08, 1.2) if name == "kiss_icp" else (0.012, 0.3)
     assert np.all(errors[2:] < limits), errors
 
 
 def test_the_start_that_peers_are_given_is_as_far_off_as_said() -> None:
-    pipeline, target = run_pipeline(BASIS, a_run())
+    pipeline, target = depth_pipeline()
     scene = Scene.of(pipeline, target.mesh)
     true = scene.motion.truth.poses[0]
-    given = {name: given_to(ESTIMATORS[name], scene, target) for name in (*MODES, *PEERS)}
+    given = {name: given_to(ESTIMATORS[name], scene, pipeline, target) for name in (*MODES, *PEERS)}
     for name, each in given.items():
         start = each.T_cam_model_first
         if name not in PEERS:
@@ -291,7 +299,7 @@ def test_the_start_that_peers_are_given_is_as_far_off_as_said() -> None:
 @pytest.mark.parametrize("name", [PEERS[0], PEERS[2], PEERS[-1]])
 def test_peers_bridge_a_frame_without_returns(name: str) -> None:
     needs_extra(name)
-    pipeline, target = run_pipeline(BASIS, a_run(range_sigma_m=0.0))
+    pipeline, target = depth_pipeline(range_sigma_m=0.0)
     scene = Scene.of(pipeline, target.mesh)
     true = scene.truth.poses
     given = Given(pipeline, scene.info, target, true[0])
@@ -309,7 +317,7 @@ def test_peers_bridge_a_frame_without_returns(name: str) -> None:
 @pytest.mark.parametrize("name", ["pcnav", "open3d_icp", *PEERS[2:]])
 def test_the_same_run_gives_the_same_bits(name: str) -> None:
     needs_extra(name)
-    first, second = (DepthRun(BASIS)(a_run(estimator=str(name))) for _ in range(2))
+    first, second = (OneRun(BASIS)(a_run(estimator=str(name))) for _ in range(2))
     assert first.columns.keys() == second.columns.keys()
     for column in set(first.columns) - {"frame_ms"}:
         np.testing.assert_array_equal(first.columns[column], second.columns[column])
@@ -320,3 +328,46 @@ def test_the_same_run_gives_the_same_bits(name: str) -> None:
     assert first.values["ms_per_frame"] == pytest.approx(
         np.mean(numbers(first.columns, "frame_ms"))
     )
+
+
+OTHER_KINDS = {
+    "principal_axes": ("hu2024", 110, "features.count", 8),
+    "inertia_bank": ("segal2011", 6, "stereo.pixel_sigma_px", 0.2),
+    "image_motion": ("applsci2022", 12, "image_camera.pixel_sigma_px", 0.2),
+    "attitude_inertia": ("deng2024", 12, "attitude_inertia.attitude_sd_deg", 0.3),
+}
+"""By estimator a shipped pipeline, frames, a key of it and a value."""
+
+
+@pytest.mark.parametrize("name", OTHER_KINDS)
+def test_runs_of_every_kind_say_what_pcnav_run_says(name: str, tmp_path: Path) -> None:
+    pipeline_name, frames, key, value = OTHER_KINDS[name]
+    path = shipped_pipeline(pipeline_name)
+    assert path is not None
+    basis = GridBasis("g.toml", Path(), frames, None, pipeline_name, read_pipeline(path))
+    run = Run(grid_case(((key, value), ("estimator", name))), 0, 5)
+    record = OneRun(basis)(run)
+    pipeline, _ = run_pipeline(basis, run)
+    table, field = key.split(".")
+    assert getattr(getattr(pipeline, table), field) == value
+    assert (pipeline.seed, pipeline.scenario.frames) == (5, frames)
+    simulate(pipeline).write(tmp_path / "recording")
+    metrics = run_sequence(tmp_path / "recording", tmp_path / "result", pipeline).metrics
+    assert record.failure is None and record.frames == metrics.frames
+    by_key = {each.key: each for each in metrics.quantities}
+    for quantity in QUANTITIES:
+        column = f"{quantity.name}_error{UNIT_SUFFIX[quantity.unit]}"
+        if quantity.key in by_key and quantity.name:
+            errors = record.numbers(column)[np.isfinite(record.numbers(column))]
+            rms = np.sqrt(np.mean(errors**2))
+            assert rms == pytest.approx(by_key[quantity.key].whole.rms, rel=1e-6), column
+    assert by_key
+    for block in metrics.nees:
+        degrees = record.values[f"nees_{block.name}_dof"]
+        squared = record.numbers(f"nees_{block.name}")
+        total = np.nansum(squared)
+        assert np.isfinite(squared).sum() == block.frames
+        if block.frames:
+            mean = total / (degrees * block.frames)
+            assert mean == pytest.approx(block.mean_per_degree, rel=1e-5), block.name
+    assert "add_m" not in record.columns and "crb_position_m" not in record.columns
