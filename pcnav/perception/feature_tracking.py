@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from pcnav.config.image_motion import FeatureTrackerTable
 from pcnav.core._extras import opencv
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray, picked
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.patch_alignment import Patches, PatchGrid, SmoothImage, align, patches_of
 from pcnav.recordings.images import GreyImage
@@ -62,7 +62,7 @@ class FeatureTracker:
         """
         smooth = self._smooth(image)
         if self._last is None:
-            kept = _nobody(image, smooth, self._grid)
+            kept = _no_corners(image, smooth, self._grid)
         else:
             kept = self._follow(self._last, image, smooth)
         new = self._corners(image, kept.pixels, self.settings.max_features - len(kept.features))
@@ -70,7 +70,7 @@ class FeatureTracker:
         fit = patches.usable & (
             self._errors_px(patches, self._grain) <= self.settings.pixel_sigma_px
         )
-        new, patches = new[fit], patches.at(fit)
+        new, patches = new[fit], picked(patches, fit)
         numbers: IntArray = np.arange(self._next, self._next + len(new), dtype=np.intp)
         self._last = _Followed(
             image,
@@ -96,12 +96,12 @@ class FeatureTracker:
     def _follow(self, last: _Followed, image: GreyImage, smooth: SmoothImage) -> _Followed:
         """The corners of the last image that are found in this one."""
         if not len(last.features):
-            return _nobody(image, smooth, self._grid)
+            return _no_corners(image, smooth, self._grid)
         there, found = self._flow(last.image, image, last.pixels)
         back, found_back = self._flow(image, last.image, there)
         returned = np.linalg.norm(back - last.pixels, axis=1) <= self.settings.backward_px
         at = np.flatnonzero(found & found_back & returned & self._inside(there))
-        patches = last.patches.at(at)
+        patches = picked(last.patches, at)
         aligned = align(smooth, patches, there[at], last.linear[at], self._grid)
         near = np.linalg.norm(aligned.pixels - there[at], axis=1) <= self.settings.anchor_px
         alike = aligned.correlation >= self.settings.min_correlation
@@ -112,7 +112,7 @@ class FeatureTracker:
             image,
             last.features[at[good]],
             aligned.pixels[good],
-            patches.at(good),
+            picked(patches, good),
             aligned.linear[good],
         )
 
@@ -221,7 +221,7 @@ def _points(pixels: FloatArray) -> npt.NDArray[np.float32]:
     return np.array(pixels, dtype=np.float32, order="C").reshape(-1, 1, 2)
 
 
-def _nobody(image: GreyImage, smooth: SmoothImage, grid: PatchGrid) -> _Followed:
+def _no_corners(image: GreyImage, smooth: SmoothImage, grid: PatchGrid) -> _Followed:
     nothing: IntArray = np.zeros(0, dtype=np.intp)
     nowhere = np.zeros((0, 2))
     return _Followed(

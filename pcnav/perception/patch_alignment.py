@@ -42,10 +42,6 @@ class Patches:
         """(n,) px of error of the place, per axis, for each grey level of independent noise."""
         return np.asarray(np.sqrt(0.5 * np.sum(self.rows[:, :2] ** 2, axis=(1, 2))))
 
-    def at(self, index: npt.NDArray[np.intp] | BoolArray) -> "Patches":
-        """Some of them."""
-        return Patches(self.grey[index], self.rows[index], self.usable[index])
-
     def and_those(self, other: "Patches") -> "Patches":
         """These, then the others."""
         return Patches(

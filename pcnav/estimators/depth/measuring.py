@@ -1,14 +1,13 @@
 """One update of the filter with one frame: predict a view, measure, update, and again if it moved.
 
-`update_by_rectangles` measures rectangles in the segmented frame, `update_by_comparison` compares
-the frame with the rendered view. Both measure about the prediction first; the view is predicted
+Rectangles are measured in the segmented frame, or the frame is compared with the rendered view.
+Both measure about the prediction first; the view is predicted
 anew about the updated pose until that moves no more, and the filter always updates from the
 prediction.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -18,11 +17,17 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.pose_fit import step_doubt
 from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance, pose_error
 from pcnav.estimators.depth.views import FrameView, view_of_comparison, view_of_rectangles
-from pcnav.filtering.error_state import ErrorStateFilter, UpdateResult, innovation_gate
+from pcnav.filtering.error_state import (
+    ErrorStateFilter,
+    Snapshot,
+    UpdateResult,
+    innovation_gate,
+)
 from pcnav.perception.reading import FrameReader, Trust
 from pcnav.recordings.sequence import Frame
 
 Kalman = ErrorStateFilter[NavigationState]
+Prior = Snapshot[NavigationState]
 UncertainPose = tuple[FloatArray, FloatArray]
 """T_cam_model (4, 4) and the covariance (6, 6) of its error."""
 
@@ -54,23 +59,6 @@ class Updated:
         return self.result is not None and any(self.result.accepted)
 
 
-class Update(Protocol):
-    """A way to update the filter with a frame, or to leave it as predicted.
-
-    ``start`` is a pose to measure about first, where the frame itself says where the target is
-    better than the prediction does.
-    """
-
-    def __call__(
-        self,
-        reader: FrameReader,
-        frame: Frame,
-        kalman: Kalman,
-        observer: ObserverPose,
-        start: UncertainPose | None = None,
-    ) -> Updated: ...
-
-
 def pose_of(kalman: Kalman, observer: ObserverPose) -> FloatArray:
     """(4, 4) T_cam_model that the filter predicts."""
     return kalman.state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
@@ -82,101 +70,99 @@ def predicted_pose(kalman: Kalman, observer: ObserverPose) -> UncertainPose:
     return pose_of(kalman, observer), covariance
 
 
-def update_by_comparison(
-    reader: FrameReader,
-    frame: Frame,
-    kalman: Kalman,
-    observer: ObserverPose,
-    start: UncertainPose | None = None,
-) -> Updated:
-    """By comparison with the rendered view, see `Update`.
+@dataclass(frozen=True)
+class FrameUpdate:
+    """An update of the filter with one frame, or a filter left as predicted."""
 
-    A prediction that is sharp by the filter's own covariance takes one pass: the errors of the
-    comparison are then independent of those of the prediction.
-    """
-    prior = kalman.snapshot()
-    pose, spread = start or predicted_pose(kalman, observer)
-    for _ in range(_COMPARISON_PASSES):
-        comparison = reader.compare(frame, pose, spread)
-        view = view_of_comparison(frame, comparison, 0.5 * reader.diameter_m, observer)
-        result = kalman.update(view.measurements)
-        if not any(result.accepted):
-            break
-        before, (pose, spread) = pose, predicted_pose(kalman, observer)
-        if reader.moved_px(before, pose, frame) < _STILL_PX:
-            break
-        spread = spread + step_doubt(pose_error(before, pose))
-        after = kalman.snapshot()
-        kalman.restore(prior)
-    else:
-        kalman.restore(after)
-    # A few returns can always be found where a wrong pose predicts a face.
-    if not view.inlier_ratio >= _MIN_INLIER_RATIO:
-        kalman.restore(prior)
-        return Updated(view.without_faces(NOT_EXPLAINED), None)
-    return Updated(view, result)
+    reader: FrameReader
+    frame: Frame
+    kalman: Kalman
+    observer: ObserverPose
+    start: UncertainPose | None = None
+    """A pose to measure about first, where the frame itself says where the target is better than
+    the prediction does."""
 
+    def by_comparison(self) -> Updated:
+        """By comparison with the rendered view.
 
-def update_by_rectangles(
-    reader: FrameReader,
-    frame: Frame,
-    kalman: Kalman,
-    observer: ObserverPose,
-    start: UncertainPose | None = None,
-) -> Updated:
-    """By rectangles, see `Update`."""
-    prior = kalman.snapshot()
-    pose, spread = start or predicted_pose(kalman, observer)
-    shift, turn = (float(np.sqrt(np.trace(part))) for part in (spread[:3, :3], spread[3:, 3:]))
-    is_sharp = reader.pixels(shift, turn, pose, frame) < _SHARP_PX
-    view = reader.read(frame, pose, Trust.PIXELS if is_sharp else Trust.PLANES)
-    result = kalman.update(view_of_rectangles(view, observer).measurements)
-    for _ in range(_RECTANGLE_PASSES - 1):
-        before, pose = pose, pose_of(kalman, observer)
-        moved_px = reader.moved_px(before, pose, frame)
-        if moved_px < _STILL_PX or not reader.depends_on_pose:
-            break
-        if moved_px < _SHARP_PX:
-            view = reader.read_again(view, pose)
+        A prediction that is sharp by the filter's own covariance takes one pass: the errors of the
+        comparison are then independent of those of the prediction.
+        """
+        reader, frame, kalman, observer = self.reader, self.frame, self.kalman, self.observer
+        prior = kalman.snapshot()
+        pose, spread = self.start or predicted_pose(kalman, observer)
+        for _ in range(_COMPARISON_PASSES):
+            comparison = reader.compare(frame, pose, spread)
+            view = view_of_comparison(frame, comparison, 0.5 * reader.diameter_m, observer)
+            result = kalman.update(view.measurements)
+            if not any(result.accepted):
+                break
+            before, (pose, spread) = pose, predicted_pose(kalman, observer)
+            if reader.moved_px(before, pose, frame) < _STILL_PX:
+                break
+            spread = spread + step_doubt(pose_error(before, pose))
+            after = kalman.snapshot()
+            kalman.restore(prior)
         else:
-            view = reader.read(frame, pose, Trust.PIXELS)
-        kalman.restore(prior)
+            kalman.restore(after)
+        # A few returns can always be found where a wrong pose predicts a face.
+        return self._believed(view, view.inlier_ratio, result, prior)
+
+    def by_rectangles(self) -> Updated:
+        """By rectangles in the segmented frame."""
+        reader, frame, kalman, observer = self.reader, self.frame, self.kalman, self.observer
+        prior = kalman.snapshot()
+        pose, spread = self.start or predicted_pose(kalman, observer)
+        shift, turn = (float(np.sqrt(np.trace(part))) for part in (spread[:3, :3], spread[3:, 3:]))
+        is_sharp = reader.pixels(shift, turn, pose, frame) < _SHARP_PX
+        view = reader.read(frame, pose, Trust.PIXELS if is_sharp else Trust.PLANES)
         result = kalman.update(view_of_rectangles(view, observer).measurements)
-    seen = view_of_rectangles(view, observer)
-    if view.inlier_ratio < _MIN_INLIER_RATIO:
-        kalman.restore(prior)
-        return Updated(seen.without_faces(NOT_EXPLAINED), None)
-    return Updated(seen, result)
+        for _ in range(_RECTANGLE_PASSES - 1):
+            before, pose = pose, pose_of(kalman, observer)
+            moved_px = reader.moved_px(before, pose, frame)
+            if moved_px < _STILL_PX or not reader.depends_on_pose:
+                break
+            if moved_px < _SHARP_PX:
+                view = reader.read_again(view, pose)
+            else:
+                view = reader.read(frame, pose, Trust.PIXELS)
+            kalman.restore(prior)
+            result = kalman.update(view_of_rectangles(view, observer).measurements)
+        # In paper mode nothing was rendered, and the ratio is not known.
+        ratio = 1.0 if np.isnan(view.inlier_ratio) else view.inlier_ratio
+        return self._believed(view_of_rectangles(view, observer), ratio, result, prior)
+
+    def with_check(self) -> Updated:
+        """By comparison; rectangles of planes found by RANSAC are recorded as a check.
+
+        The filter does not use the pixels twice.
+        """
+        updated = self.by_comparison()
+        if not updated.is_good:
+            return updated
+        found = self.reader.read(self.frame, pose_of(self.kalman, self.observer), Trust.NONE)
+        view = view_of_rectangles(found, self.observer)
+        checks = []
+        for measurement, record in zip(view.measurements, view.records, strict=True):
+            squared, degrees = self.kalman.innovation(measurement)
+            agrees = squared <= innovation_gate(_CHECK_PROBABILITY, degrees)
+            checks.append(replace(record, outcome=AGREES if agrees else CONTRADICTS))
+        unused = (*updated.view.unused, *checks, *view.unused)
+        return replace(updated, view=replace(updated.view, unused=unused))
+
+    def _believed(
+        self, view: FrameView, inlier_ratio: float, result: UpdateResult, prior: Prior
+    ) -> Updated:
+        """The update; or the prediction again, where the frame does not support it."""
+        if inlier_ratio >= _MIN_INLIER_RATIO:
+            return Updated(view, result)
+        self.kalman.restore(prior)
+        return Updated(view.without_faces(NOT_EXPLAINED), None)
 
 
-def update_with_check(
-    reader: FrameReader,
-    frame: Frame,
-    kalman: Kalman,
-    observer: ObserverPose,
-    start: UncertainPose | None = None,
-) -> Updated:
-    """By comparison, see `Update`; and rectangles of planes found by RANSAC as a check.
-
-    They are recorded; the filter does not use the pixels twice.
-    """
-    updated = update_by_comparison(reader, frame, kalman, observer, start)
-    if not updated.is_good:
-        return updated
-    found = reader.read(frame, pose_of(kalman, observer), Trust.NONE)
-    view = view_of_rectangles(found, observer)
-    checks = []
-    for measurement, record in zip(view.measurements, view.records, strict=True):
-        squared, degrees = kalman.innovation(measurement)
-        agrees = squared <= innovation_gate(_CHECK_PROBABILITY, degrees)
-        checks.append(replace(record, outcome=AGREES if agrees else CONTRADICTS))
-    unused = (*updated.view.unused, *checks, *view.unused)
-    return replace(updated, view=replace(updated.view, unused=unused))
-
-
-UPDATES: Mapping[Measurements, Update] = {
-    Measurements.REFINED: update_by_comparison,
-    Measurements.RECTANGLES: update_by_rectangles,
-    Measurements.BOTH: update_with_check,
+UPDATES: Mapping[Measurements, Callable[[FrameUpdate], Updated]] = {
+    Measurements.REFINED: FrameUpdate.by_comparison,
+    Measurements.RECTANGLES: FrameUpdate.by_rectangles,
+    Measurements.BOTH: FrameUpdate.with_check,
 }
 """The way to update that the settings ask for."""

@@ -20,7 +20,14 @@ from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import MassBelief, learnt_belief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
-from pcnav.estimators.depth.measuring import UPDATES, Kalman, Updated, pose_of, predicted_pose
+from pcnav.estimators.depth.measuring import (
+    UPDATES,
+    FrameUpdate,
+    Kalman,
+    Updated,
+    pose_of,
+    predicted_pose,
+)
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_error
 from pcnav.estimators.depth.views import FrameView, silent_view
@@ -170,7 +177,7 @@ class Tracker(Estimator):
         if np.count_nonzero(frame.depth_m) < _MIN_RETURNS:
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, observer), view
-        updated = self._update(self._reader, frame, kalman, observer)
+        updated = self._update(FrameUpdate(self._reader, frame, kalman, observer))
         status = Status.COASTING
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)
@@ -247,7 +254,7 @@ class Tracker(Estimator):
             return None
         best = min(allowed, key=lambda pair: pair[0])[1]
         start = (best.T_cam_model, best.covariance)
-        updated = self._update(self._reader, frame, kalman, observer, start)
+        updated = self._update(FrameUpdate(self._reader, frame, kalman, observer, start))
         return updated if updated.is_good else None
 
     def _lose(self, track: _Track) -> None:

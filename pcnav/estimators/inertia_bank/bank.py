@@ -117,9 +117,9 @@ class InertiaBank:
     ) -> None:
         """With inertia matrices (R, h, 3, 3) and the start of the R runs, the same for all h."""
         self._runs, self._h = inertia.shape[:2]
-        every: IntArray = np.repeat(np.arange(self._runs, dtype=np.intp), self._h)
+        self._every: IntArray = np.repeat(np.arange(self._runs, dtype=np.intp), self._h)
         states, covariance = start
-        self._table, self.time_s, self._begun = table, time_s, False
+        self._table, self.time_s, self._initialised = table, time_s, False
         self.inertia = inertia
         flat = inertia.reshape(-1, 3, 3)
         self._model = RelativeMotion(
@@ -130,8 +130,8 @@ class InertiaBank:
             table.angular_acceleration_psd_rad2_s3,
         )
         self._filter = BatchedFilter(
-            picked(states, every),
-            covariance[every],
+            picked(states, self._every),
+            covariance[self._every],
             gate_probability=table.gate_probability,
             max_iterations=table.max_iterations,
         )
@@ -169,12 +169,11 @@ class InertiaBank:
         if seen is None:
             self.predict(time_s)
             return None
-        every: IntArray = np.repeat(np.arange(self._runs, dtype=np.intp), self._h)
-        seen = seen.take(every)
-        if self._begun:
+        seen = seen.take(self._every)
+        if self._initialised:
             self.predict(time_s)
             return self._update(seen)
-        self._begun = True
+        self._initialised = True
         ahead = PixelsAhead(seen, self._model, self.time_s, time_s - self.time_s)
         result = self._update(ahead)
         self.predict(time_s)
@@ -221,9 +220,8 @@ class InertiaBank:
 
     def add(self, positions: FloatArray, noise: FloatArray) -> None:
         """Add points (R, m, 3) with covariances (R, m, 3, 3), Hill axes."""
-        every: IntArray = np.repeat(np.arange(self._runs, dtype=np.intp), self._h)
         self._filter.states, self._filter.covariance = add_points(
-            self.states, self.covariance, positions[every], noise[every]
+            self.states, self.covariance, positions[self._every], noise[self._every]
         )
 
     def keep(self, kept: IntArray) -> None:

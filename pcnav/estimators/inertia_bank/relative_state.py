@@ -136,15 +136,7 @@ class RelativeStates:
 
     def motion_from_body_errors(self) -> FloatArray:
         """(..., 12, 12) the inverse of `motion_to_body_errors`."""
-        matrix = self._identity(IB_MOTION_SIZE)
-        if self.coupled:
-            by_rate = skew(self.r_hill) @ self.R_hill_body
-            turning = skew(self.omega_body)
-            matrix[..., IB_V_HILL, IB_R_HILL] = -skew(self._in_hill(self.omega_body))
-            matrix[..., IB_V_HILL, IB_OMEGA] = by_rate
-            matrix[..., IB_V_HILL, IB_THETA] = -by_rate @ turning
-            matrix[..., IB_OMEGA, IB_THETA] = -turning
-        return matrix
+        return np.asarray(np.linalg.inv(self.motion_to_body_errors()), np.float64)
 
     def to_body_errors(self) -> FloatArray:
         """(..., n, n) as `motion_to_body_errors`, with the points.

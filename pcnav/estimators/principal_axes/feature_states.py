@@ -43,16 +43,10 @@ from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_
 from pcnav.dynamics.rotation_step import Rotation, rotate
 from pcnav.filtering.error_state import MotionModel
 
+_P = ("p_x", "p_z")
 PRINCIPAL_RATIOS = Block(
-    name="principal_ratios",
-    quantity="principal_ratios",
-    title="ratios of the principal moments",
-    unit="1",
-    shown_unit="1",
-    columns=("p_x", "p_z"),
-    error_columns=("p_x", "p_z"),
-    components=("p_x", "p_z"),
-    constant=True,
+    *("principal_ratios", "principal_ratios", "ratios of the principal moments", "1", "1"),
+    *(_P, _P, _P, True),
 )
 PRINCIPAL_LAYOUT = Layout((ATTITUDE, RATE, PRINCIPAL_RATIOS, POSITION, VELOCITY))
 """The error state before the points."""

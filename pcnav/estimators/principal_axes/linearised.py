@@ -14,7 +14,7 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import PrincipalState
-from pcnav.filtering.error_state import ErrorStateFilter, MotionModel
+from pcnav.filtering.error_state import ErrorStateFilter
 
 
 @dataclass(frozen=True)
@@ -44,23 +44,18 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of the trajectory."""
+    """A part of the trajectory, and how deviations move along it: a `MotionModel`."""
 
     transition: FloatArray
     """(n, n)"""
     noise: FloatArray
     """(n, n)"""
 
-
-@dataclass(frozen=True)
-class _LegModel(MotionModel[Deviation]):
-    leg: Leg
-
     def propagate(
         self, state: Deviation, time_s: float, step_s: float
     ) -> tuple[Deviation, FloatArray, FloatArray]:
-        moved = Deviation(self.leg.transition @ state.error)
-        return moved, self.leg.transition, self.leg.noise
+        """See `MotionModel.propagate`; whatever the times."""
+        return Deviation(self.transition @ state.error), self.transition, self.noise
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,7 @@ def filter_about(
     for k, (state, view) in enumerate(zip(trajectory, views, strict=True)):
         if k > 0:
             for leg in legs[k - 1]:
-                kalman.predict(_LegModel(leg), 0.0, 0.0)
+                kalman.predict(leg, 0.0, 0.0)
         residual, jacobian = view.at(state)
         kalman.update(
             [

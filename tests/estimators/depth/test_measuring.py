@@ -12,7 +12,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
 from pcnav.estimators.depth.acquisition import condensed
-from pcnav.estimators.depth.measuring import Kalman, pose_of, update_by_comparison
+from pcnav.estimators.depth.measuring import FrameUpdate, Kalman, pose_of
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
     PoseMeasurement,
@@ -70,7 +70,7 @@ def test_updates_are_as_good_as_they_say(
     errors = []
     for k in range(8):
         kalman = predicted(state, P, rng)
-        updated = update_by_comparison(reader, shoot(truth, k), kalman, observer)
+        updated = FrameUpdate(reader, shoot(truth, k), kalman, observer).by_comparison()
         assert updated.is_good
         assert updated.view.inlier_ratio > 0.9
         errors.append(squared_pose_error(kalman, truth, observer))
@@ -87,7 +87,7 @@ def test_a_frame_that_is_not_explained_leaves_the_prediction(
     frame = shoot(turned)
     empty = replace(frame, depth_m=np.zeros_like(frame.depth_m))
     for strange in (frame, empty):
-        updated = update_by_comparison(reader, strange, kalman, observer)
+        updated = FrameUpdate(reader, strange, kalman, observer).by_comparison()
         assert not updated.is_good
         assert updated.result is None
         assert [*updated.view.measurements, *updated.view.records] == []
@@ -106,7 +106,7 @@ def test_a_pose_to_start_from_helps_a_prediction_that_is_far_off(
     kalman = ErrorStateFilter(state.retract(error), P)
     off = moved_pose(truth, np.array([0.02, -0.01, 0.02, 0.003, 0.002, -0.003]))
     start = (off, np.diag(np.repeat([0.02, 3e-3], 3) ** 2))
-    updated = update_by_comparison(reader, shoot(truth), kalman, observer, start)
+    updated = FrameUpdate(reader, shoot(truth), kalman, observer, start).by_comparison()
     assert updated.is_good
     assert squared_pose_error(kalman, truth, observer) < chi2.isf(1e-4, 6)
 
@@ -115,7 +115,9 @@ def test_faces_of_an_arc_are_condensed_into_one_measurement(
     state: NavigationState, observer: ObserverPose, shoot: Shoot, reader: FrameReader
 ) -> None:
     kalman = ErrorStateFilter(state, covariance(0.003, 5e-4))
-    view = update_by_comparison(reader, shoot(pose_of(kalman, observer)), kalman, observer).view
+    view = (
+        FrameUpdate(reader, shoot(pose_of(kalman, observer)), kalman, observer).by_comparison().view
+    )
     assert len(view.measurements) >= 3
     timed = condensed(TimedMeasurements(600.0, view.measurements))
     (one,) = timed.measurements
