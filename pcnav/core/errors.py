@@ -4,7 +4,7 @@ from pathlib import Path
 
 
 class InputError(ValueError):
-    """Bad input, told in one line: the file, the field in it and what was expected there.
+    """Bad input, described in one line: the file, the field in it and what was expected there.
 
     The command line prints the message and exits with code 2; a library user catches it
     like any ``ValueError``.

@@ -1,7 +1,7 @@
 """The inertia of a rigid body over its trace: what a filter errs in, and what a body can have.
 
 Rotation without torque does not show the scale of the inertia, so five numbers are left. Here they
-are entries of ``N = 3 I / tr(I)``. Which of them a body can have is told by the second moments of
+are entries of ``N = 3 I / tr(I)``. Which of them a body can have follows from the second moments of
 its density, ``S = 1/2 tr(I) 1 - I``, over their sum:
 
     S / tr(S) = 1 - 2/3 N,    without negative eigenvalues

@@ -1,4 +1,4 @@
-"""What is believed of a target's mass before a single frame is seen."""
+"""The prior of a target's mass, before the first frame."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,9 @@
 """The inertia of a body in its principal axes: ratios (19) of Hu 2024, and how it may err.
 
 The ratios are p_x and p_z; ``p_y = -(p_x + p_z) / (1 + p_x p_z)`` follows. Which body it is, is
-told by ratios and axes together. Motion tells both through Euler's equation, which is linear in the
-inertia matrix ``N = 3 I / tr(I)``: what an arc shows are planes in the space of these matrices. So
-an error of axes (a turn ``theta``, rad) and ratios stands here for a change of N,
+given by ratios and axes together. Motion shows both through Euler's equation, which is linear in
+the inertia matrix ``N = 3 I / tr(I)``: what an arc shows are planes in the space of these matrices.
+So an error of axes (a turn ``theta``, rad) and ratios stands here for a change of N,
 
     dN_xy = theta_z (l_x - l_y),  dN_yz = theta_x (l_y - l_z),  dN_zx = theta_y (l_z - l_x),
 

@@ -1,8 +1,9 @@
 """Maximum a-posteriori fit of one trajectory to the measurements of a whole arc.
 
-A filter linearises each measurement once, about what it believes then. At the start that belief is
-poor and measurements of millimetres make second-order terms larger than their noise, which leaves
-false confidence behind. Fitting the initial state to the whole arc at once has no such memory.
+A filter linearises each measurement once, about its estimate at that time. At the start the
+estimate is poor and measurements of millimetres make second-order terms larger than their noise,
+which leaves false confidence. Fitting the initial state to the whole arc at once has no such
+memory.
 """
 
 from collections.abc import Sequence

@@ -2,7 +2,7 @@
 
 Two ways share the ambiguity's solution by prediction (Yu 2019 (22)-(25)). `measure_by_size` is the
 paper's: a segment is recognised by its sides and is that rectangle. `measure_by_prediction`
-compares each segment with the expected view of the face it overlaps, so that hidden parts and rims
+compares each segment with the predicted view of the face it overlaps, so that hidden parts and rims
 bias nothing, and every face counts, whole or cut.
 """
 
@@ -59,21 +59,21 @@ class Unused:
 
 
 def measure_by_prediction(
-    perceived: PerceivedFrame, expectation: PredictedView, gate_sigma: float
+    perceived: PerceivedFrame, predicted: PredictedView, gate_sigma: float
 ) -> tuple[list[MeasuredFace], list[Unused]]:
-    """Measurements of the faces expected in view; at most one for each segment."""
+    """Measurements of the faces predicted in view; at most one for each segment."""
     measured: list[MeasuredFace] = []
     unused: list[Unused] = []
     taken: set[int] = set()
     for seen in perceived.seen:
-        index = _overlapping_face(perceived, seen, expectation)
+        index = _overlapping_face(perceived, seen, predicted)
         if index is None:
             unused.append(Unused(seen, "no face expected there"))
         elif index in taken:
             unused.append(Unused(seen, "its face was seen in a larger segment"))
         else:
             taken.add(index)
-            face = _compare(seen, expectation.faces[index], gate_sigma)
+            face = _compare(seen, predicted.faces[index], gate_sigma)
             if _is_usable(face):
                 measured.append(face)
             else:
@@ -139,18 +139,18 @@ def _pose_distance(face: MeasuredFace, T_cam_model: FloatArray) -> float:
 
 
 def _overlapping_face(
-    perceived: PerceivedFrame, seen: Seen, expectation: PredictedView
+    perceived: PerceivedFrame, seen: Seen, predicted: PredictedView
 ) -> int | None:
     assert perceived.window is not None, "a segment was seen, so there is a window"
     u, v = perceived.window.pixel(seen.segment.pixels).T
-    votes = expectation.labels[v, u]
+    votes = predicted.labels[v, u]
     votes = votes[votes >= 0]
     if len(votes) == 0:
         return None
     counts = np.bincount(votes)
     best = int(counts.argmax())
     # Half of the face itself: what a wrong prediction picks out of other surfaces is a patch.
-    return best if counts[best] >= _MIN_OVERLAP * expectation.faces[best].n_pixels else None
+    return best if counts[best] >= _MIN_OVERLAP * predicted.faces[best].n_pixels else None
 
 
 def _compare(seen: Seen, face: PredictedFace, gate_sigma: float) -> MeasuredFace:

@@ -25,7 +25,8 @@ _NEAR_FRACTION = 0.01
 """The pixel beside an edge shows the part it bounds when their depths differ by less than this
 share of the diameter: rims thinner than a pixel lie between them."""
 _APART = 1.25
-"""Two surfaces are told apart where they differ by this many times the sum of their tolerances."""
+"""Two surfaces are distinguished where they differ by this many times the sum of their
+tolerances."""
 _SHARP_PX = 0.3
 """Predictions better than this need one pixel on each side of an edge."""
 _MAX_REACH_PX = 4

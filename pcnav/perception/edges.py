@@ -14,7 +14,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera, project
 
 _UNKNOWN = 1e4
-"""Variance of moments that cannot be told: part of the face is behind the camera."""
+"""Variance of moments that are not determined: part of the face is behind the camera."""
 _MAX_SAMPLES = 2000
 """A side that runs far out of the image, seen from very near, is sampled no finer than this."""
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])

@@ -92,7 +92,7 @@ def perceive(
 def _found_planes(
     window: Window, settings: PerceptionTable, range_sigma_m: float, seed: int
 ) -> tuple[FloatArray, ...]:
-    # Planes nearer to each other than the noise are only told apart after averaging it.
+    # Planes nearer to each other than the noise are only distinguished after averaging it.
     size = smoothing_size(window, range_sigma_m)
     trials = trial_count(1.0 - _MAX_PLANE_FRACTION, settings.ransac_success_probability)
     found = extract_planes(

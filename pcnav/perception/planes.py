@@ -34,7 +34,7 @@ def ransac_plane(
 ) -> FloatArray | None:
     """The plane ``m`` with the most points (n, 3) within the threshold, or None.
 
-    None where no plane can be told: fewer than three points, collinear ones, or a plane through
+    None where no plane is determined: fewer than three points, collinear ones, or a plane through
     the camera centre. Deterministic: Open3D's generator is seeded for this call alone.
     """
     if len(points) < _MIN_POINTS:

@@ -1,4 +1,4 @@
-"""Reading a frame with a pose in mind: the whole of perception behind one door."""
+"""Reading a frame with a pose in mind: the interface of perception."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
-_EXPLAINED_SIGMA = 3.0
-"""A return further than this from the depth a pose predicts is not explained by it."""
+_INLIER_SIGMA = 3.0
+"""A return further than this from the depth that a pose predicts is no inlier."""
 _ENOUGH_RETURNS = 3_000
 """So many returns suffice to find a target: about those of one that spans 60 pixels."""
 _MAX_STRIDE = 4
@@ -96,7 +96,7 @@ class FrameReader:
     def thinned(self, frame: Frame) -> Frame:
         """A frame on as coarse a grid as finding the target in it takes.
 
-        A near target fills the image: its faces are found, and the poses told apart, as well on
+        A near target fills the image: its faces are found, and the poses distinguished, as well on
         every second to fourth pixel, in a fraction of the time.
         """
         stride = int(np.sqrt(np.count_nonzero(frame.depth_m) / _ENOUGH_RETURNS))
@@ -173,21 +173,21 @@ class FrameReader:
     def score(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
         """How the target at a pose (4, 4) explains a frame, to the noise alone."""
         rendered = self._predictor_of(frame).render(T_cam_model)
-        return agreement(frame.depth_m, rendered, _EXPLAINED_SIGMA * self._sigma_m)
+        return agreement(frame.depth_m, rendered, _INLIER_SIGMA * self._sigma_m)
 
     def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
         """Segment a frame and measure its faces against the view that a pose predicts."""
         if not self.depends_on_pose:
             perceived = self.look(frame)
             return View(perceived, *measure_by_size(perceived, T_cam_model))
-        expectation = self._predictor_of(frame).predict(T_cam_model)
-        surface = None if trust is Trust.NONE else expectation.surface
+        predicted = self._predictor_of(frame).predict(T_cam_model)
+        surface = None if trust is Trust.NONE else predicted.surface
         if surface is not None and trust is Trust.PLANES:
             surface = surface.planes_only()
         perceived = perceive(
             frame, self._target.rectangles, self._settings, self._sigma_m, self._seed, surface
         )
-        return self._compared(perceived, expectation)
+        return self._compared(perceived, predicted)
 
     def read_again(self, view: View, T_cam_model: FloatArray) -> View:
         """The same segments measured against the view that a better pose predicts."""
@@ -196,13 +196,11 @@ class FrameReader:
             return View(perceived, *measure_by_size(perceived, T_cam_model))
         return self._compared(perceived, self._predictor_of(perceived.frame).predict(T_cam_model))
 
-    def _compared(self, perceived: PerceivedFrame, expectation: PredictedView) -> View:
-        faces, unused = measure_by_prediction(
-            perceived, expectation, self._settings.size_gate_sigma
-        )
+    def _compared(self, perceived: PerceivedFrame, predicted: PredictedView) -> View:
+        faces, unused = measure_by_prediction(perceived, predicted, self._settings.size_gate_sigma)
         tolerance = depth_tolerance(self._target, self._sigma_m)
-        share = agreement(perceived.frame.depth_m, expectation.rendered, tolerance).inlier_ratio
-        return View(perceived, faces, unused, share)
+        ratio = agreement(perceived.frame.depth_m, predicted.rendered, tolerance).inlier_ratio
+        return View(perceived, faces, unused, ratio)
 
     @property
     def depends_on_pose(self) -> bool:

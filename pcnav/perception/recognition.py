@@ -29,7 +29,7 @@ def recognise(
 
     The gate is the chi-square quantile that ``gate_sigma`` standard deviations have in one
     dimension. Besides the observation's own errors the sides may differ by the 1 % to which an
-    entry is a rectangle, and by a rim, as of a panel's thickness, too thin to be told apart.
+    entry is a rectangle, and by a rim, as of a panel's thickness, too thin to be distinguished.
     """
     rows = [LENGTH, WIDTH] if np.isnan(observation.area_m2) else [LENGTH, WIDTH, AREA]
     gate = size_gate(gate_sigma, len(rows))

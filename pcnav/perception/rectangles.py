@@ -58,7 +58,7 @@ class RectangleObservation:
     cut_sides: tuple[bool, bool, bool, bool]
     """Whether something hides part of the side at -x, +x, -y, +y."""
     rim_m: float
-    """How wide a rim beside the face could be without being told apart from it: it would be no
+    """How wide a rim beside the face could be without being distinguished from it: it would be no
     wider than a pixel or no deeper than the noise; one standard deviation."""
 
     @property
@@ -303,7 +303,7 @@ def _by_moments(moments: Moments, length: float, width: float) -> FloatArray:
     lx, ly = moments.eigenvalues[:2]
     jacobian = np.zeros((9, 6))
     jacobian[X, 1] = jacobian[Y, 2] = 1.0
-    # First-order perturbation of the eigenvectors: a square has none that can be told.
+    # First-order perturbation of the eigenvectors: those of a square are not determined.
     jacobian[YAW, 5] = 1.0 / min(lx - ly, -_MIN_GAP * ly)
     jacobian[LENGTH, 4], jacobian[LENGTH, 0] = 6.0 / length, -6.0 / length * ly
     jacobian[WIDTH, 3], jacobian[WIDTH, 0] = 6.0 / width, -6.0 / width * lx

@@ -11,7 +11,7 @@ from pcnav.recordings.sequence import Frame
 
 _MAX_SMOOTHING_PX = 4
 """Half the width of the largest square averaged over."""
-_LEAST_SQUARE = 0.6
+_MIN_SHARE = 0.6
 _MARGIN_PX = 2
 """Pixels kept around the returns, so that every return has its neighbours inside the window."""
 
@@ -82,7 +82,7 @@ def smoothed_points(window: Window, size: int) -> FloatArray:
     layers = np.stack([seen, rays[:, 0] * seen, rays[:, 1] * seen, inverse_depth])
     layers = layers.reshape(4, *window.shape)
     means = ndimage.uniform_filter(layers, size=(1, size, size), mode="constant").reshape(4, -1)
-    kept = means[:, seen & (means[0] > _LEAST_SQUARE)]
+    kept = means[:, seen & (means[0] > _MIN_SHARE)]
     return np.asarray(np.column_stack([kept[1], kept[2], kept[0]]) / kept[3][:, None])
 
 

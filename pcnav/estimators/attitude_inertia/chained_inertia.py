@@ -46,7 +46,7 @@ _SILENT = 1e6 * np.eye(3)
 
 @dataclass(frozen=True)
 class ChainedEstimate:
-    """What is believed at a frame."""
+    """The estimate at a frame."""
 
     time_s: float
     state: RotationState
@@ -65,7 +65,7 @@ class ChainedInertiaEstimator:
         self._model = TorqueFreeModel(table.angular_acceleration_psd_rad2_s3, table.propagation)
         self._number = -1
         self.axes: list[tuple[int, FloatArray]] = []
-        """Frames at which body axes were begun with, and R_world_body (3, 3) there."""
+        """Frames at which new body axes were chosen, and R_world_body (3, 3) there."""
         self._begin_anew()
 
     def _begin_anew(self) -> None:

@@ -1,9 +1,9 @@
 """Attitude, rate and inertia ratios of a free body from its attitudes alone (Deng 2024).
 
 The paper starts an extended Kalman filter at a guess (36). While the inertia is hardly known that
-filter drops terms larger than the noise, and ends certain of a wrong inertia. So the young arc is
-fitted as one, again whenever it has grown by a seventh; the filter carries each fit on to the next,
-and goes on alone once the inertia is known. States, frames and errors are those of
+filter drops terms larger than the noise, and becomes overconfident in a wrong inertia. So the
+initial arc is fitted as one, again whenever it has grown by a seventh; the filter carries each fit
+on to the next, and goes on alone once the inertia is known. States, frames and errors are those of
 `pcnav.estimators.attitude_inertia.rotation_model`.
 """
 
@@ -39,7 +39,7 @@ _KNOWN_SD = 0.002
 
 @dataclass(frozen=True)
 class RotationEstimate:
-    """What is believed after an attitude, of B runs."""
+    """The estimate after an attitude, of B runs."""
 
     time_s: float
     state: RotationState
@@ -100,7 +100,7 @@ class AttitudeInertiaEstimator:
         noise = np.radians(self._table.attitude_sd_deg) ** 2 * np.eye(3)
         noise = noise if covariance is None else covariance
         if self._filter is None:
-            return self._begin(time_s, measured, noise, guess)
+            return self._initialise(time_s, measured, noise, guess)
         before, self._times_s = self._times_s[-1], [*self._times_s, time_s]
         kalman = self._filter
         kalman.predict(self._model, before, time_s - before)
@@ -119,7 +119,7 @@ class AttitudeInertiaEstimator:
         if covariance is not None and not np.linalg.eigvalsh(covariance)[0] > 0.0:
             raise InputError(where, "covariance", "expected a positive definite matrix")
 
-    def _begin(
+    def _initialise(
         self, time_s: float, measured: FloatArray, noise: FloatArray, guess: RotationState | None
     ) -> RotationEstimate:
         rate, parameters, covariance = initial_belief(self._table)

@@ -1,7 +1,7 @@
 """Free rotations fitted to the attitudes of arcs, many arcs of the same times at once.
 
-A filter linearises each attitude once, about an inertia that is hardly known yet, and what it drops
-then it takes for knowledge ever after. A fit has no such memory. `fit_rotations` has a prior on all
+A filter linearises each attitude once, about an inertia that is hardly known yet, and the terms
+dropped then leave false confidence. A fit has no such memory. `fit_rotations` has a prior on all
 states, `fit_rotation_arc` only a weak one on the inertia: what the linear identification of Hu 2024
 (11)-(14) asks of rates, it asks of the motion itself. Nothing that is measured is a regressor, so
 noise does not bias the result, and an attitude weighs by its own covariance.
@@ -37,7 +37,7 @@ _MIN_MOMENT = 0.05
 
 @dataclass(frozen=True)
 class RotationPrior:
-    """What is believed of the states at the first time of an arc."""
+    """Prior of the states at the first time of an arc."""
 
     mean: RotationState
     """(B,)"""

@@ -5,7 +5,7 @@ numbers of the printed quaternion (10) are those of a Hamilton quaternion of ``R
 its error (25) is ``q = q_hat * dq``: the rotation vector of pcnav, ``R = R_hat exp(theta)``, is
 twice the printed ``dq_v``. The printed update adds components of quaternions (36), which is right
 only near the identity; here the error is injected by rotation. Errors of the inertia are those of
-``N = 3 J / tr(J)``, for the reasons told in `pcnav.dynamics.inertia_parameters`;
+``N = 3 J / tr(J)``, for the reasons given in `pcnav.dynamics.inertia_parameters`;
 `printed_ratios_jacobian` turns them into those of the printed ratios.
 
 States, model and measurements work without a leading dimension in `ErrorStateFilter` and with one

@@ -1,9 +1,9 @@
 """The beginning of a track: poses in first frames, one motion through them, a first filter.
 
-A filter linearises each measurement about what it believes at the time, and at the start it
-believes little. So the first state is fitted to all frames of the start at once, and the whole
-young track is fitted anew whenever it has grown by an eighth, so that what was linearised about a
-worse belief never makes up much of what the filter knows.
+A filter linearises each measurement about its estimate at the time, which is poor at the start. So
+the first state is fitted to all frames of the start at once, and the whole initial arc is fitted
+anew whenever it has grown by an eighth, so that what was linearised about a worse estimate never
+makes up much of the filter's information.
 """
 
 import logging
@@ -53,10 +53,10 @@ Fit = ArcFit[NavigationState]
 
 _log = logging.getLogger("pcnav")
 
-_WELL_EXPLAINED = 0.9
+_HIGH_INLIER_RATIO = 0.9
 _MAX_DROP = 0.02
-"""Motions whose best explains this much of a frame, and hardly less than of the frames before,
-need no search for others."""
+"""Of a frame under the best motion, and hardly less than in the frames before: then no other motion
+is searched for."""
 _DOUBT_WITHOUT_RATE = 3.0
 """A hypothesis carried over from one observation may be off by so many times more than one that
 rectangles propose: the target turns."""
@@ -66,7 +66,7 @@ LONGEST_ARC = 400
 _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
 _MAX_ARC_CHI_SQUARE = 4.0
-"""Per degree of freedom: a motion that fits its frames worse is not believed."""
+"""Per degree of freedom: a motion that fits its frames worse is not accepted."""
 _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""
 
@@ -82,7 +82,7 @@ class InitialArc:
         self.frames: list[Timed] = []
 
     def fit(self) -> Fit | None:
-        """The state that fits the arc; None where no fit is found or believed."""
+        """The state that fits the arc; None where no fit is found or accepted."""
         try:
             fit = fit_arc(self._model, self._guess, self._prior, self.frames, self._start)
         except ArcError as error:
@@ -106,7 +106,7 @@ class InitialArc:
 
 @dataclass(frozen=True)
 class Initialised:
-    """A track that has begun."""
+    """A track that is initialised."""
 
     kalman: Kalman
     arc: InitialArc
@@ -135,7 +135,7 @@ class Acquisition:
         self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
 
     def add(self, frame: Frame, observer: ObserverPose) -> Initialised | FrameView:
-        """Take in a frame: a track begun, or the frame as it was seen.
+        """Take in a frame: an initialised track, or the frame as it was seen.
 
         Raises `InputError` when target and frame differ in units.
         """
@@ -147,12 +147,12 @@ class Acquisition:
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
         if decision is None:
             return waiting
-        begun = self._begin(decision)
-        if begun is None:
-            _log.info("frame %d: the first motion did not hold", frame.index)
+        track = self._initialise(decision)
+        if track is None:
+            _log.info("frame %d: no trajectory fits the motion of the first frames", frame.index)
             self._start = MotionHypotheses(self._target)
             return waiting
-        return begun
+        return track
 
     def _hypotheses(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView]:
         """Where the target may be in a frame, and the frame as it was seen.
@@ -166,7 +166,7 @@ class Acquisition:
             found = compared_poses(predicted, frame, self._reader, doubt)
             followed = best_first(found)
             usual = max(observation.pose.inlier_ratio for observation in best.observations)
-            enough = max(_WELL_EXPLAINED, usual - _MAX_DROP)
+            enough = max(_HIGH_INLIER_RATIO, usual - _MAX_DROP)
             if followed and followed[0].inlier_ratio >= enough:
                 return followed, silent_view(frame)
         perceived = self._reader.look(frame)
@@ -175,7 +175,7 @@ class Acquisition:
         hypotheses = refined_hypotheses(perceived, self._reader, predicted)
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
-    def _begin(self, decision: Decision) -> Initialised | None:
+    def _initialise(self, decision: Decision) -> Initialised | None:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
         motion, belief = decision.motion, self._belief
         n = self._model.mean_motion_rad_s

@@ -8,13 +8,13 @@ from pcnav.core import chi_square
 from pcnav.filtering.error_state import UpdateResult
 from pcnav.runs.nis_window import NisWindow
 
-_POOR_EXPLAINED = 0.9
-"""A track that explains less of its frames than this, over the window, is doubtful."""
+_LOW_INLIER_RATIO = 0.9
+"""A track whose mean over the window is lower is doubtful."""
 _WINDOW_FRAMES = 5
 _MAX_DROP = 0.02
-"""So is one that explains so much less than it used to: more than noise moves the share by."""
+"""So is one whose ratio falls by so much: by more than noise moves it."""
 _MEMORY_FRAMES = 20
-"""Over about so many frames a track's usual share is taken."""
+"""Over about so many frames a track's usual ratio is taken."""
 _NIS_PROBABILITY = 1e-6
 """So improbable must the innovations of the window be for the track to be doubtful."""
 
@@ -29,7 +29,7 @@ class Evidence:
         self._fell = False
 
     def add(self, inlier_ratio: float, result: UpdateResult) -> None:
-        """Take in an update: share of the frame explained, and innovations."""
+        """Take in an update: inlier ratio of the frame, and innovations."""
         self._inlier_ratios.append(inlier_ratio)
         self._fell = bool(inlier_ratio < self._usual - _MAX_DROP)
         if np.isnan(self._usual):
@@ -44,11 +44,12 @@ class Evidence:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the track deserves a fresh look: it explains too little, or errs too much."""
+        """Whether the track is to be checked: its inlier ratio is too low, or its innovations too
+        large."""
         if self._fell:
             return True
         if len(self._inlier_ratios) < _WINDOW_FRAMES:
             return False
         nis, dof = self._innovations.nis, self._innovations.dof
         errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
-        return errs or float(np.mean(self._inlier_ratios)) < _POOR_EXPLAINED
+        return errs or float(np.mean(self._inlier_ratios)) < _LOW_INLIER_RATIO

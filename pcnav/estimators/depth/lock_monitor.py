@@ -1,8 +1,8 @@
-"""A second monitor on a doubtful track: where would one find the target in this frame alone?
+"""The lock monitor: a doubtful track against the poses found in one frame without it.
 
 An update leaves out what does not fit, so a filter may go on with the faces that a wrong pose
-happens to explain. A fresh look tells: the pose tracked and the poses found without it are fitted
-to the same frame and compared by their conflicts, as motions are at the start.
+happens to match. So the target is detected anew: the pose tracked and the poses found without it
+are fitted to the same frame and compared by their conflicts, as motions are in the acquisition.
 """
 
 from collections.abc import Sequence
@@ -22,55 +22,55 @@ _MAX_WAIT_FRAMES = 40
 _MAX_WAIT_OPEN_FRAMES = 5
 """The same while the question is open: sooner or later a view tells the two apart."""
 _VOTES = 2
-"""Looks in a row against a track that end it: one frame may be spoilt by something in the way."""
+"""Checks in a row against a track that end it: one frame may be spoilt by something in the way."""
 _SAME_ANGLE_RAD = 0.1
 _SAME_SHIFT_FRACTION = 0.05
 """Poses closer than this angle and share of the diameter are one."""
 
 
 class LockCheck(Enum):
-    """What a fresh look at a frame says of a track."""
+    """What the detection in one frame says of a track."""
 
     CONFIRMED = auto()
     """No other pose explains the frame nearly as well."""
     OPEN = auto()
-    """Another pose explains it as well, or the first look says better."""
+    """Another pose explains it as well, or better in the first check."""
     REJECTED = auto()
-    """Looks in a row found the target clearly elsewhere."""
+    """Checks in a row found the target clearly elsewhere."""
 
 
 class LockMonitor:
-    """When to look afresh, and what came of it. One for each track."""
+    """When to check a track, and what came of it. One for each track."""
 
     def __init__(self, target: Target, reader: FrameReader) -> None:
         self._target, self._reader = target, reader
-        self._wait, self._since_look, self._votes = 1, 0, 0
+        self._wait, self._since_check, self._votes = 1, 0, 0
         self._lead = 0.0
 
     def is_due(self, evidence: Evidence, *, is_open: bool) -> bool:
-        """Whether this frame is to be looked at; asked once a frame.
+        """Whether the track is to be checked in this frame; asked once a frame.
 
-        ``is_open``: whether the track is one of several that explained the frames so far.
+        ``is_open``: whether the track is one of several that fitted the frames so far.
         """
-        self._since_look += 1
+        self._since_check += 1
         if self._votes:
             return True
         if not (evidence.is_doubtful or is_open):
             self._wait = 1
             return False
-        return self._since_look >= self._wait
+        return self._since_check >= self._wait
 
-    def look(self, frame: Frame) -> tuple[PerceivedFrame, tuple[SingleFramePose, ...]]:
+    def detect(self, frame: Frame) -> tuple[PerceivedFrame, tuple[SingleFramePose, ...]]:
         """The frame as seen without the track, and where the target may be in it."""
         perceived = self._reader.look(self._reader.thinned(frame))
         return perceived, refined_hypotheses(perceived, self._reader)
 
-    def judge(
+    def check(
         self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
     ) -> LockCheck:
         """Compare the pose tracked (4, 4) with the poses found in the same frame."""
-        self._since_look = 0
-        # What upholds a doubtful track once will do so in the next frame: doubt has other reasons.
+        self._since_check = 0
+        # What confirms a doubtful track once will do so in the next frame: doubt has other reasons.
         self._wait = min(2 * self._wait, _MAX_WAIT_FRAMES)
         lead = self._lead_of(perceived, found, T_cam_model)
         self._votes = self._votes + 1 if lead < -CLEAR_LEAD else 0

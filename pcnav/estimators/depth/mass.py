@@ -1,4 +1,4 @@
-"""What is believed of the target's mass when a track begins."""
+"""Prior of the target's mass when a track is initialised."""
 
 from dataclasses import dataclass
 

@@ -32,7 +32,7 @@ UncertainPose = tuple[FloatArray, FloatArray]
 """T_cam_model (4, 4) and the covariance (6, 6) of its error."""
 
 _MIN_INLIER_RATIO = 0.4
-"""Of the view at a prediction, for the frame to be believed of it."""
+"""Of the view at a prediction, for the frame to be used."""
 _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
 _SHARP_PX = 0.7
@@ -51,7 +51,7 @@ class Updated:
 
     view: FrameView
     result: UpdateResult | None
-    """None where the frame was not believed: the filter then stays as predicted."""
+    """None where the frame was not used: the filter then stays as predicted."""
 
     @property
     def is_good(self) -> bool:
@@ -106,7 +106,7 @@ class FrameUpdate:
         else:
             kalman.restore(after)
         # A few returns can always be found where a wrong pose predicts a face.
-        return self._believed(view, view.inlier_ratio, result, prior)
+        return self._supported(view, view.inlier_ratio, result, prior)
 
     def by_rectangles(self) -> Updated:
         """By rectangles in the segmented frame."""
@@ -130,7 +130,7 @@ class FrameUpdate:
             result = kalman.update(view_of_rectangles(view, observer).measurements)
         # In paper mode nothing was rendered, and the ratio is not known.
         ratio = 1.0 if np.isnan(view.inlier_ratio) else view.inlier_ratio
-        return self._believed(view_of_rectangles(view, observer), ratio, result, prior)
+        return self._supported(view_of_rectangles(view, observer), ratio, result, prior)
 
     def with_check(self) -> Updated:
         """By comparison; rectangles of planes found by RANSAC are recorded as a check.
@@ -150,7 +150,7 @@ class FrameUpdate:
         unused = (*updated.view.unused, *checks, *view.unused)
         return replace(updated, view=replace(updated.view, unused=unused))
 
-    def _believed(
+    def _supported(
         self, view: FrameView, inlier_ratio: float, result: UpdateResult, prior: Prior
     ) -> Updated:
         """The update; or the prediction again, where the frame does not support it."""

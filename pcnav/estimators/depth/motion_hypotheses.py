@@ -28,8 +28,8 @@ _MAX_SHIFT_FRACTION = 0.3
 _MIN_FRAMES = 3
 MAX_OBSERVATIONS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
-_MIN_EXPLAINED = 0.5
-"""A motion that explains less of the frames than this on average is not believed."""
+_MIN_INLIER_RATIO = 0.5
+"""Mean over its frames, for a motion to be accepted."""
 _MAX_LAG = 0.1
 """An observation whose inlier ratio is so much below that of another of its motion is dropped."""
 NATS_PER_CONFLICT = 0.25
@@ -78,7 +78,7 @@ class MotionHypothesis:
 
     @property
     def inlier_ratio(self) -> float:
-        """Mean share of the frames explained."""
+        """Mean over the frames."""
         return float(np.mean([observation.pose.inlier_ratio for observation in self.observations]))
 
     def log_weight(self, frames: int) -> float:
@@ -112,7 +112,7 @@ class MotionHypothesis:
 
 @dataclass(frozen=True)
 class Decision:
-    """The motion believed, and whether another one explains the frames as well."""
+    """The motion accepted, and whether another one explains the frames as well."""
 
     motion: MotionHypothesis
     undecided: bool
@@ -142,12 +142,12 @@ class MotionHypotheses:
         grown = [motion for motion in linked if motion is not None]
         # What no motion so far leads to may be the beginning of the right one.
         claimed = {id(motion.observations[-1]) for motion in grown}
-        begun = [
+        new = [
             MotionHypothesis((observation,))
             for observation in observations
             if id(observation) not in claimed
         ]
-        best_first = sorted([*grown, *begun], key=lambda motion: -motion.inlier_ratio)
+        best_first = sorted([*grown, *new], key=lambda motion: -motion.inlier_ratio)
         self._motions = tuple(best_first[:_MAX_MOTIONS])
         return self._decide()
 
@@ -184,7 +184,7 @@ class MotionHypotheses:
 
     def _decide(self) -> Decision | None:
         ripe = [motion for motion in self._motions if len(motion.observations) >= _MIN_FRAMES]
-        if not ripe or ripe[0].inlier_ratio < _MIN_EXPLAINED:
+        if not ripe or ripe[0].inlier_ratio < _MIN_INLIER_RATIO:
             return None
         best = ripe[0]
         rivals = [m for m in ripe[1:] if _rivals(best, m)]

@@ -1,7 +1,7 @@
 """What a comparison with a rendered view says of the navigation state.
 
 A face gives information about the error of the pose it was rendered at, often not about all six
-components: a plane knows nothing of shifts within itself. The measurement keeps the combinations
+components: a plane determines no shift within itself. The measurement keeps the combinations
 that are known, scaled to unit variance.
 """
 

@@ -1,10 +1,10 @@
 """The pose of a target from one depth frame alone: all of its faces, no motion model.
 
 Hypotheses, each fitted to the frame, and the one that then explains most. They are fitted by
-comparison with the rendered view (`pose_fit`), or by rectangles: expected view, measured faces, one
-update of the filter engine from a prior that says nothing, and again with the view expected from
-the better pose. There a bare pose is a navigation state whose mass centre is the model's origin and
-whose camera is the world.
+comparison with the rendered view (`pose_fit`), or by rectangles: predicted view, measured faces,
+one update of the filter engine from a prior that says nothing, and again with the view predicted
+from the better pose. There a bare pose is a navigation state whose mass centre is the model's
+origin and whose camera is the world.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,10 +34,10 @@ from pcnav.recordings.sequence import Frame
 _MAX_HYPOTHESES = 4
 _MAX_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
-_MIN_EXPLAINED = 0.5
-"""A pose that explains less of the frame than this is not believed."""
+_MIN_INLIER_RATIO = 0.5
+"""Of a pose, for it to be accepted."""
 _PASSES = 4
-"""Most times the expected view is rendered anew."""
+"""Most times the predicted view is rendered anew."""
 _POSITION_SD_FRACTION = 1.0
 _ATTITUDE_SD_RAD = 1.0
 """Prior about the hypothesis, the position over the diameter: so wide that it decides nothing."""
@@ -56,13 +56,13 @@ _POSE = np.r_[R_HILL, THETA_BODY]
 
 
 def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | None:
-    """Pose of the target in one frame without any prediction; None when none can be believed.
+    """Pose of the target in one frame without any prediction; None when none is acceptable.
 
     The hypotheses that explain most are each refined, and the pose that then explains most of the
     frame is taken.
     """
     candidates = refined_hypotheses(reader.look(frame), reader)
-    return candidates[0] if candidates and candidates[0].inlier_ratio >= _MIN_EXPLAINED else None
+    return candidates[0] if candidates and candidates[0].inlier_ratio >= _MIN_INLIER_RATIO else None
 
 
 def refined_hypotheses(
@@ -214,7 +214,7 @@ def _fused(
     )
     sd = np.full(STATE_SIZE, _HELD_SD)
     sd[R_HILL], sd[THETA_BODY] = _POSITION_SD_FRACTION * diameter_m, _ATTITUDE_SD_RAD
-    # The prior is no knowledge that a measurement could contradict: nothing is gated against it.
+    # The prior is uninformative: no measurement is gated against it.
     kalman = ErrorStateFilter(
         state, np.diag(sd**2), gate_probability=1.0 - 1e-15, max_iterations=10
     )

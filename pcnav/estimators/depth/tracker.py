@@ -48,7 +48,7 @@ _MAX_BLIND_FRAMES = 10
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
 _MIN_INLIER_RATIO = 0.5
-"""Of a pose found without the track, for it to be believed."""
+"""Of a pose found without the track, for it to be accepted."""
 
 
 @dataclass
@@ -113,7 +113,7 @@ class Tracker(Estimator):
 
     @property
     def prior(self) -> PriorMass | None:
-        """What was believed of the mass before the first frame; None until there is a track."""
+        """Prior of the mass before the first frame; None until there is a track."""
         return None if self._track is None else self._belief.prior
 
     def step(self, frame: Frame, /) -> Estimate:
@@ -195,10 +195,10 @@ class Tracker(Estimator):
         self._take_in(track, updated)
         monitor = track.lock_monitor
         if monitor.is_due(track.evidence, is_open=track.open_question):
-            perceived, found = monitor.look(frame)
-            verdict = monitor.judge(perceived, found, pose_of(track.kalman, observer))
-            track.open_question = verdict is not LockCheck.CONFIRMED
-            if verdict is LockCheck.REJECTED:
+            perceived, found = monitor.detect(frame)
+            outcome = monitor.check(perceived, found, pose_of(track.kalman, observer))
+            track.open_question = outcome is not LockCheck.CONFIRMED
+            if outcome is LockCheck.REJECTED:
                 track.was_wrong = True
                 return Status.LOST
         return track.status
@@ -208,14 +208,14 @@ class Tracker(Estimator):
     ) -> tuple[Updated, Status]:
         """Look for the target where the prediction explains nothing, though there are returns."""
         monitor = track.lock_monitor
-        perceived, found = monitor.look(frame)
+        perceived, found = monitor.detect(frame)
         again = self._found_again(frame, observer, track.kalman, found)
         if again is not None:
             self._take_in(track, again)
             return again, track.status
         track.blind_frames += 1
-        verdict = monitor.judge(perceived, found, pose_of(track.kalman, observer))
-        gave_up = verdict is LockCheck.REJECTED or track.blind_frames > _MAX_BLIND_FRAMES
+        outcome = monitor.check(perceived, found, pose_of(track.kalman, observer))
+        gave_up = outcome is LockCheck.REJECTED or track.blind_frames > _MAX_BLIND_FRAMES
         return updated, Status.LOST if gave_up else Status.COASTING
 
     def _take_in(self, track: _Track, updated: Updated) -> None:

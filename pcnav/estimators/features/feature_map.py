@@ -2,7 +2,7 @@
 
 The axes of the map are those of the world at the frame the map begins with. Nothing is assumed of
 the motion: the poses are fitted frame by frame. Wrong matches are kept out by consensus: a point
-enters the map when two frames agree on it, and a sighting counts when it agrees with the map.
+enters the map when two frames agree on it, and an observation counts when it agrees with the map.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from pcnav.filtering.error_state import innovation_gate
 from pcnav.recordings.tracks import TrackFrame
 
 _PROBABILITY = 0.999
-_FEWEST = 3
+_MIN_POINTS = 3
 _PARTNERS = 5
 """Frames after one that are tried as its partner."""
 _REFINEMENTS = 2
@@ -38,7 +38,7 @@ class TriangulatedFrame:
 
 @dataclass(frozen=True)
 class MapPose:
-    """A sighting and the pose of the map that explains it."""
+    """A frame of the arc and the pose of the map in it."""
 
     frame: int
     """Its place in the arc."""
@@ -75,19 +75,19 @@ def triangulated(frame: TrackFrame, rig: StereoRig) -> TriangulatedFrame:
 def build_map(frames: Sequence[TriangulatedFrame], rng: np.random.Generator) -> FeatureMap | None:
     """The map of an arc; None when no two frames agree on three points of a body."""
     for k in range(len(frames)):
-        begun = _begin(frames, k, rng)
-        if begun is not None:
+        initial = _initial(frames, k, rng)
+        if initial is not None:
             break
     else:
         return None
     candidates: dict[int, tuple[FloatArray, FloatArray]] = {}
     poses: list[MapPose] = []
     for k, seen in enumerate(frames):
-        posed = pose_in_map(seen, k, *begun, rng)
+        posed = pose_in_map(seen, k, *initial, rng)
         if posed is not None:
             poses.append(posed)
-            _extend(begun, candidates, seen, posed)
-    found = FeatureMap(*begun, tuple(poses))
+            _extend(initial, candidates, seen, posed)
+    found = FeatureMap(*initial, tuple(poses))
     for _ in range(_REFINEMENTS):
         found = _refined(found, frames)
     return found
@@ -96,7 +96,9 @@ def build_map(frames: Sequence[TriangulatedFrame], rng: np.random.Generator) -> 
 _Points = tuple[dict[int, FloatArray], dict[int, FloatArray]]
 
 
-def _begin(frames: Sequence[TriangulatedFrame], k: int, rng: np.random.Generator) -> _Points | None:
+def _initial(
+    frames: Sequence[TriangulatedFrame], k: int, rng: np.random.Generator
+) -> _Points | None:
     """Points of a frame that a following frame confirms, from their mean."""
     first = frames[k]
     for other in frames[k + 1 : k + 1 + _PARTNERS]:
@@ -104,7 +106,7 @@ def _begin(frames: Sequence[TriangulatedFrame], k: int, rng: np.random.Generator
         rigid = moves_rigidly(
             other.p_world[b], first.p_world[a], other.noise[b], first.noise[a], rng
         ).pairs
-        if rigid.sum() >= _FEWEST:
+        if rigid.sum() >= _MIN_POINTS:
             rows = a[rigid]
             centre = first.p_world[rows].mean(axis=0)
             names = shared[rigid].tolist()
@@ -161,9 +163,9 @@ def pose_in_map(
     noise: dict[int, FloatArray],
     rng: np.random.Generator,
 ) -> MapPose | None:
-    """Where the map is in a sighting, by the points that agree; None where too few do."""
+    """Where the map is in a frame, by the points that agree; None where too few do."""
     known = np.array([feature in points for feature in seen.features.tolist()], dtype=np.bool_)
-    if known.sum() < _FEWEST:
+    if known.sum() < _MIN_POINTS:
         return None
     names = seen.features[known].tolist()
     p_map = np.stack([points[name] for name in names])
@@ -179,13 +181,13 @@ def pose_in_map(
 
 
 def _extend(
-    begun: _Points,
+    initial: _Points,
     candidates: dict[int, tuple[FloatArray, FloatArray]],
     seen: TriangulatedFrame,
     posed: MapPose,
 ) -> None:
     """Add the features that a second frame confirms to the map under construction."""
-    points, noise = begun
+    points, noise = initial
     R = posed.R_world_map
     for k, name in enumerate(seen.features.tolist()):
         if name in points:
@@ -235,7 +237,7 @@ def _fitted(
     for posed in poses:
         names = frames[posed.frame].features.tolist()
         kept = posed.agrees & np.array([name in points for name in names])
-        if kept.sum() >= _FEWEST:
+        if kept.sum() >= _MIN_POINTS:
             groups.setdefault(int(kept.sum()), []).append((posed, kept))
     fitted = []
     for group in groups.values():

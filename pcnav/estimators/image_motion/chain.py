@@ -29,10 +29,10 @@ from pcnav.estimators.image_motion.relative import (
 from pcnav.recordings.tracks import MonocularTracks, TrackFrame
 
 _UNEXPECTED_SD = 5.0
-"""A rotation this far from what the rate promises is not believed."""
+"""A rotation this far from the one that the rate predicts is rejected."""
 _KEYS_TRIED = 2
 _PATIENCE = 4
-"""Frames in a row that may fail before new features are begun with."""
+"""Frames in a row that may fail before a segment is begun with new features."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,20 @@ class ChainLink:
     """How the turn since the reference depends on the noise of both frames, to first order."""
 
     features: IntArray
-    """(m,) that told the turn."""
+    """(m,) that determined the turn."""
     by_reference: FloatArray
     """(m, 3, 2) rad, of theta, per standard deviation of a coordinate in the reference."""
     seen: IntArray
     """(k,) all features of the frame."""
     by_own: FloatArray
-    """(k, 3, 2) as ``by_reference``, in the frame itself; 0 of those that did not tell."""
+    """(k, 3, 2) as ``by_reference``, in the frame itself; 0 of those that were not used."""
     covariance: FloatArray
     """(3, 3) of the turn alone, in theta, rad^2."""
     worst_sd: float
     """About its worst axis, rad."""
 
     def turned(self, R_new_old: FloatArray) -> "ChainLink":
-        """With errors told along other body axes (3, 3)."""
+        """With errors along other body axes (3, 3)."""
         return replace(
             self,
             by_reference=R_new_old @ self.by_reference,
@@ -152,7 +152,7 @@ class ImageMotionChain:
         shared = max((each[0].matches for each in found), default=0)
         enough = self._settings.min_matches
         if shared < enough <= len(frame.features) or self._seen_anew(frame, shared):
-            return self._begin(frame, points)
+            return self._begin_segment(frame, points)
         if found:
             return max((each[0] for each in found), key=lambda each: each.matches)
         return _empty(frame, max(self._segment, 0))
@@ -179,7 +179,7 @@ class ImageMotionChain:
             self._keys = [*self._keys, self._last][-_KEYS_TRIED:]
         return self._keys[::-1]
 
-    def _begin(self, frame: TrackFrame, points: FloatArray) -> ChainFrame:
+    def _begin_segment(self, frame: TrackFrame, points: FloatArray) -> ChainFrame:
         """A new segment, whose body axes are the camera's."""
         self._segment += 1
         self._unmeasured = 0
@@ -203,7 +203,7 @@ class ImageMotionChain:
         self._last = placed
 
     def _expected(self, frame: TrackFrame, reference: _Placed) -> Expected | None:
-        """What the rate up to now promises of the rotation from the reference."""
+        """What the rate up to now predicts of the rotation from the reference."""
         if self._omega_body is None or self._last is None:
             return None
         turn = self._omega_body * (frame.time_s - self._last.time_s)
@@ -234,11 +234,11 @@ class ImageMotionChain:
         R_cam_body = relative.motion.R_second_first @ reference.R_cam_body
         # eps is along the axes of the reference's camera, theta along those of the body.
         A, gain = reference.R_cam_body.T, relative.gain
-        told = relative.agreeing
+        used = relative.agreeing
         by_own = np.zeros((len(frame.features), 3, 2))
-        by_own[at_second[told]] = self._sigma * (A @ gain.by_second)
+        by_own[at_second[used]] = self._sigma * (A @ gain.by_second)
         link = ChainLink(
-            features=features[told],
+            features=features[used],
             by_reference=self._sigma * (A @ gain.by_first),
             seen=frame.features,
             by_own=by_own,

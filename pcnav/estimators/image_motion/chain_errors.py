@@ -1,9 +1,9 @@
-"""How the errors of a chain's attitudes belong together.
+"""How the errors of a chain's attitudes are correlated.
 
 An attitude of the chain is that of its reference and a measured turn. So the error of a key frame
 is in all that were compared with it, and the noise of its features is in all their turns alike:
 what looks like many attitudes of half a degree is one of half a degree and many small ones. A
-filter that takes them as independent ends certain of a wrong inertia.
+filter that takes them as independent becomes overconfident in a wrong inertia.
 """
 
 from collections.abc import Sequence

@@ -11,8 +11,8 @@ from pcnav.estimators.image_motion.essential import essential_of, homogeneous
 
 _MAX_STEPS = 60
 _FEW_STEPS = 6
-_FAR_ABOVE = 100.0
-_EXPLAINED = 0.9999
+_MAX_EXCESS = 100.0
+_FIT_PROBABILITY = 0.9999
 _FIRST_DAMPING = 1e-4
 _MAX_DAMPING = 1e8
 _CONVERGED = 1e-9
@@ -64,7 +64,7 @@ def refine(
     steps: the mirrored motion lies in a long curved valley that leads to the right one.
     """
     R, t = R.copy(), t.copy()
-    enough = float(chi_square.quantile(_EXPLAINED, max(len(first) - 5, 1)))
+    enough = float(chi_square.quantile(_FIT_PROBABILITY, max(len(first) - 5, 1)))
     damping = np.full(len(R), _FIRST_DAMPING)
     residuals, jacobian = _linearised(R, t, first, second, sigma)
     squared = np.sum(residuals**2, axis=-1)
@@ -84,7 +84,7 @@ def refine(
         active &= ~settled & (damping < _MAX_DAMPING)
         best = np.min(squared[settled], initial=np.inf)
         if done >= _FEW_STEPS and best <= enough:
-            active &= squared <= best + _FAR_ABOVE
+            active &= squared <= best + _MAX_EXCESS
         if not active.any():
             break
     return RefinedMotion(R, t, squared, settled)

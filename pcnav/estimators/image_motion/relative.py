@@ -46,7 +46,7 @@ class Outcome(StrEnum):
     AMBIGUOUS = "ambiguous"
     """Two motions explain the matches alike."""
     UNEXPECTED = "unexpected"
-    """The rotation is far from what the rate up to now promises: wrong matches."""
+    """The rotation is far from what the rate up to now predicts: wrong matches."""
     IMPRECISE = "imprecise"
     """The rotation is too uncertain for a first-order covariance: with so little
     perspective not even the sign of the turn out of the image plane is sure."""

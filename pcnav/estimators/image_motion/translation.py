@@ -83,7 +83,7 @@ class RelativeView:
     R_cameras: FloatArray
     """(3, 3) R_second_first of the camera itself, inertial: I for one at rest."""
     tolerance_rad: float = 1e-3
-    """Directions that differ by less are not told apart."""
+    """Directions that differ by less are taken as equal."""
 
 
 def translation(view: RelativeView, known: Known) -> Translation:

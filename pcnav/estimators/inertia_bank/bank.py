@@ -28,7 +28,7 @@ from pcnav.filtering.batched_filter import BatchedFilter, BatchedUpdate
 _FASTEST_RAD_S = 10.0
 """No satellite spins faster than this (95 turns a minute): such a filter has run away."""
 _PLAUSIBLE = 1e-3
-"""A hypothesis of this weight has a say in what is a wrong match."""
+"""A hypothesis of this weight counts in deciding what is a wrong match."""
 
 
 def start_motion(
@@ -105,7 +105,7 @@ def triangulated(
 
 
 class InertiaBank:
-    """R runs of h filters each, which differ in the inertia they believe in."""
+    """R runs of h filters each, which differ in the inertia they assume."""
 
     def __init__(
         self,

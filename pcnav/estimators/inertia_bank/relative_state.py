@@ -16,7 +16,7 @@ of the target share, with ``nu = v - w x r`` and w in Hill axes. Without it they
 omega in body axes and v. The mass centre and the attitude of the body axes are known badly for
 long; in coupled errors neither has a part in what is seen and how it moves, at any state, while in
 the others their errors multiply those of rates and points, and a filter that drops the products
-takes their absence for knowledge.
+becomes overconfident.
 """
 
 from dataclasses import dataclass, replace

@@ -38,7 +38,7 @@ class ArcFit:
     converged: bool
 
 
-def longest_steps(before_s: float, after_s: float) -> Iterator[tuple[float, float]]:
+def bounded_steps(before_s: float, after_s: float) -> Iterator[tuple[float, float]]:
     """Start and length of equal steps that are short enough for the process noise's formulas."""
     span = after_s - before_s
     steps = max(1, int(np.ceil(span / MAX_STEP_S - 1e-9)))

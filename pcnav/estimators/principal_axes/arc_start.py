@@ -19,7 +19,7 @@ from pcnav.dynamics.principal_inertia import ratios_from_moments
 from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc, positive
 from pcnav.estimators.features.feature_map import FeatureMap, build_map, triangulated
 from pcnav.estimators.features.photogrammetric_frame import best_triple, photogrammetric_axes
-from pcnav.estimators.principal_axes.arc_fit import ArcFit, fit_pixels, longest_steps, weakly_held
+from pcnav.estimators.principal_axes.arc_fit import ArcFit, bounded_steps, fit_pixels, weakly_held
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
 from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
 from pcnav.estimators.principal_axes.inertia_identification import (
@@ -270,7 +270,7 @@ def _trajectory(
     states, legs = [first], []
     for before, after in zip(times[:-1].tolist(), times[1:].tolist(), strict=True):
         state, leg = states[-1], []
-        for time, step in longest_steps(before, after):
+        for time, step in bounded_steps(before, after):
             state, transition, noise = model.propagate(state, time, step)
             leg.append(Leg(transition, noise))
         states.append(state)

@@ -78,10 +78,10 @@ class PrincipalAxesEstimator(Estimator):
         self._time_s = frame.time_s
         seen = _well_formed(frame, self._rig)
         if self._follower is None:
-            begun = self._acquire(seen)
-            if begun is None:
+            initialised = self._acquire(seen)
+            if initialised is None:
                 return stereo_estimate(frame, self._orbit, Status.ACQUIRING)
-            return self._answer(begun, frame, Taken(used=self._used_at_start))
+            return self._answer(initialised, frame, Taken(used=self._used_at_start))
         self._follower.predict(frame.time_s)
         taken = self._follower.take(seen) if len(seen.features) else Taken()
         if self._follower.is_lost:

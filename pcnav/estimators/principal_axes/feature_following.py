@@ -14,7 +14,7 @@ from pcnav.estimators.attitude_inertia.rotation_model import AttitudeSet
 from pcnav.estimators.features.bookkeeping import FeatureBook
 from pcnav.estimators.features.feature_map import TriangulatedFrame, moves_rigidly, triangulated
 from pcnav.estimators.features.photogrammetric_frame import align
-from pcnav.estimators.principal_axes.arc_fit import longest_steps
+from pcnav.estimators.principal_axes.arc_fit import bounded_steps
 from pcnav.estimators.principal_axes.arc_start import ArcStart
 from pcnav.estimators.principal_axes.feature_measurements import (
     FeatureView,
@@ -97,7 +97,7 @@ class FeatureFollower:
     def predict(self, time_s: float) -> None:
         """Move to a time; nothing happens at the present one."""
         if time_s > self._time_s:
-            for time, step in longest_steps(self._time_s, time_s):
+            for time, step in bounded_steps(self._time_s, time_s):
                 self._filter.predict(self._model, time, step)
             self._time_s = time_s
 

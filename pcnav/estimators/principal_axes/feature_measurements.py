@@ -15,7 +15,7 @@ from pcnav.estimators.principal_axes.feature_states import (
 from pcnav.filtering.batched_filter import Member
 from pcnav.recordings.tracks import TrackFrame
 
-_NEAREST_M = 0.05
+_MIN_DEPTH_M = 0.05
 """Points are predicted no closer to the plane of the cameras; the gate refuses such anyway."""
 
 
@@ -54,7 +54,7 @@ class FeatureView:
         R_rig_body = self._frame.R_cam_world @ state.R_world_body
         points = state.points[self._slots]
         p_rig = points @ R_rig_body.T + self._R_rig_hill @ state.r_hill
-        p_rig[:, 2] = np.maximum(p_rig[:, 2], _NEAREST_M)
+        p_rig[:, 2] = np.maximum(p_rig[:, 2], _MIN_DEPTH_M)
         by_rig = self._rig.projection_jacobian(p_rig)
         by_point = by_rig @ R_rig_body
         jacobian = np.zeros((n, 4, state.size))

@@ -26,7 +26,7 @@ from pcnav.estimators.principal_axes.feature_states import (
 def relabelled(
     state: PrincipalState, covariance: FloatArray, R_body_new: FloatArray
 ) -> tuple[PrincipalState, FloatArray]:
-    """The same motion told in other principal axes, one of the 24 sets.
+    """The same motion in other principal axes, one of the 24 sets.
 
     ``R_body_new`` (3, 3) is a signed permutation with determinant 1. The covariance (n, n) follows,
     that of the ratios by the derivative of the new ones by the old.

@@ -1,6 +1,6 @@
 """State and motion of Hu 2024's filter: a target without a model, seen as points.
 
-The body frame is a principal one, so the inertia is told by the ratios (19)
+The body frame is a principal one, so the inertia is given by the ratios (19)
 
     p_x = (Iy - Iz) / Ix,    p_y = (Iz - Ix) / Iy,    p_z = (Ix - Iy) / Iz,
 

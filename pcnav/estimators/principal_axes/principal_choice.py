@@ -1,4 +1,4 @@
-"""Which principal axes a state is told in, how well they are known, and what is reported."""
+"""The principal axes of a state: which are chosen, how certain they are, what is reported."""
 
 from dataclasses import dataclass
 
