@@ -8,7 +8,7 @@ import numpy as np
 
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Reference, Smoothing
-from pcnav.core.arrays import FloatArray, joined
+from pcnav.core.arrays import FloatArray, IntArray, joined
 from pcnav.core.spatial import log_rotation
 from pcnav.core.statistics import mean, root_mean_square
 from pcnav.estimators.image_motion.chain import ChainFrame, run_chain
@@ -96,18 +96,17 @@ def run_case(run: Run[Chained]) -> "ChainErrors":
     case = run.case.settings
     truth, frames = case.frames(run.seed)
     angle, sd, nees, rate = np.full((4, 1, len(frames)), np.nan)
-    known = [
-        k
+    known = {
+        k: (log_rotation(frame.R_world_body.T @ truth.R_world_body[k]), frame.covariance)
         for k, frame in enumerate(frames)
-        if k > 0 and frame.segment == 0 and frame.covariance is not None
-    ]
+        if k > 0 and frame.segment == 0 and frame.R_world_body is not None
+    }
     if known:
-        R = np.array([frames[k].R_world_body for k in known])
-        P = np.array([frames[k].covariance for k in known])
-        theta = log_rotation(np.swapaxes(R, 1, 2) @ truth.R_world_body[known])
-        angle[0, known] = np.rad2deg(np.linalg.norm(theta, axis=1))
-        sd[0, known] = np.rad2deg(np.sqrt(np.trace(P, axis1=1, axis2=2)))
-        nees[0, known] = squared_normalised_errors(theta, P) / 3.0
+        at: IntArray = np.array(list(known))
+        theta, P = (np.array(each) for each in zip(*known.values(), strict=True))
+        angle[0, at] = np.rad2deg(np.linalg.norm(theta, axis=1))
+        sd[0, at] = np.rad2deg(np.sqrt(np.trace(P, axis1=1, axis2=2)))
+        nees[0, at] = squared_normalised_errors(theta, P) / 3.0
     history = rotation_history(frames, case.chain)
     first = history.segment == 0
     at = history.frames[first]
