@@ -108,6 +108,13 @@ def test_wheel_carries_types_licence_and_modules(repository: Path, installed: Pa
     assert top_level == {"pcnav"}
 
 
+def test_wheel_carries_every_study_with_its_text(repository: Path, installed: Path) -> None:
+    listed = run_python("from pcnav.studies import STUDIES; print(*STUDIES)", installed).split()
+    assert listed == sorted(path.parent.name for path in repository.glob("studies/*/study.py"))
+    for name in listed:
+        assert (installed / "pcnav" / "studies" / name / "text.md").is_file()
+
+
 def test_wheel_finds_the_same_satellites_and_pipelines(installed: Path) -> None:
     code = (
         "from pcnav.config import shipped\n"
