@@ -32,7 +32,7 @@ PER_FRAME = (
 
 _PLACES = {
     "pcnav.pipeline.open_recording": _READING,
-    "pcnav.recordings.bop.BopSequence.frame": _READING,
+    "pcnav.recordings.sequence.Sequence.frame": _READING,
     "pcnav.perception.reading.perceive": _PERCEPTION,
     "pcnav.perception.reading.pose_hypotheses": _ACQUISITION,
     "pcnav.perception.render_compare.RenderComparer.compare": _COMPARISON,

@@ -8,6 +8,7 @@ import typer
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
 from pcnav.cli.options import Overwrite
 from pcnav.cli.progress import progress
+from pcnav.core.errors import InputError
 
 
 def simulate(
@@ -25,11 +26,17 @@ def simulate(
 
 
 def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
+    from pcnav.estimators.registry import ESTIMATORS
     from pcnav.simulation.simulate import simulate as simulate_pipeline
 
     path, content = named_pipeline(pipeline)
+    estimator = str(content.estimator.kind)
+    if estimator not in ESTIMATORS:
+        expected = f"expected one of {', '.join(ESTIMATORS)}, got {estimator}"
+        raise InputError(path, "estimator.kind", expected)
+    kind = content.scenario.recording or ESTIMATORS[estimator].takes[0]
     name = content.target_mesh
     mesh = None if name is None else mesh_of_pipeline(path, name)
     with progress("simulate") as advance:
-        told = simulate_pipeline(content, path, mesh).write(out, overwrite, advance)
+        told = simulate_pipeline(content, path, mesh, kind).write(out, overwrite, advance)
     typer.echo(told)

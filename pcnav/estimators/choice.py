@@ -9,7 +9,7 @@ from pcnav.core.errors import InputError
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.recordings.attitudes import ATTITUDES_FILE
 from pcnav.recordings.monocular_tracks import CAMERA_FILE
-from pcnav.recordings.opening import ALL_KINDS, FORMATS
+from pcnav.recordings.opening import ALL_KINDS, format_of
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.tracks import TRACKS_FILE
 
@@ -114,5 +114,5 @@ def _no_images(path: Path) -> InputError:
 
 def _kind_of(path: Path, kinds: Collection[RecordingKind]) -> RecordingKind | None:
     """What a path holds, the first of some kinds."""
-    fitting = (form.kind for form in FORMATS if form.kind in kinds and form.fits(path))
-    return next(fitting, None)
+    found = format_of(path, kinds)
+    return None if found is None else found.kind

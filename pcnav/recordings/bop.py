@@ -3,13 +3,10 @@
 import logging
 from pathlib import Path
 
-import numpy as np
-
-from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, read_scene_camera
-from pcnav.recordings.depth_png import depth_png_size, read_depth_png
-from pcnav.recordings.sequence import Frame, Sequence, SequenceInfo
+from pcnav.recordings.depth_png import depth_png_size
+from pcnav.recordings.sequence import Sequence, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file
 
 DEPTH_FOLDER = "depth"
@@ -24,72 +21,47 @@ def depth_file_name(number: int) -> str:
     return f"{number:06d}.png"
 
 
-class BopSequence(Sequence):
+def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
     """A BOP scene folder; sequence.toml is read where there is one.
 
     Without sequence.toml the sequence is a laboratory recording of `DEFAULT_RANGE_SIGMA_M`; what
     the files leave out is said in one warning. ``target_mesh`` replaces the mesh that
     sequence.toml names. Everything but the pixels is checked here. Raises `InputError`.
     """
+    if not path.is_dir():
+        raise InputError(path, "folder", f"expected a folder with {SCENE_CAMERA_FILE}")
+    scene = read_scene_camera(path / SCENE_CAMERA_FILE)
+    assumed, invalid_units = list(scene.assumed), None
+    if (path / SEQUENCE_FILE).exists():
+        info, invalid_units = read_sequence_file(path / SEQUENCE_FILE, target_mesh)
+    else:
+        info = SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh)
+        noise = f"range noise of {DEFAULT_RANGE_SIGMA_M:g} m"
+        assumed.append(f"no {SEQUENCE_FILE}: a laboratory and {noise} assumed")
+    images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()
+    files = tuple(depth_file_name(number) for number in numbers)
+    _require_images(images, numbers, files)
+    if assumed:
+        _LOG.warning("%s: %s", path, "; ".join(assumed))
+    return Sequence(
+        path=path,
+        info=info,
+        images=images,
+        files=files,
+        size=depth_png_size(images / files[0]),
+        times_s=scene.time_s,
+        intrinsics=scene.intrinsics,
+        depth_step_m=scene.depth_step_m,
+        T_cam_world=scene.T_cam_world,
+        invalid_units=invalid_units,
+    )
 
-    def __init__(self, path: Path, target_mesh: Path | None = None) -> None:
-        if not path.is_dir():
-            raise InputError(path, "folder", f"expected a folder with {SCENE_CAMERA_FILE}")
-        self._path = path
-        self._scene = read_scene_camera(path / SCENE_CAMERA_FILE)
-        assumed = list(self._scene.assumed)
-        self._invalid_depth: int | None = None
-        if (path / SEQUENCE_FILE).exists():
-            info, self._invalid_depth = read_sequence_file(path / SEQUENCE_FILE, target_mesh)
-            self._info = info
-        else:
-            self._info = SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh)
-            noise = f"range noise of {DEFAULT_RANGE_SIGMA_M:g} m"
-            assumed.append(f"no {SEQUENCE_FILE}: a laboratory and {noise} assumed")
-        self._require_images()
-        self._size = depth_png_size(self._image_path(0))
-        if assumed:
-            _LOG.warning("%s: %s", path, "; ".join(assumed))
 
-    @property
-    def path(self) -> Path:
-        """The folder it is read from."""
-        return self._path
-
-    @property
-    def info(self) -> SequenceInfo:
-        """What holds for the whole sequence."""
-        return self._info
-
-    def __len__(self) -> int:
-        return len(self._scene.numbers)
-
-    def frame(self, index: int) -> Frame:
-        """Read one frame. Raises `InputError` when its file is missing or damaged."""
-        if not 0 <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        units = read_depth_png(self._image_path(index), self._size)
-        depth_m = units * np.float32(self._scene.depth_step_m[index])
-        if self._invalid_depth is not None:
-            depth_m[units == self._invalid_depth] = 0.0
-        fx, fy, cx, cy = self._scene.intrinsics[index].tolist()
-        return Frame(
-            index=index,
-            time_s=float(self._scene.time_s[index]),
-            depth_m=depth_m,
-            camera=PinholeCamera(self._size.width, self._size.height, fx, fy, cx, cy),
-            T_cam_world=self._scene.T_cam_world[index],
-        )
-
-    def _image_path(self, index: int) -> Path:
-        return self._path / DEPTH_FOLDER / depth_file_name(int(self._scene.numbers[index]))
-
-    def _require_images(self) -> None:
-        folder = self._path / DEPTH_FOLDER
-        if not folder.is_dir():
-            raise InputError(folder, "folder", "expected a folder with the depth images")
-        present = {file.name for file in folder.iterdir()}
-        for number in self._scene.numbers.tolist():
-            if depth_file_name(number) not in present:
-                expected = f"expected the depth image of frame {number} of {SCENE_CAMERA_FILE}"
-                raise InputError(folder / depth_file_name(number), "file", expected)
+def _require_images(folder: Path, numbers: list[int], files: tuple[str, ...]) -> None:
+    if not folder.is_dir():
+        raise InputError(folder, "folder", "expected a folder with the depth images")
+    present = {file.name for file in folder.iterdir()}
+    for number, file in zip(numbers, files, strict=True):
+        if file not in present:
+            expected = f"expected the depth image of frame {number} of {SCENE_CAMERA_FILE}"
+            raise InputError(folder / file, "file", expected)

@@ -9,8 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import make_transform
-from pcnav.recordings.poses import nearest_rotation, orthonormality_error
+from pcnav.core.spatial import make_transform, nearest_rotation, orthonormality_error
 
 SCENE_CAMERA_FILE = "scene_camera.json"
 SCENE_GT_FILE = "scene_gt.json"

@@ -7,7 +7,6 @@ camera_attitude.csv  optional, see `pcnav.recordings.attitudes`; a camera at res
 truth.csv            optional, see `pcnav.recordings.truth`
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -38,30 +37,43 @@ CAMERA_FILE = "camera.toml"
 _COLUMNS = ("time_s", "feature", "u", "v")
 
 
-@dataclass(frozen=True)
-class CameraFacts:
-    """What camera.toml says."""
+class CameraFacts(Table):
+    """[camera] of camera.toml."""
 
-    camera: PinholeCamera
-    pixel_sigma_px: float
-    distortion: tuple[float, float, float, float, float] | None = None
-    """k1, k2, p1, p2, k3 (Brown) of the images; tracks are stored without distortion."""
-    frame_rate_hz: float | None = None
-    """Of images whose times are not recorded."""
-
-
-class _CameraTable(Table):
     width_px: Annotated[int, Field(gt=0)]
     height_px: Annotated[int, Field(gt=0)]
     focal_px: Positive | tuple[Positive, Positive]
     centre_px: tuple[float, float] | None = None
-    distortion: tuple[float, float, float, float, float] | None = None
+    """None takes the middle of the image."""
     pixel_sigma_px: Positive = 0.1
+    """Standard deviation of each tracked coordinate."""
+    distortion: tuple[float, float, float, float, float] | None = None
+    """k1, k2, p1, p2, k3 (Brown) of the images; tracks are stored without distortion."""
     frame_rate_hz: Positive | None = None
+    """Of images whose times are not recorded."""
+
+    @staticmethod
+    def of(camera: PinholeCamera, pixel_sigma_px: float) -> "CameraFacts":
+        """Of a camera without distortion."""
+        return CameraFacts(
+            width_px=camera.width,
+            height_px=camera.height,
+            focal_px=(camera.fx, camera.fy),
+            centre_px=(camera.cx, camera.cy),
+            pixel_sigma_px=pixel_sigma_px,
+        )
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """Its intrinsics."""
+        focal = self.focal_px if isinstance(self.focal_px, tuple) else (self.focal_px,) * 2
+        middle = (0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1))
+        centre = self.centre_px or middle
+        return PinholeCamera(self.width_px, self.height_px, *focal, *centre)
 
 
 class _CameraFile(Table):
-    camera: _CameraTable
+    camera: CameraFacts
 
 
 def is_monocular_recording(path: Path) -> bool:
@@ -72,28 +84,12 @@ def is_monocular_recording(path: Path) -> bool:
 
 def read_camera_file(path: Path) -> CameraFacts:
     """Intrinsics and noise. Raises `InputError`."""
-    table = read_toml_model(path, _CameraFile).camera
-    focal = table.focal_px
-    fx, fy = focal if isinstance(focal, tuple) else (focal, focal)
-    middle = (0.5 * (table.width_px - 1), 0.5 * (table.height_px - 1))
-    cx, cy = table.centre_px or middle
-    camera = PinholeCamera(table.width_px, table.height_px, fx, fy, cx, cy)
-    return CameraFacts(camera, table.pixel_sigma_px, table.distortion, table.frame_rate_hz)
+    return read_toml_model(path, _CameraFile).camera
 
 
 def write_camera_file(path: Path, facts: CameraFacts) -> None:
     """Write camera.toml."""
-    camera = facts.camera
-    table = _CameraTable(
-        width_px=camera.width,
-        height_px=camera.height,
-        focal_px=(camera.fx, camera.fy),
-        centre_px=(camera.cx, camera.cy),
-        pixel_sigma_px=facts.pixel_sigma_px,
-        distortion=facts.distortion,
-        frame_rate_hz=facts.frame_rate_hz,
-    )
-    stated = {"camera": table.model_dump(exclude_none=True)}
+    stated = _CameraFile(camera=facts).model_dump(exclude_none=True)
     path.write_text(tomli_w.dumps(stated), encoding="utf-8")
 
 
@@ -131,6 +127,6 @@ def write_monocular_tracks(
 
 def write_monocular_files(folder: Path, tracks: MonocularTracks) -> None:
     """Write the three files of a recording into an existing folder."""
-    write_camera_file(folder / CAMERA_FILE, CameraFacts(tracks.camera, tracks.pixel_sigma_px))
+    write_camera_file(folder / CAMERA_FILE, CameraFacts.of(tracks.camera, tracks.pixel_sigma_px))
     write_track_table(folder, _COLUMNS, tracks)
     write_camera_attitudes(folder, *attitudes_of(tracks))

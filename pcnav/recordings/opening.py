@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pcnav.core.errors import InputError
 from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording, read_attitudes
-from pcnav.recordings.bop import BopSequence
+from pcnav.recordings.bop import read_bop
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
 from pcnav.recordings.images import is_image_sequence, open_images
 from pcnav.recordings.monocular_tracks import (
@@ -19,10 +19,7 @@ from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.sequence_file import SEQUENCE_FILE
 from pcnav.recordings.stereo_tracks import read_stereo_tracks
 from pcnav.recordings.tracks import TRACKS_FILE, tracks_folder
-from pcnav.recordings.tsdf_fusion import INTRINSICS_FILE, TsdfFusionSequence
-
-Open = Callable[[Path, Path | None], Recording]
-"""From the path and, where given, the target's mesh."""
+from pcnav.recordings.tsdf_fusion import INTRINSICS_FILE, read_tsdf_fusion
 
 
 @dataclass(frozen=True)
@@ -34,65 +31,46 @@ class RecordingFormat:
     marker: str
     """What tells it, in words."""
     fits: Callable[[Path], bool]
-    open: Open
+    read: Callable[..., Recording]
+    """From the path and, of depth frames, the target's mesh where it is given."""
 
 
-def _depth(name: str, markers: tuple[str, ...], of: Callable[..., Sequence]) -> RecordingFormat:
+def _depth(name: str, markers: tuple[str, ...], read: Callable[..., Sequence]) -> RecordingFormat:
     """A folder of depth frames, told by the presence of any of its files."""
 
     def fits(path: Path) -> bool:
         return any((path / marker).is_file() for marker in markers)
 
-    return RecordingFormat(name, RecordingKind.DEPTH, markers[0], fits, of)
-
-
-def _without_mesh(of: Callable[[Path], Recording]) -> Open:
-    """Of a recording that shows no mesh: one that is given is not for it."""
-
-    def open_it(path: Path, target_mesh: Path | None) -> Recording:
-        if target_mesh is not None:
-            raise InputError(path, "target_mesh", "expected none: only depth frames need a mesh")
-        return of(path)
-
-    return open_it
+    return RecordingFormat(name, RecordingKind.DEPTH, markers[0], fits, read)
 
 
 FORMATS = (
     RecordingFormat(
-        *("tracks of one camera", RecordingKind.IMAGES, f"tracks.csv with {CAMERA_FILE}"),
-        *(is_monocular_recording, _without_mesh(read_monocular_tracks)),
+        *("tracks of one camera", RecordingKind.IMAGES, f"{TRACKS_FILE} with {CAMERA_FILE}"),
+        *(is_monocular_recording, read_monocular_tracks),
     ),
     RecordingFormat(
         *("images of one camera", RecordingKind.IMAGES, f"images with {CAMERA_FILE}"),
-        *(is_image_sequence, _without_mesh(open_images)),
+        *(is_image_sequence, open_images),
     ),
     RecordingFormat(
         *("stereo tracks", RecordingKind.STEREO_TRACKS, TRACKS_FILE),
-        *(lambda path: tracks_folder(path) is not None, _without_mesh(read_stereo_tracks)),
+        *(lambda path: tracks_folder(path) is not None, read_stereo_tracks),
     ),
     RecordingFormat(
         *("attitudes", RecordingKind.ATTITUDES, ATTITUDES_FILE),
-        *(is_attitude_recording, _without_mesh(read_attitudes)),
+        *(is_attitude_recording, read_attitudes),
     ),
-    _depth("BOP scene", (SCENE_CAMERA_FILE, SEQUENCE_FILE), BopSequence),
-    _depth("tsdf-fusion recording", (INTRINSICS_FILE,), TsdfFusionSequence),
+    _depth("BOP scene", (SCENE_CAMERA_FILE, SEQUENCE_FILE), read_bop),
+    _depth("tsdf-fusion recording", (INTRINSICS_FILE,), read_tsdf_fusion),
 )
 """Known formats; the first that fits is taken."""
 ALL_KINDS = frozenset(RecordingKind)
 
 
-def format_of(path: Path, kinds: Collection[RecordingKind] = ALL_KINDS) -> RecordingFormat:
-    """The format of a path among those of some kinds.
-
-    Raises `InputError`, which names what would tell each of them, where none fits.
-    """
-    known = [form for form in FORMATS if form.kind in kinds]
-    for form in known:
-        if form.fits(path):
-            return form
-    markers = " or ".join(f"{form.marker} ({form.name})" for form in known)
-    expected = f"expected {markers} in it" if path.is_dir() else f"expected a folder with {markers}"
-    raise InputError(path, "folder", expected)
+def format_of(path: Path, kinds: Collection[RecordingKind] = ALL_KINDS) -> RecordingFormat | None:
+    """The format that a path holds, among those of some kinds; None where none fits."""
+    return next((form for form in FORMATS if form.kind in kinds and form.fits(path)), None)
 
 
 def open_recording(
@@ -102,10 +80,21 @@ def open_recording(
 ) -> Recording:
     """Open a recording; of depth frames ``target_mesh`` replaces the mesh it names.
 
-    ``kinds`` are those that can be made use of: a folder may hold several. Raises `InputError`
-    when the path is missing, of no known format of these kinds, or invalid.
+    ``kinds`` are those that can be made use of: a folder may hold several. Raises `InputError`,
+    which names what would tell each format, when the path is missing or of no known format of these
+    kinds; when it is invalid; and for a mesh where none is shown.
     """
-    return format_of(path, kinds).open(path, target_mesh)
+    found = format_of(path, kinds)
+    if found is None:
+        known = (f"{form.marker} ({form.name})" for form in FORMATS if form.kind in kinds)
+        markers = " or ".join(known)
+        in_it = f"expected {markers} in it" if path.is_dir() else ""
+        raise InputError(path, "folder", in_it or f"expected a folder with {markers}")
+    if found.kind is RecordingKind.DEPTH:
+        return found.read(path, target_mesh)
+    if target_mesh is not None:
+        raise InputError(path, "target_mesh", "expected none: only depth frames need a mesh")
+    return found.read(path)
 
 
 def open_sequence(path: Path, target_mesh: Path | None = None) -> Sequence:

@@ -1,16 +1,22 @@
 """What a depth sequence gives, whatever format it is stored in."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Strict
 
+from pcnav.config.scenario import InertiaRatios
+from pcnav.config.table import Positive, StrictTable, Vector3
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
+from pcnav.recordings.depth_png import ImageSize, read_depth_png
 from pcnav.recordings.recording import RecordingKind
+
+_ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
+_FivePositive = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(False)]
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,17 @@ class Frame:
         return replace(self, depth_m=depth_m, camera=self.camera.strided(stride))
 
 
+class InitialPrior(StrictTable):
+    """[initial] of sequence.toml: prior knowledge stored with it; what is None is unknown."""
+
+    com_model_m: Vector3 | None = None
+    """Mass centre in the model frame."""
+    com_sd_m: _ThreePositive | None = None
+    """Its standard deviations."""
+    inertia_ratios: InertiaRatios | None = None
+    inertia_ratios_sd: _FivePositive | None = None
+
+
 @dataclass(frozen=True)
 class SequenceInfo:
     """What holds for the whole sequence."""
@@ -45,49 +62,55 @@ class SequenceInfo:
     """Standard deviation of the noise along the ray."""
     target_mesh: Path | None
     """The mesh the sequence says it shows, resolved to a path, when it says so."""
-    initial: "InitialPrior | None" = None
+    initial: InitialPrior | None = None
 
 
 @dataclass(frozen=True)
-class InitialPrior:
-    """Optional prior knowledge stored with a sequence; None fields are unknown."""
-
-    com_model_m: FloatArray | None = None
-    """(3,) mass centre in the model frame."""
-    com_sd_m: FloatArray | None = None
-    """(3,) its standard deviations."""
-    inertia_ratios: FloatArray | None = None
-    """(5,)"""
-    inertia_ratios_sd: FloatArray | None = None
-    """(5,)"""
-
-
-class Sequence(ABC):
-    """A depth sequence that is read frame by frame: memory does not grow with its length."""
+class Sequence:
+    """Depth images in files, read frame by frame: memory does not grow with their sizes."""
 
     kind: ClassVar[RecordingKind] = RecordingKind.DEPTH
+
+    path: Path
+    """The folder it is read from."""
+    info: SequenceInfo
+    """What holds for the whole sequence."""
+    images: Path
+    """The folder of the images."""
+    files: tuple[str, ...]
+    """n of them in it, in order of time."""
+    size: ImageSize
+    """Of every image."""
+    times_s: FloatArray
+    """(n,)"""
+    intrinsics: FloatArray
+    """(n, 4) fx, fy, cx, cy, px."""
+    depth_step_m: FloatArray
+    """(n,) metres per stored unit."""
+    T_cam_world: FloatArray
+    """(n, 4, 4)"""
+    invalid_units: int | None = None
+    """The stored unit that means no return besides 0."""
 
     @property
     def name(self) -> str:
         """What it is called."""
         return self.info.name
 
-    @property
-    @abstractmethod
-    def path(self) -> Path:
-        """The folder it is read from."""
+    def __len__(self) -> int:
+        return len(self.files)
 
-    @property
-    @abstractmethod
-    def info(self) -> SequenceInfo:
-        """What holds for the whole sequence."""
-
-    @abstractmethod
-    def __len__(self) -> int: ...
-
-    @abstractmethod
     def frame(self, index: int) -> Frame:
         """Read one frame. Raises `InputError` when its file is missing or damaged."""
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        units = read_depth_png(self.images / self.files[index], self.size)
+        depth_m = units * np.float32(self.depth_step_m[index])
+        if self.invalid_units is not None:
+            depth_m[units == self.invalid_units] = 0.0
+        camera = PinholeCamera(*self.size, *self.intrinsics[index].tolist())
+        time_s = float(self.times_s[index])
+        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index])
 
     def __iter__(self) -> Iterator[Frame]:
         return (self.frame(index) for index in range(len(self)))

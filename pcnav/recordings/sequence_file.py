@@ -4,20 +4,15 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tomli_w
-from pydantic import Field, Strict
+from pydantic import Field
 
-from pcnav.config.scenario import InertiaRatios
-from pcnav.config.table import Positive, StrictTable, Vector3
+from pcnav.config.table import Positive, StrictTable
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import read_toml_model
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
 
 SEQUENCE_FILE = "sequence.toml"
-
-_ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
-_FivePositive = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(False)]
 
 
 class _SequenceTable(StrictTable):
@@ -34,25 +29,13 @@ class _SensorTable(StrictTable):
     invalid_depth: Annotated[int, Field(ge=0, le=65535)] | None = None
 
 
-class _InitialTable(StrictTable):
-    com_model_m: Vector3 | None = None
-    com_sd_m: _ThreePositive | None = None
-    inertia_ratios: InertiaRatios | None = None
-    inertia_ratios_sd: _FivePositive | None = None
-
-    @property
-    def prior(self) -> InitialPrior:
-        """As arrays."""
-        return InitialPrior(**{k: None if v is None else np.array(v) for k, v in self})
-
-
 class SequenceFile(StrictTable):
     """The tables of sequence.toml; an unknown key is an error."""
 
     sequence: _SequenceTable = _SequenceTable()
     orbit: _OrbitTable = _OrbitTable()
     sensor: _SensorTable
-    initial: _InitialTable | None = None
+    initial: InitialPrior | None = None
 
 
 def read_sequence_file(
@@ -75,7 +58,7 @@ def read_sequence_file(
         mean_motion_rad_s=content.orbit.mean_motion_rad_s,
         range_sigma_m=content.sensor.range_sigma_m,
         target_mesh=target_mesh,
-        initial=None if content.initial is None else content.initial.prior,
+        initial=content.initial,
     )
     return info, content.sensor.invalid_depth
 
@@ -91,8 +74,7 @@ def write_sequence_file(path: Path, info: SequenceInfo) -> None:
         "sensor": {"range_sigma_m": info.range_sigma_m},
     }
     if info.initial is not None:
-        known = vars(info.initial).items()
-        tables["initial"] = {key: v.tolist() for key, v in known if v is not None}
+        tables["initial"] = info.initial.model_dump(exclude_none=True)
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 

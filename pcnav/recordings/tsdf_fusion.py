@@ -7,79 +7,61 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import invert_transform, make_transform
+from pcnav.core.spatial import (
+    invert_transform,
+    make_transform,
+    nearest_rotation,
+    orthonormality_error,
+)
 from pcnav.recordings.bop import DEFAULT_RANGE_SIGMA_M
-from pcnav.recordings.depth_png import depth_png_size, read_depth_png
-from pcnav.recordings.poses import nearest_rotation, orthonormality_error
-from pcnav.recordings.sequence import Frame, Sequence, SequenceInfo
+from pcnav.recordings.depth_png import MAXIMUM_UNITS, depth_png_size
+from pcnav.recordings.sequence import Sequence, SequenceInfo
 
 INTRINSICS_FILE = "camera-intrinsics.txt"
 POSE_TOLERANCE = 1e-2
 """Largest orthonormality error of a stored pose; such poses are tracked, and rounded."""
 
 _DEPTH_NAME = re.compile(r"frame-(\d+)\.depth\.png")
-_DEPTH_STEP_M = np.float32(0.001)
-_INVALID_UNITS = 65535
 _EXACT = 1e-9
 _LOG = logging.getLogger("pcnav")
 
 
-class TsdfFusionSequence(Sequence):
+def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
     """frame-000000.depth.png (mm), frame-000000.pose.txt (camera to world), camera-intrinsics.txt.
 
     Depth 0 and 65535 mean no return. The format has no times and no noise figure: 0, 1, 2, ... s
     and `DEFAULT_RANGE_SIGMA_M` are assumed, and poses are turned into the nearest rotation, all
     said in one warning. Raises `InputError`.
     """
-
-    def __init__(self, path: Path, target_mesh: Path | None = None) -> None:
-        if not path.is_dir():
-            raise InputError(path, "folder", f"expected a folder with {INTRINSICS_FILE}")
-        self._path = path
-        self._info = SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh)
-        matches = (_DEPTH_NAME.fullmatch(file.name) for file in path.iterdir())
-        names = [match for match in matches if match is not None]
-        if not names:
-            raise InputError(path, "folder", "expected images named frame-000000.depth.png")
-        names.sort(key=lambda match: int(match[1]))
-        self._images = tuple(path / match[0] for match in names)
-        size = depth_png_size(self._images[0])
-        self._size = size
-        K = _matrix(path / INTRINSICS_FILE, 3)
-        _require_pinhole(path / INTRINSICS_FILE, K)
-        fx, fy, cx, cy = (float(value) for value in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
-        self._camera = PinholeCamera(size.width, size.height, fx, fy, cx, cy)
-        poses = [_pose(path / f"frame-{match[1]}.pose.txt") for match in names]
-        self._T_cam_world = invert_transform(np.stack([T for T, _ in poses]))
-        worst = max(error for _, error in poses)
-        assumed = f"0, 1, 2, ... s and range noise of {DEFAULT_RANGE_SIGMA_M:g} m assumed"
-        if worst > _EXACT:
-            assumed += f"; poses replaced by the nearest rotation (off by up to {worst:.1e})"
-        _LOG.warning("%s: %s", path, assumed)
-
-    @property
-    def path(self) -> Path:
-        """The folder it is read from."""
-        return self._path
-
-    @property
-    def info(self) -> SequenceInfo:
-        """What holds for the whole sequence."""
-        return self._info
-
-    def __len__(self) -> int:
-        return len(self._images)
-
-    def frame(self, index: int) -> Frame:
-        """Read one frame. Raises `InputError` when its file is missing or damaged."""
-        if not 0 <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        units = read_depth_png(self._images[index], self._size)
-        depth_m = units * _DEPTH_STEP_M
-        depth_m[units == _INVALID_UNITS] = 0.0
-        return Frame(index, float(index), depth_m, self._camera, self._T_cam_world[index])
+    if not path.is_dir():
+        raise InputError(path, "folder", f"expected a folder with {INTRINSICS_FILE}")
+    matches = (_DEPTH_NAME.fullmatch(file.name) for file in path.iterdir())
+    names = [match for match in matches if match is not None]
+    if not names:
+        raise InputError(path, "folder", "expected images named frame-000000.depth.png")
+    names.sort(key=lambda match: int(match[1]))
+    n, size = len(names), depth_png_size(path / names[0][0])
+    K = _matrix(path / INTRINSICS_FILE, 3)
+    _require_pinhole(path / INTRINSICS_FILE, K)
+    poses = [_pose(path / f"frame-{match[1]}.pose.txt") for match in names]
+    worst = max(error for _, error in poses)
+    assumed = f"0, 1, 2, ... s and range noise of {DEFAULT_RANGE_SIGMA_M:g} m assumed"
+    if worst > _EXACT:
+        assumed += f"; poses replaced by the nearest rotation (off by up to {worst:.1e})"
+    _LOG.warning("%s: %s", path, assumed)
+    return Sequence(
+        path=path,
+        info=SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh),
+        images=path,
+        files=tuple(match[0] for match in names),
+        size=size,
+        times_s=np.arange(float(n)),
+        intrinsics=np.tile([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], (n, 1)),
+        depth_step_m=np.full(n, 0.001),
+        T_cam_world=invert_transform(np.stack([T for T, _ in poses])),
+        invalid_units=MAXIMUM_UNITS,
+    )
 
 
 def _matrix(path: Path, size: int) -> FloatArray:

@@ -1,7 +1,7 @@
 """Depth frames of a scenario: rendered one by one, with the faults of a sensor."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -12,19 +12,17 @@ import trimesh
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.errors import InputError
+from pcnav.core.spatial import nearest_rotation
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
-from pcnav.recordings.poses import nearest_rotation
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.writer import write_sequence
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.noise import add_sensor_faults
+from pcnav.simulation.simulation import OnFrame, Simulation, counted
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target, load_target
-
-OnFrame = Callable[[int, int], None]
-"""Told after every frame how many are done, and of how many."""
 
 _LOG = logging.getLogger("pcnav")
 
@@ -63,11 +61,6 @@ class Scene:
         return self.motion.truth
 
     @property
-    def recording(self) -> "Scene":
-        """Its frames one by one."""
-        return self
-
-    @property
     def info(self) -> SequenceInfo:
         """What a recording of the scene states."""
         pipeline = self.pipeline
@@ -99,36 +92,32 @@ class Scene:
             yield Frame(k, time_s, depth_m, camera, self.motion.T_cam_world[k])
 
     def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
-        """Write the sequence and its truth; what it was, in a line.
-
-        The same pipeline writes the same images, bit for bit. Raises `InputError` for a folder that
-        must not be replaced, see `write_sequence`; nothing is then left behind.
-        """
+        """See `Simulation.write`; the same pipeline writes the same images, bit for bit."""
         returns: list[int] = []
 
-        def counted() -> Iterator[Frame]:
-            for frame in self.frames():
-                yield frame
+        def frames() -> Iterator[Frame]:
+            for frame in counted(self.frames(), len(self), on_frame):
                 returns.append(int(np.count_nonzero(frame.depth_m)))
-                if on_frame is not None:
-                    on_frame(len(returns), len(self))
+                yield frame
 
         info = replace(self.info, name=out.absolute().name)
         step_m = self.pipeline.noise.quantisation_m
-        write_sequence(out, info, step_m, counted(), self.truth, overwrite)
+        write_sequence(out, info, step_m, frames(), self.truth, overwrite)
         empty, total = returns.count(0), len(returns)
         if empty:
-            _LOG.warning(
-                "%s: the target is outside the image in %d of %d frames", out, empty, total
-            )
+            told = "%s: the target is outside the image in %d of %d frames"
+            _LOG.warning(told, out, empty, total)
         return f"sequence: {out} ({total} frames, {int(np.median(returns))} returns each)"
 
 
-def simulate_depth(pipeline: Pipeline, source: Path | str, target_mesh: Path | None) -> Scene:
+def simulate_depth(
+    pipeline: Pipeline, source: Path | str, target_mesh: Path | None
+) -> Simulation[Scene]:
     """The scene of a pipeline's target. Raises `InputError`, which names the source."""
     if target_mesh is None:
         raise InputError(source, "target_mesh", "expected the mesh of the satellite to simulate")
-    return Scene.showing(load_target(target_mesh), pipeline, source)
+    scene = Scene.showing(load_target(target_mesh), pipeline, source)
+    return Simulation(scene, scene.truth, scene.write)
 
 
 def stated_range_sigma(noise: NoiseTable) -> float:

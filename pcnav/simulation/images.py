@@ -1,10 +1,9 @@
 """What one camera sees of a scenario: shaded images of a mesh, or tracks of points on its hull."""
 
-import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 import trimesh
@@ -21,15 +20,13 @@ from pcnav.recordings.images import ImageFrame, write_images
 from pcnav.recordings.monocular_tracks import CameraFacts, write_monocular_tracks
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.tracks import MonocularTracks, TrackFrame
-from pcnav.simulation.depth import OnFrame
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.shading import ImageRenderer
+from pcnav.simulation.simulation import OnFrame, Simulation, counted, features_seen
 from pcnav.target.mesh import read_mesh
 
 Hull = tuple[FloatArray, FloatArray]
 """Places and outward normals (N, 3) of points, model axes, m."""
-
-_LOG = logging.getLogger("pcnav")
 
 
 @dataclass(frozen=True)
@@ -80,54 +77,10 @@ class RenderedImages:
             yield ImageFrame(time_s, motion.R_cam_world[k], grey)
 
 
-class ImageSimulation(NamedTuple):
-    """Images in memory, and the truth behind them."""
-
-    recording: RenderedImages
-    truth: Trajectory
-    pixel_sigma_px: float
-    """Error of a coordinate tracked through them, as the recording on disk states it."""
-
-    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
-        """Write images, camera and truth; what it was, in a line.
-
-        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
-        """
-
-        def counted() -> Iterator[ImageFrame]:
-            for k, frame in enumerate(self.recording, start=1):
-                yield frame
-                if on_frame is not None:
-                    on_frame(k, len(self.recording))
-
-        facts = CameraFacts(self.recording.camera, self.pixel_sigma_px)
-        count = write_images(out, facts, counted(), self.truth, overwrite)
-        return f"images: {out} ({count} frames)"
-
-
-class MonocularSimulation(NamedTuple):
-    """Tracks in memory, and the truth behind them."""
-
-    recording: MonocularTracks
-    truth: Trajectory
-
-    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
-        """Write tracks, camera and truth; what it was, in a line.
-
-        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
-        """
-        write_monocular_tracks(out, self.recording, self.truth, overwrite)
-        seen = np.array([len(frame.features) for frame in self.recording])
-        if not seen.any():
-            _LOG.warning("%s: no feature is seen in any of the %d frames", out, len(seen))
-        median = float(np.median(seen))
-        return f"tracks: {out} ({len(seen)} frames, median of {median:g} features each)"
-
-
 def simulate_images(
     pipeline: Pipeline, source: Path | str = "pipeline", target_mesh: Path | None = None
-) -> ImageSimulation | MonocularSimulation:
-    """What the camera of [image_camera] sees; the same pipeline, the same.
+) -> Simulation[RenderedImages] | Simulation[MonocularTracks]:
+    """What the camera of [image_camera] sees.
 
     ``images`` of that table chooses between shaded images of the mesh and tracks of points: those
     of [features], else points drawn over the mesh, without one over a box of the body's inertia.
@@ -136,15 +89,32 @@ def simulate_images(
     motion, name = true_motion(pipeline, source), Path(source).stem
     mesh = None if target_mesh is None else read_mesh(target_mesh)
     if not pipeline.image_camera.images:
-        return MonocularSimulation(simulated_tracks(pipeline, motion, mesh, name), motion.truth)
+        return _tracks_with_truth(simulated_tracks(pipeline, motion, mesh, name), motion.truth)
     if mesh is None:
         expected = "expected the mesh of the satellite that the images show"
         raise InputError(source, "target_mesh", expected)
     camera = pipeline.image_camera.pinhole
     renderer = ImageRenderer(mesh, camera, pipeline.shading, pipeline.seed)
     seen = ImageMotion.of(motion, pipeline.shading)
-    recording = RenderedImages(name, renderer, seen, pipeline.seed)
-    return ImageSimulation(recording, motion.truth, pipeline.feature_tracker.pixel_sigma_px)
+    images = RenderedImages(name, renderer, seen, pipeline.seed)
+    facts = CameraFacts.of(camera, pipeline.feature_tracker.pixel_sigma_px)
+
+    def store(out: Path, overwrite: bool, on_frame: OnFrame | None) -> str:
+        frames = counted(images, len(images), on_frame)
+        count = write_images(out, facts, frames, motion.truth, overwrite)
+        return f"images: {out} ({count} frames)"
+
+    return Simulation(images, motion.truth, store)
+
+
+def _tracks_with_truth(tracks: MonocularTracks, truth: Trajectory) -> Simulation[MonocularTracks]:
+    def store(out: Path, overwrite: bool, on_frame: OnFrame | None) -> str:
+        write_monocular_tracks(out, tracks, truth, overwrite)
+        seen = features_seen(out, tracks)
+        median = float(np.median(seen))
+        return f"tracks: {out} ({len(seen)} frames, median of {median:g} features each)"
+
+    return Simulation(tracks, truth, store)
 
 
 def simulated_tracks(

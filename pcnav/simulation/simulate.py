@@ -2,36 +2,17 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 from pcnav.config.pipeline_file import EstimatorKind, Pipeline
-from pcnav.dynamics.trajectory import Trajectory
-from pcnav.recordings.recording import Recording, RecordingKind
+from pcnav.recordings.recording import RecordingKind
 from pcnav.simulation.attitudes import simulate_attitudes
-from pcnav.simulation.depth import OnFrame, simulate_depth
+from pcnav.simulation.depth import simulate_depth
 from pcnav.simulation.images import simulate_images
+from pcnav.simulation.simulation import Simulation
 from pcnav.simulation.stereo import simulate_stereo
 
-
-class Simulation(Protocol):
-    """A recording in memory and the truth behind it."""
-
-    @property
-    def recording(self) -> Recording:
-        """Its frames one by one."""
-
-    @property
-    def truth(self) -> Trajectory:
-        """All blocks at every frame."""
-
-    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
-        """Write both into a folder; what it was, in a line.
-
-        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
-        """
-
-
-Simulator = Callable[[Pipeline, Path | str, Path | None], Simulation]
+Simulator = Callable[[Pipeline, Path | str, Path | None], Simulation[Any]]
 """From a pipeline, its file, which an `InputError` names, and the mesh of its target."""
 
 SIMULATORS: Mapping[RecordingKind, Simulator] = {
@@ -53,7 +34,7 @@ def simulate(
     source: Path | str = "pipeline",
     target_mesh: Path | None = None,
     kind: RecordingKind | None = None,
-) -> Simulation:
+) -> Simulation[Any]:
     """What the sensor of a pipeline sees of its scenario; the same pipeline, the same numbers.
 
     Args:

@@ -1,9 +1,7 @@
 """Feature points of a tumbling target as a stereo rig sees them, with the faults of real tracks."""
 
-import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +19,6 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.stereo_tracks import write_stereo_tracks
 from pcnav.recordings.tracks import StereoTracks, TrackFrame
-from pcnav.simulation.depth import OnFrame
 from pcnav.simulation.motion import (
     disturbed_orbit,
     disturbed_rotation,
@@ -29,10 +26,10 @@ from pcnav.simulation.motion import (
     start_of,
     trajectory_of,
 )
+from pcnav.simulation.simulation import OnFrame, Simulation, features_seen
 
 _NEAREST_M = 0.1
 """Nothing closer to the plane of the two cameras than this is seen."""
-_LOG = logging.getLogger("pcnav")
 
 
 @dataclass(frozen=True)
@@ -50,32 +47,9 @@ class StereoScenario:
     features: FeaturesTable
 
 
-class StereoSimulation(NamedTuple):
-    """Tracks in memory, and the truth behind them."""
-
-    recording: StereoTracks
-    truth: Trajectory
-    points: FloatArray
-    """(N, 3) true features from the mass centre, body axes, m."""
-
-    def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
-        """Write tracks, rig, attitude and truth; what it was, in a line.
-
-        Raises `InputError` for a folder that must not be replaced; nothing is then left behind.
-        """
-        write_stereo_tracks(out, self.recording, self.truth, self.points, overwrite)
-        seen = np.array([len(frame.features) for frame in self.recording])
-        if not seen.any():
-            _LOG.warning("%s: no feature is seen in any of the %d frames", out, len(seen))
-        return (
-            f"tracks: {out} ({len(seen)} frames, {int((seen == 0).sum())} of them empty; "
-            f"median of {float(np.median(seen)):g} of {len(self.points)} features each)"
-        )
-
-
 def simulate_stereo(
     pipeline: Pipeline, source: Path | str = "pipeline", target_mesh: Path | None = None
-) -> StereoSimulation:
+) -> Simulation[StereoTracks]:
     """Tracks of a pipeline's scenario; the same pipeline, the same numbers. A mesh is not needed.
 
     ``source`` is the pipeline's file, which an `InputError` names.
@@ -99,7 +73,7 @@ def stereo_scenario(pipeline: Pipeline, source: Path | str = "pipeline") -> Ster
     )
 
 
-def simulate_tracks(scenario: StereoScenario, rng: np.random.Generator) -> StereoSimulation:
+def simulate_tracks(scenario: StereoScenario, rng: np.random.Generator) -> Simulation[StereoTracks]:
     """Tracks of a scenario and the truth behind them.
 
     Points, motion, pointing, tracking and noise draw from streams of their own: two scenarios that
@@ -108,7 +82,23 @@ def simulate_tracks(scenario: StereoScenario, rng: np.random.Generator) -> Stere
     on_points, on_motion, on_tracks = rng.spawn(3)
     points = draw_points(scenario.features, on_points)
     truth = simulate_motion(scenario, on_motion)
-    return StereoSimulation(observe(scenario, truth, points, on_tracks), truth, points)
+    return with_truth(observe(scenario, truth, points, on_tracks), truth, points)
+
+
+def with_truth(
+    tracks: StereoTracks, truth: Trajectory, points: FloatArray
+) -> Simulation[StereoTracks]:
+    """Tracks of points (N, 3) that were observed in a true motion."""
+
+    def store(out: Path, overwrite: bool, on_frame: OnFrame | None) -> str:
+        write_stereo_tracks(out, tracks, truth, points, overwrite)
+        seen = features_seen(out, tracks)
+        return (
+            f"tracks: {out} ({len(seen)} frames, {int((seen == 0).sum())} of them empty; "
+            f"median of {float(np.median(seen)):g} of {len(points)} features each)"
+        )
+
+    return Simulation(tracks, truth, store, points)
 
 
 def draw_points(table: FeaturesTable, rng: np.random.Generator) -> FloatArray:

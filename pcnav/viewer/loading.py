@@ -146,10 +146,8 @@ def _compared(loaded: LoadedRun) -> Errors | None:
 
 
 def _is_images(path: Path) -> bool:
-    try:
-        return format_of(path).kind is RecordingKind.IMAGES
-    except InputError:
-        return False
+    found = format_of(path)
+    return found is not None and found.kind is RecordingKind.IMAGES
 
 
 def _verdicts(path: Path) -> Mapping[str, StateVerdict]:

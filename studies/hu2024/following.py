@@ -16,8 +16,10 @@ from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE, PrincipalState
 from pcnav.estimators.principal_axes.principal_frame import principal_axes
+from pcnav.recordings.tracks import StereoTracks
 from pcnav.simulation.motion import disturbed_orbit, disturbed_rotation, trajectory_of
-from pcnav.simulation.stereo import StereoScenario, StereoSimulation, draw_points, observe
+from pcnav.simulation.simulation import Simulation
+from pcnav.simulation.stereo import StereoScenario, draw_points, observe, with_truth
 
 from . import paper
 
@@ -136,7 +138,7 @@ def judge(case: Following, scenario: StereoScenario, seed: int) -> Judged:
     points = draw_points(features, on_points)
     truth = disturbed_truth(scenario, case.table if case.disturbed else None, on_motion)
     tracks = observe(scenario, truth, points, on_tracks)
-    made = StereoSimulation(tracks, truth, points)
+    made = with_truth(tracks, truth, points)
     estimator = PrincipalAxesEstimator(tracks.rig, tracks.orbit, case.table, seed)
     last = len(tracks.frames) - 1
     judged = sorted({*range(0, last, case.every), last})
@@ -159,7 +161,7 @@ def judge(case: Following, scenario: StereoScenario, seed: int) -> Judged:
     return run
 
 
-def _wrong_matches(made: StereoSimulation, k: int) -> set[int]:
+def _wrong_matches(made: Simulation[StereoTracks], k: int) -> set[int]:
     """Features of a frame whose pixels are not their own."""
     tracks, true = made.recording, NavigationState.of(made.truth, k)
     frame = tracks.frames[k]
@@ -186,7 +188,7 @@ def disturbed_truth(
 
 
 def true_state(
-    made: StereoSimulation, k: int, features: Sequence[int], triple: tuple[int, int, int]
+    made: Simulation[StereoTracks], k: int, features: Sequence[int], triple: tuple[int, int, int]
 ) -> PrincipalState:
     """The truth at a frame in its unique principal axes (17), signed by the same three points."""
     true, points = NavigationState.of(made.truth, k), made.points

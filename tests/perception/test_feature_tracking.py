@@ -99,7 +99,7 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ImageMotion
     camera = PinholeCamera(480, 480, 1100.0, 1100.0, 239.5, 239.5)
     renderer = ImageRenderer(mesh, camera, ShadingTable(texture_cell_m=0.1, ambient=0.4), seed=3)
     out = tmp_path_factory.mktemp("images") / "box"
-    write_images(out, CameraFacts(camera, 0.3), RenderedImages("box", renderer, motion, 0))
+    write_images(out, CameraFacts.of(camera, 0.3), RenderedImages("box", renderer, motion, 0))
     return out, motion, mesh
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
-from pcnav.recordings.bop import BopSequence
+from pcnav.recordings.bop import read_bop
 
 MakeScene = Callable[..., Path]
 
@@ -21,7 +21,7 @@ MakeScene = Callable[..., Path]
 def expect_fault(path: Path, file: str, field: str, words: str) -> None:
     """Opening and reading every frame must fail in one line with file, field and expectation."""
     with pytest.raises(InputError) as caught:
-        for _ in BopSequence(path):
+        for _ in read_bop(path):
             pass
     error = caught.value
     assert error.file == path / file
@@ -38,7 +38,7 @@ def edit_scene(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
 
 
 def test_frame_values(scene: Path, caplog: pytest.LogCaptureFixture) -> None:
-    sequence = BopSequence(scene)
+    sequence = read_bop(scene)
     assert not caplog.records
     assert len(sequence) == 3
     assert sequence.path == scene
@@ -62,7 +62,7 @@ def test_frame_values(scene: Path, caplog: pytest.LogCaptureFixture) -> None:
 
 def test_invalid_depth_when_the_sequence_says_so(tmp_path: Path, make_scene: MakeScene) -> None:
     toml = "[sensor]\nrange_sigma_m = 0.02\ninvalid_depth = 65535\n"
-    sequence = BopSequence(make_scene(tmp_path / "folder", toml=toml))
+    sequence = read_bop(make_scene(tmp_path / "folder", toml=toml))
     depth_m = sequence.frame(0).depth_m
     assert depth_m[1, 1] == 0.0
     assert np.count_nonzero(depth_m) == 46
@@ -73,7 +73,7 @@ def test_numbers_need_not_follow_one_another(tmp_path: Path, make_scene: MakeSce
     numbers = (4, 9, 10, 123)
     folder = make_scene(tmp_path / "s", numbers)
     edit_scene(folder, lambda c: c.update({k: c.pop(k) for k in sorted(c, reverse=True)}))
-    sequence = BopSequence(folder)
+    sequence = read_bop(folder)
     assert [frame.index for frame in sequence] == [0, 1, 2, 3]
     assert [frame.time_s for frame in sequence] == [2.0, 4.5, 5.0, 61.5]
     for index, number in enumerate(numbers):
@@ -93,7 +93,7 @@ def test_plain_scene_is_read_with_one_warning(
 
     edit_scene(folder, strip)
     with caplog.at_level(logging.WARNING, logger="pcnav"):
-        sequence = BopSequence(folder)
+        sequence = read_bop(folder)
     assert len(caplog.records) == 1
     message = caplog.records[0].getMessage()
     for words in ("sequence.toml", "timestamp_s", "at rest", "0.005 m"):
@@ -108,15 +108,15 @@ def test_target_mesh_is_relative_to_the_sequence(tmp_path: Path, make_scene: Mak
     folder = make_scene(tmp_path / "s", toml=toml)
     expect_fault(folder, "sequence.toml", "sequence.target_mesh", "mesh file")
     other = tmp_path / "other.ply"
-    assert BopSequence(folder, target_mesh=other).info.target_mesh == other
+    assert read_bop(folder, target_mesh=other).info.target_mesh == other
     (tmp_path / "sat.ply").touch()
-    assert BopSequence(folder).info.target_mesh == tmp_path / "sat.ply"
+    assert read_bop(folder).info.target_mesh == tmp_path / "sat.ply"
 
 
 def test_initial_priors(tmp_path: Path, make_scene: MakeScene) -> None:
     head = "[sensor]\nrange_sigma_m = 0.02\n[initial]\n"
     toml = head + "com_model_m = [0.1, 0, -0.2]\ninertia_ratios_sd = [0.1, 0.2, 0.3, 0.4, 0.5]\n"
-    prior = BopSequence(make_scene(tmp_path / "good", toml=toml)).info.initial
+    prior = read_bop(make_scene(tmp_path / "good", toml=toml)).info.initial
     assert prior is not None
     np.testing.assert_array_equal(prior.com_model_m, [0.1, 0.0, -0.2])
     np.testing.assert_array_equal(prior.inertia_ratios_sd, [0.1, 0.2, 0.3, 0.4, 0.5])
@@ -219,7 +219,7 @@ def test_folder_and_file_faults(tmp_path: Path, scene: Path) -> None:
 
 def test_missing_images(scene: Path) -> None:
     image = scene / "depth" / "000001.png"
-    sequence = BopSequence(scene)
+    sequence = read_bop(scene)
     image.unlink()
     expect_fault(scene, "depth/000001.png", "file", "frame 1")
     # Lost after opening.
@@ -249,7 +249,7 @@ def test_damaged_pixels_are_detected(scene: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mode", "words"), [("L", "8-bit grey"), ("RGB", "8-bit colour"), ("P", "1-bit palette")]
+    ("mode", "words"), [("L", "8-bit grey"), ("RGB", "colour"), ("P", "palette")]
 )
 @pytest.mark.parametrize("number", [0, 2])
 def test_wrong_pixels(scene: Path, mode: str, words: str, number: int) -> None:
@@ -268,7 +268,7 @@ def test_not_a_png_and_other_size(scene: Path) -> None:
 
 
 def test_index_out_of_range(scene: Path) -> None:
-    sequence = BopSequence(scene)
+    sequence = read_bop(scene)
     for index in (-1, 3):
         with pytest.raises(IndexError):
             sequence.frame(index)
@@ -283,7 +283,7 @@ def test_long_scene_stays_small_in_memory(tmp_path: Path, make_scene: MakeScene)
     for k in range(1, 5000):
         (folder / "depth" / f"{k:06d}.png").hardlink_to(folder / "depth" / "000000.png")
     tracemalloc.start()
-    sequence = BopSequence(folder)
+    sequence = read_bop(folder)
     held, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(sequence) == 5000

@@ -22,6 +22,7 @@ from pcnav.recordings.monocular_tracks import (
 from pcnav.recordings.tracks import MonocularTracks, TrackFrame
 
 CAMERA = PinholeCamera(64, 48, 100.0, 101.0, 31.0, 24.0)
+FACTS = CameraFacts.of(CAMERA, 0.2)
 
 
 def folder_of(path: Path, count: int = 4, rate_hz: float | None = 2.0) -> Path:
@@ -30,7 +31,7 @@ def folder_of(path: Path, count: int = 4, rate_hz: float | None = 2.0) -> Path:
     for k in range(count):
         grey = np.full((48, 64), 20 * k, dtype=np.uint8)
         Image.fromarray(grey).save(path / f"{k:03d}.png")
-    write_camera_file(path / "camera.toml", CameraFacts(CAMERA, 0.2, None, rate_hz))
+    write_camera_file(path / "camera.toml", FACTS.model_copy(update={"frame_rate_hz": rate_hz}))
     return path
 
 
@@ -107,7 +108,7 @@ def test_a_video(tmp_path: Path) -> None:
     for k in range(5):
         writer.write(np.full((48, 64, 3), 40 * k, dtype=np.uint8))
     writer.release()
-    write_camera_file(path.with_suffix(".toml"), CameraFacts(CAMERA, 0.2, None, None))
+    write_camera_file(path.with_suffix(".toml"), FACTS)
     assert is_image_sequence(path)
     read = list(open_images(path))
     assert [time_s for time_s, _, _ in read] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8])
@@ -125,7 +126,8 @@ def test_distortion_is_taken_out(tmp_path: Path) -> None:
     image = np.zeros((48, 64), np.uint8)
     image[20:30, 50:56] = 200
     Image.fromarray(image).save(folder / "000.png")
-    facts = CameraFacts(CAMERA, 0.2, (-0.5, 0.0, 0.0, 0.0, 0.0), 1.0)
+    barrel = {"distortion": (-0.5, 0.0, 0.0, 0.0, 0.0), "frame_rate_hz": 1.0}
+    facts = FACTS.model_copy(update=barrel)
     write_camera_file(folder / "camera.toml", facts)
     ((_, _, straight),) = open_images(folder)
     column = np.average(np.arange(64), weights=straight.sum(axis=0).astype(float))

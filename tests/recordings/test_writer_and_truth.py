@@ -22,7 +22,7 @@ from pcnav.dynamics.blocks import (
     VELOCITY,
 )
 from pcnav.dynamics.trajectory import Trajectory
-from pcnav.recordings.bop import BopSequence
+from pcnav.recordings.bop import read_bop
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
 from pcnav.recordings.truth import read_truth
 from pcnav.recordings.writer import write_sequence
@@ -74,7 +74,7 @@ def test_round_trip(tmp_path: Path) -> None:
     mesh = tmp_path / "meshes" / "sat.ply"
     mesh.parent.mkdir()
     mesh.touch()
-    prior = InitialPrior(com_model_m=np.array([0.1, 0.2, -0.3]), com_sd_m=np.full(3, 0.05))
+    prior = InitialPrior(com_model_m=(0.1, 0.2, -0.3), com_sd_m=(0.05,) * 3)
     stated = SequenceInfo('näme "quoted" \\', 0.0011, 0.02, mesh, prior)
     path = tmp_path / "out" / "deep" / "seq"
 
@@ -84,7 +84,7 @@ def test_round_trip(tmp_path: Path) -> None:
             yield example_frame(k)
 
     write_sequence(path, stated, STEP_M, frames())
-    sequence = BopSequence(path)
+    sequence = read_bop(path)
     assert sequence.info.name == stated.name
     assert sequence.info.target_mesh == sequence.path / mesh.name
     assert sequence.info.target_mesh.read_bytes() == mesh.read_bytes()
@@ -193,9 +193,9 @@ def test_existing_folder_is_kept_unless_told(tmp_path: Path) -> None:
     write(path, frames=3)
     with pytest.raises(InputError, match="or ask to overwrite"):
         write(path)
-    assert len(BopSequence(path)) == 3
+    assert len(read_bop(path)) == 3
     write(path, frames=2, overwrite=True)
-    assert len(BopSequence(path)) == 2
+    assert len(read_bop(path)) == 2
     # The old frames are gone, and so are the temporary folders.
     assert len(list((path / "depth").iterdir())) == 2
     assert [p.name for p in tmp_path.iterdir()] == ["seq"]
@@ -216,7 +216,7 @@ def test_only_sequences_are_ever_replaced(tmp_path: Path) -> None:
         write(file / "seq")
     (tmp_path / "empty").mkdir()
     write(tmp_path / "empty")
-    assert len(BopSequence(tmp_path / "empty")) == 4
+    assert len(read_bop(tmp_path / "empty")) == 4
 
 
 def test_nothing_is_left_after_an_exception(tmp_path: Path) -> None:
@@ -232,7 +232,7 @@ def test_nothing_is_left_after_an_exception(tmp_path: Path) -> None:
     write(path, frames=3)
     with pytest.raises(RuntimeError):
         write_sequence(path, info(), STEP_M, interrupted(RuntimeError), overwrite=True)
-    assert len(BopSequence(path)) == 3
+    assert len(read_bop(path)) == 3
     assert [p.name for p in path.parent.iterdir()] == ["seq"]
 
 

@@ -12,10 +12,11 @@ from pcnav.core.errors import InputError
 from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATE, VELOCITY
 from pcnav.dynamics.kepler import propagate_relative
 from pcnav.dynamics.orbit import hill_transition
+from pcnav.recordings.tracks import StereoTracks
 from pcnav.simulation.motion import rotate_torque_free
+from pcnav.simulation.simulation import Simulation
 from pcnav.simulation.stereo import (
     StereoScenario,
-    StereoSimulation,
     in_view,
     simulate_tracks,
     stereo_scenario,
@@ -47,13 +48,13 @@ def scenario(
     )
 
 
-def made(case: StereoScenario, seed: int = 0) -> StereoSimulation:
+def made(case: StereoScenario, seed: int = 0) -> Simulation[StereoTracks]:
     return simulate_tracks(case, np.random.default_rng(seed))
 
 
-def places(made: StereoSimulation, k: int) -> np.ndarray:
+def places(made: Simulation[StereoTracks], k: int) -> np.ndarray:
     """(N, 3) true points in rig axes, written out frame by frame from the definitions."""
-    tracks, truth, points = made
+    tracks, truth, points = made.recording, made.truth, made.points
     frame = tracks.frames[k]
     R_hill_world = tracks.orbit.R_hill_world(frame.time_s)
     found = []
@@ -82,7 +83,7 @@ def test_pixels_are_projections_of_the_truth_with_the_stated_noise(pointing: Bor
 def test_the_rig_holds_the_target_near_the_middle_but_not_at_it() -> None:
     passing = OrbitTable(mean_motion_rad_s=N, r_hill_m=(9, 9, 9), v_hill_m_s=(-0.4, -0.5, -0.8))
     case_made = made(scenario(orbit=passing))
-    tracks, truth, _ = case_made
+    tracks, truth = case_made.recording, case_made.truth
     offsets = []
     for k, frame in enumerate(tracks.frames):
         R_rig_hill = frame.R_cam_world @ tracks.orbit.R_hill_world(frame.time_s).T
@@ -179,7 +180,7 @@ def test_normals_hide_what_faces_away() -> None:
         points_m=points, normals_body=normals, hidden_by_normals=True, max_view_angle_deg=75.0
     )
     case_made = made(case)
-    tracks, truth, _ = case_made
+    tracks, truth = case_made.recording, case_made.truth
     counts = np.zeros(4)
     for k, frame in enumerate(tracks.frames):
         p_rig = places(case_made, k)
@@ -206,9 +207,9 @@ def test_tracks_are_lost_and_found_at_the_rates_told() -> None:
 
 
 def test_wrong_matches_come_as_often_as_told_and_change_nothing_else() -> None:
-    right, _, points = made(scenario())
-    wrong, _, same = made(scenario(wrong_match_fraction=0.2))
-    np.testing.assert_array_equal(points, same)
+    both = made(scenario()), made(scenario(wrong_match_fraction=0.2))
+    right, wrong = (each.recording for each in both)
+    np.testing.assert_array_equal(both[0].points, both[1].points)
     changed, of_others = [], 0
     for a, b in zip(right.frames, wrong.frames, strict=True):
         np.testing.assert_array_equal(a.features, b.features)
@@ -233,7 +234,8 @@ def test_a_seed_makes_the_same_tracks_again_and_another_others() -> None:
 def test_variants_are_made_by_replacing() -> None:
     case = scenario(frames=3)
     late = replace(case, times_s=np.array([100.0, 101.0]))
-    tracks, truth, _ = made(late)
+    seen = made(late)
+    tracks, truth = seen.recording, seen.truth
     np.testing.assert_array_equal(truth[POSITION][0], case.start.r_hill)
     assert [frame.time_s for frame in tracks.frames] == [100.0, 101.0]
 

@@ -93,7 +93,7 @@ def test_a_scenario_is_written_and_read_back(tmp_path: Path) -> None:
     renderer = ImageRenderer(read_mesh(mesh_path), camera, shading)
     out = tmp_path / "images"
     rendered = RenderedImages("demo", renderer, moves, 0)
-    count = write_images(out, CameraFacts(camera, 0.3), rendered, truth.truth)
+    count = write_images(out, CameraFacts.of(camera, 0.3), rendered, truth.truth)
     assert count == 2 and (out / "truth.csv").read_text().count("\n") == 3
     images = open_images(out)
     assert images.R_cam_world == pytest.approx(moves.R_cam_world, abs=1e-12)

@@ -12,7 +12,7 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.recordings.bop import BopSequence
+from pcnav.recordings.bop import read_bop
 from pcnav.recordings.truth import read_truth
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
@@ -62,7 +62,7 @@ def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target
     summary = scene.write(out, on_frame=lambda done, total: told.append((done, total)))
     assert told == [(k + 1, 6) for k in range(6)]
     assert summary.startswith(f"sequence: {out} (6 frames, ")
-    sequence, truth = BopSequence(out), read_truth(out)
+    sequence, truth = read_bop(out), read_truth(out)
     assert truth is not None
     assert truth.T_cam_target is not None
     assert sequence.info.target_mesh == sequence.path / target.mesh_path.name
@@ -79,7 +79,7 @@ def test_stored_points_lie_on_the_mesh_at_the_stored_pose(tmp_path: Path, target
 
 def test_states_poses_and_camera_agree(tmp_path: Path, target: Target) -> None:
     Scene.showing(target, Pipeline.model_validate(TABLES)).write(tmp_path / "seq")
-    sequence, truth = BopSequence(tmp_path / "seq"), read_truth(tmp_path / "seq")
+    sequence, truth = read_bop(tmp_path / "seq"), read_truth(tmp_path / "seq")
     assert truth is not None
     assert POSITION in truth
     assert CENTRE in truth
@@ -120,12 +120,12 @@ def test_faults_leave_nothing_behind(
     told = Scene.showing(target, away).write(tmp_path / "seq")
     assert told.endswith("(6 frames, 0 returns each)")
     assert "outside the image in 6 of 6 frames" in caplog.text
-    assert not BopSequence(tmp_path / "seq").frame(0).depth_m.any()
+    assert not read_bop(tmp_path / "seq").frame(0).depth_m.any()
 
 
 def test_noiseless_sensor_states_its_rounding(tmp_path: Path, target: Target) -> None:
     exact = {"range_sigma_m": 0.0, "quantisation_m": 0.002}
     pipeline = Pipeline.model_validate({**TABLES, "noise": exact})
     Scene.showing(target, pipeline).write(tmp_path / "seq")
-    stated = BopSequence(tmp_path / "seq").info.range_sigma_m
+    stated = read_bop(tmp_path / "seq").info.range_sigma_m
     assert stated == pytest.approx(0.002 / np.sqrt(12.0))

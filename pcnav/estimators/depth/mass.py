@@ -48,13 +48,13 @@ def prior_belief(
     ratio_sd = np.full(5, filtering.inertia_ratio_sd or target.inertia_ratio_sd)
     if initial is not None:
         if initial.com_model_m is not None:
-            com = initial.com_model_m
+            com = np.array(initial.com_model_m)
         if initial.inertia_ratios is not None:
-            ratios = initial.inertia_ratios
+            ratios = np.array(initial.inertia_ratios)
         if initial.com_sd_m is not None and not filtering.com_sd_m:
-            com_sd = initial.com_sd_m
+            com_sd = np.array(initial.com_sd_m)
         if initial.inertia_ratios_sd is not None and not filtering.inertia_ratio_sd:
-            ratio_sd = initial.inertia_ratios_sd
+            ratio_sd = np.array(initial.inertia_ratios_sd)
     return MassBelief(com, np.diag(com_sd**2), ratios, parameter_covariance(ratios, ratio_sd))
 
 

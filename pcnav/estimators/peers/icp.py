@@ -15,11 +15,10 @@ import trimesh
 from pcnav.core._extras import small_gicp
 from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray
-from pcnav.core.spatial import exp_rotation, invert_transform, make_transform
+from pcnav.core.spatial import exp_rotation, invert_transform, make_transform, nearest_rotation
 from pcnav.estimators.interface import Given
 from pcnav.estimators.peers.baseline import Baseline
 from pcnav.perception.returns import returns_of
-from pcnav.recordings.poses import nearest_rotation
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 

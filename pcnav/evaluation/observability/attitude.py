@@ -18,8 +18,13 @@ from pcnav.evaluation.observability.lie import (
     constant,
     lie_derivatives,
 )
-from pcnav.evaluation.observability.rank import DIGITS, ObservabilityRank, exact_rank, rank_of
-from pcnav.evaluation.observability.words import directions_in_words
+from pcnav.evaluation.observability.rank import (
+    DIGITS,
+    ObservabilityRank,
+    directions_in_words,
+    exact_rank,
+    rank_of,
+)
 
 UNKNOWNS = (
     *("q1", "q2", "q3", "rate x", "rate y", "rate z"),

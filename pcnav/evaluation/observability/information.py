@@ -3,10 +3,9 @@
 Local rank says what an endless, noiseless look at an instant would show. It does not say how long
 one has to look. Along a trajectory the estimator's own linearisation answers that: with the
 transition F and noise Q of each step and the whitened Jacobian ``W = R^-1/2 H`` of each frame, the
-information of the arc about the states at its start is ``sum Phi^T W^T W Phi`` (the empirical
-Gramian weighed by the noise), and the covariance at its end, process noise and prior included, is
-what a filter would state that is right about the trajectory (posterior Cramer-Rao bound; Tichavsky,
-Muravchik and Nehorai 1998).
+covariance at the end of the arc, process noise and prior included, is what a filter would state
+that is right about the trajectory (posterior Cramer-Rao bound; Tichavsky, Muravchik and Nehorai
+1998).
 
 An error of the prior is carried by ``Psi = prod (1 - K H) F``, so ``Psi P0 Psi^T`` is the prior's
 part of the covariance at the end; its share of a variance says whether the data or the prior speak
@@ -79,17 +78,6 @@ def whitened(jacobian: FloatArray, noise: FloatArray) -> FloatArray:
         return np.zeros((0, jacobian.shape[-1]))
     rows = np.linalg.solve(np.linalg.cholesky(noise), jacobian)
     return np.asarray(rows.reshape(-1, jacobian.shape[-1]))
-
-
-def start_information(arc: ReferenceArc[S], size: int) -> FloatArray:
-    """(n, n) what all frames say of the errors at the first time; process noise left out."""
-    information, transition = np.zeros((size, size)), np.eye(size)
-    for k in range(len(arc.states)):
-        if k > 0:
-            transition = arc.step(k)[0] @ transition
-        carried = arc.measured(k) @ transition
-        information += carried.T @ carried
-    return information
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.evaluation.knowledge import in_words
 from pcnav.evaluation.observability.lie import Number, ObjectArray
 
 DIGITS = 60
@@ -25,6 +26,8 @@ States of a run are doubles: a spin about a principal axis that is not a coordin
 up to their rounding, some 1e-16. Exact states leave zeros below 1e-50.
 """
 _MAX_SWEEPS = 60
+_ROUNDING = 1e-9
+"""Of directions."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +56,6 @@ class ObservabilityRank:
         """(n,) singular values over the largest."""
         largest = self.singular_values[0] or Decimal(1)
         return np.array([float(value / largest) for value in self.singular_values])
-
-    @property
-    def gap(self) -> float:
-        """Smallest singular value that counts over the largest that does not: how clear the rank
-        is. Against rounding at sixty digits where none is dropped."""
-        relative, rank = self.relative, self.rank
-        dropped = float(relative[rank]) if rank < self.size else 0.0
-        return float(relative[rank - 1]) / max(dropped, 10.0 ** (5 - DIGITS)) if rank else 0.0
 
     @property
     def unobservable(self) -> FloatArray:
@@ -160,3 +155,33 @@ def _to_decimal(value: Number) -> Decimal:
     if isinstance(value, Fraction):
         return Decimal(value.numerator) / Decimal(value.denominator)
     return +value
+
+
+def directions_in_words(basis: FloatArray, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The space that the columns of a basis (n, k) span, in k names.
+
+    Any basis of the space would do; the one named involves few states each. A state that is in
+    the space by itself stands alone.
+    """
+    return tuple(in_words(row, names) for row in plain_basis(basis))
+
+
+def plain_basis(basis: FloatArray) -> FloatArray:
+    """(k, n) unit vectors of the span of (n, k): each is alone in having one of the states.
+
+    Elimination with the largest pivot left, so that rounding is not magnified.
+    """
+    rows = basis.T.copy()
+    taken: list[int] = []
+    for k in range(len(rows)):
+        left = np.abs(rows[k:]).copy()
+        left[:, taken] = 0.0
+        pivot, column = np.unravel_index(int(np.argmax(left)), left.shape)
+        rows[[k, k + int(pivot)]] = rows[[k + int(pivot), k]]
+        rows[k] /= rows[k, column]
+        others = np.arange(len(rows)) != k
+        rows[others] -= np.outer(rows[others, column], rows[k])
+        taken.append(int(column))
+    rows[np.abs(rows) < _ROUNDING] = 0.0
+    unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(unit[np.argsort(taken)])

@@ -17,6 +17,7 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, TorqueFreeModel
 from pcnav.estimators.image_motion.chain import run_chain
+from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.observability.depth import Views, depth_subject
 from pcnav.evaluation.observability.report import ObservabilityReport, observability_of
 from pcnav.evaluation.observability.subjects import (
@@ -39,7 +40,6 @@ from pcnav.simulation.depth import Scene
 from pcnav.simulation.images import simulated_tracks
 from pcnav.simulation.motion import true_motion
 from pcnav.simulation.simulate import simulate
-from pcnav.simulation.stereo import StereoSimulation
 from pcnav.target.mesh import read_mesh
 from pcnav.target.satellite import Target, load_target
 
@@ -68,7 +68,7 @@ def observability_of_run(
         expected = "expected the recording that the run was made from"
         raise InputError(folder / PIPELINE_FILE, "sequence", expected)
     mesh = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
-    recording = open_recording(Path(pipeline.sequence), mesh, _kinds(run.estimator))
+    recording = open_recording(Path(pipeline.sequence), mesh, ESTIMATORS[run.estimator].takes)
     target = None
     if isinstance(recording, Sequence):
         mesh = mesh or recording.info.target_mesh
@@ -127,24 +127,13 @@ def observability_of_pipeline(
         subject = depth_subject(
             title, pipeline, about, views, motion, truth.time_s, camera.R_cam_hill
         )
-    elif isinstance(simulation, StereoSimulation):
+    elif isinstance(recording, StereoTracks):
         motion = replace(motion, points=dict(enumerate(simulation.points)))
-        subject = _stereo_subject(title, pipeline, simulation.recording, motion)
+        subject = _stereo_subject(title, pipeline, recording, motion)
     else:
         table = pipeline.attitude_inertia
         subject = attitude_subject(title, table, motion.rotation, truth.time_s)
     return observability_of(subject, wanted)
-
-
-def _kinds(estimator: str) -> tuple[RecordingKind, ...]:
-    """Of the recordings that an estimator lives on."""
-    kinds: Mapping[str, tuple[RecordingKind, ...]] = {
-        EstimatorKind.PRINCIPAL_AXES: (RecordingKind.STEREO_TRACKS,),
-        EstimatorKind.INERTIA_BANK: (RecordingKind.STEREO_TRACKS,),
-        EstimatorKind.IMAGE_MOTION: (RecordingKind.IMAGES,),
-        EstimatorKind.ATTITUDE_INERTIA: (RecordingKind.IMAGES, RecordingKind.ATTITUDES),
-    }
-    return kinds.get(estimator, (RecordingKind.DEPTH,))
 
 
 def _subject_of_run(

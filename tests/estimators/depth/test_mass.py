@@ -1,7 +1,5 @@
 """Which source a prior of the mass is taken from, and its covariances."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,12 @@ from pcnav.target.satellite import Target
 
 COM = np.array([0.1, -0.2, 0.05])
 RATIOS = np.array([0.6, 0.8, 0.01, -0.02, 0.03])
-STATED = InitialPrior(COM, np.array([0.01, 0.02, 0.03]), RATIOS, np.full(5, 0.004))
+STATED = InitialPrior(
+    com_model_m=tuple(COM.tolist()),
+    com_sd_m=(0.01, 0.02, 0.03),
+    inertia_ratios=tuple(RATIOS.tolist()),
+    inertia_ratios_sd=(0.004,) * 5,
+)
 
 
 def test_without_a_stated_prior_the_target_is_believed(boxsat: Target) -> None:
@@ -44,7 +47,7 @@ def test_what_the_sequence_states_comes_before_the_target(boxsat: Target) -> Non
         belief.prior.ratio_covariance, 0.004**2 * np.eye(5), atol=1e-16, rtol=1e-9
     )
     # Each field on its own: a stated mass centre says nothing of the inertia.
-    part = prior_belief(boxsat, InitialPrior(com_model_m=COM), FilterTable())
+    part = prior_belief(boxsat, InitialPrior(com_model_m=tuple(COM.tolist())), FilterTable())
     np.testing.assert_array_equal(part.com_model, COM)
     np.testing.assert_array_equal(part.inertia_ratios, boxsat.inertia_ratios)
     np.testing.assert_allclose(part.com_covariance_m2, boxsat.com_sd_m**2 * np.eye(3))
@@ -61,7 +64,8 @@ def test_spreads_of_the_pipeline_come_before_both(boxsat: Target) -> None:
 
 def test_spreads_are_of_the_filters_parameters(boxsat: Target) -> None:
     # What the ratios' spread does to the parameters, by many draws.
-    small = prior_belief(boxsat, replace(STATED, inertia_ratios_sd=np.full(5, 1e-5)), FilterTable())
+    sharp = STATED.model_copy(update={"inertia_ratios_sd": (1e-5,) * 5})
+    small = prior_belief(boxsat, sharp, FilterTable())
     draws = np.random.default_rng(0).normal(0.0, 1e-5, (2000, 5))
     parameters = np.array([parameters_from_ratios(RATIOS + draw) for draw in draws])
     sd = np.sqrt(np.diag(small.parameter_covariance))
@@ -87,6 +91,9 @@ def test_what_a_filter_has_learnt_is_kept(state: NavigationState) -> None:
 
 
 def test_ratios_of_no_body_are_refused(boxsat: Target) -> None:
-    impossible = InitialPrior(inertia_ratios=np.array([0.2, 0.2, 0.0, 0.0, 0.0]))
+    ratios = {"inertia_ratios": (0.2, 0.2, 0.0, 0.0, 0.0)}
+    with pytest.raises(ValueError, match="physical inertia"):
+        InitialPrior.model_validate(ratios)
+    impossible = STATED.model_copy(update=ratios)
     with pytest.raises(ValueError, match=r"inertia ratios .* expected"):
         prior_belief(boxsat, impossible, FilterTable())

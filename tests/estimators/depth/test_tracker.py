@@ -530,10 +530,10 @@ def test_a_mesh_in_millimetres_is_told(recording: Recording) -> None:
 
 def test_prior_is_that_of_the_file_then_the_sequence_then_the_target(recording: Recording) -> None:
     prior = InitialPrior(
-        com_model_m=recording.motion.state(0).com_model,
-        com_sd_m=np.full(3, 1e-3),
-        inertia_ratios=recording.motion.state(0).inertia_ratios,
-        inertia_ratios_sd=np.full(5, 1e-3),
+        com_model_m=tuple(recording.motion.state(0).com_model.tolist()),
+        com_sd_m=(1e-3,) * 3,
+        inertia_ratios=tuple(recording.motion.state(0).inertia_ratios.tolist()),
+        inertia_ratios_sd=(1e-3,) * 5,
     )
     stated = replace(INFO, initial=prior)
     for info, filtering, com_sd, ratio_sd in (
