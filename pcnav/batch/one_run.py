@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,8 @@ from pcnav.runs.provenance import library_versions_with_peers
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.images import RenderedImages
 from pcnav.simulation.random_truth import Satellite, Spread, random_truth
-from pcnav.simulation.simulate import Simulation, simulate
+from pcnav.simulation.simulate import simulate
+from pcnav.simulation.simulation import Simulation
 from pcnav.target.satellite import Target, load_target
 
 
@@ -109,10 +111,10 @@ def run_pipeline(basis: GridBasis, run: GridRun) -> tuple[Pipeline, Target | Non
     return truth, target
 
 
-def simulated(basis: GridBasis, pipeline: Pipeline, target: Target | None) -> Simulation:
+def simulated(basis: GridBasis, pipeline: Pipeline, target: Target | None) -> Simulation[Any]:
     """The recording of a run, in memory, with its truth. Raises `InputError`."""
     if target is not None:
-        return Scene.showing(target, pipeline, basis.source)
+        return Scene.showing(target, pipeline, basis.source).simulation
     mesh = pipeline.target_mesh
     return simulate(pipeline, basis.source, None if mesh is None else Path(mesh))
 

@@ -61,6 +61,11 @@ class Scene:
         return self.motion.truth
 
     @property
+    def simulation(self) -> "Simulation[Scene]":
+        """Itself with its truth."""
+        return Simulation(self, self.truth, self.write)
+
+    @property
     def info(self) -> SequenceInfo:
         """What a recording of the scene states."""
         pipeline = self.pipeline
@@ -116,8 +121,7 @@ def simulate_depth(
     """The scene of a pipeline's target. Raises `InputError`, which names the source."""
     if target_mesh is None:
         raise InputError(source, "target_mesh", "expected the mesh of the satellite to simulate")
-    scene = Scene.showing(load_target(target_mesh), pipeline, source)
-    return Simulation(scene, scene.truth, scene.write)
+    return Scene.showing(load_target(target_mesh), pipeline, source).simulation
 
 
 def stated_range_sigma(noise: NoiseTable) -> float:
