@@ -3,7 +3,6 @@
 import csv
 import json
 import logging
-import re
 import shutil
 import tomllib
 from dataclasses import dataclass
@@ -146,19 +145,10 @@ def test_what_is_known_of_every_state_is_written(made: Made) -> None:
     assert "prior only" in {row["verdict"] for row in rows[15:20]}
 
 
-def self_contained(page: str) -> bool:
-    """Whether a page asks for nothing from elsewhere: links and images hold their own data."""
-    asked = re.findall(r"""(?:src|href|action|data)\s*=\s*["']([^"']*)""", page)
-    asked += re.findall(r"url\(([^)]*)\)", page) + re.findall(r"@import\s+([^;]*)", page)
-    return bool(asked) and all(link.strip("'\"").startswith(("data:", "#")) for link in asked)
-
-
-def test_the_report_stands_alone(made: Made) -> None:
+def test_the_report_tells_errors_and_recording(made: Made) -> None:
     page = (made.result / "report.html").read_text()
-    assert self_contained(page)
-    assert "<script" not in page
-    assert not self_contained(page + '<img src="https://example.org/a.png">')
     assert "Against the truth" in page
+    assert "One frame as it was understood" in page
     assert str(made.sequence) in page
 
 
@@ -172,9 +162,7 @@ def test_the_truth_never_enters_an_estimate(made: Made, tmp_path: Path) -> None:
     assert same_estimates(result, made.result)
     assert summary.metrics.errors is None
     assert not (result / "metrics.json").exists()
-    page = summary.report.read_text()
-    assert self_contained(page)
-    assert "Against the truth" not in page
+    assert "Against the truth" not in summary.report.read_text()
 
 
 @pytest.mark.usefixtures("quick_drawings")
