@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scipy.stats import chi2
 
 from pcnav.dynamics.blocks import RATIOS
 from pcnav.dynamics.mass_prior import PriorMass
@@ -17,6 +18,7 @@ from pcnav.evaluation.knowledge import what_is_known
 from pcnav.evaluation.metrics import evaluate
 from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report.content import ReportContent
+from pcnav.report.evaluation import consistency_figure
 from pcnav.report.page import Drawing
 from pcnav.report.run_report import SECTIONS, report_html, write_report
 from pcnav.report.states import states_over_time
@@ -286,3 +288,22 @@ def test_what_is_held_fixed_is_not_drawn(
     states_over_time(replace(content, run=replace(content.run, segments=(later, later))))
     line = drawn["Attitude"].axes[0].lines[0]
     assert np.flatnonzero(np.isnan(np.asarray(line.get_ydata()))).tolist() == [0, 1, 2, 10]
+
+
+@pytest.mark.parametrize("kind", ["depth", "inertia_bank", "attitude_inertia"])
+def test_every_frame_is_drawn_over_its_own_bound(make_content: Contents, kind: str) -> None:
+    content = make_content(kind, 60, inflation=1.3)
+    used, nees = content.run.nis_dof > 0, content.metrics.nees[-1]
+    assert nees.name == "all"
+    degrees = np.full(nees.frames, nees.degrees / nees.frames)
+    drawn = []
+    for axes, dof in zip(
+        consistency_figure(content).axes, (content.run.nis_dof[used], degrees), strict=True
+    ):
+        lines = [np.asarray(line.get_ydata(), dtype=np.float64) for line in axes.lines]
+        inside, outside = lines
+        assert np.nanmax(inside) <= 1.0 < np.nanmin(outside)
+        ratio = np.fmax(inside, outside)
+        drawn.append(ratio[np.isfinite(ratio)] * chi2.ppf(0.95, dof))
+    np.testing.assert_allclose(drawn[0], content.run.nis[used])
+    assert drawn[1].sum() / nees.degrees == pytest.approx(nees.mean_per_degree)
