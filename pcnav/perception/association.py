@@ -12,10 +12,9 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import invert_transform, skew
-from pcnav.perception.ambiguity import AxesCase, apply_case, resolve_case
 from pcnav.perception.perceive import PerceivedFrame, Seen
 from pcnav.perception.predicted_view import PredictedFace, PredictedView
-from pcnav.perception.recognition import size_gate
+from pcnav.perception.recognition import AxesCase, apply_case, resolve_case, size_gate
 from pcnav.perception.rectangles import AREA, LENGTH, WIDTH, YAW, RectangleObservation, SegmentShape
 from pcnav.target.satellite import Rectangle
 

@@ -1,6 +1,6 @@
 """Perception of one frame: returns -> planes -> segments -> rectangles -> catalogue entries."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from pcnav.perception.planes import extract_planes, trial_count
 from pcnav.perception.recognition import Recognition, recognise
 from pcnav.perception.rectangles import RectangleObservation, observe_segment
 from pcnav.perception.returns import Window, smoothed_points, smoothing_size, window_of_returns
-from pcnav.perception.segmentation import PredictedSurface, Segment, segment_planes
+from pcnav.perception.segmentation import PredictedSurface, Segment, Segmenter
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Rectangle
 
@@ -67,18 +67,13 @@ def perceive(
     if window is None:
         return PerceivedFrame(frame, None, np.empty((0, 0), dtype=np.intp), ())
     least = settings.minimum_plane_points
+    segmenter = Segmenter(window, range_sigma_m, least)
     if expected is None:
         planes = _found_planes(window, settings, range_sigma_m, seed + frame.index)
-        segments, labels = segment_planes(window, planes, range_sigma_m, least)
+        segments, labels = segmenter.segments(planes)
     else:
-        segments, labels = segment_planes(
-            window,
-            expected.planes,
-            range_sigma_m,
-            least,
-            rounds=1,
-            expected=expected.part(window.part),
-        )
+        guided = replace(segmenter, expected=expected.part(window.part))
+        segments, labels = guided.segments(expected.planes, rounds=1)
     seen = []
     for segment in segments:
         observation = observe_segment(frame.camera, window, segment, range_sigma_m, settings.mode)

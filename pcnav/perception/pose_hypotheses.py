@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import invert_transform
 from pcnav.perception.agreement import Agreement
-from pcnav.perception.ambiguity import apply_case, possible_cases
 from pcnav.perception.association import MAX_YAW_SD_RAD
 from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.recognition import apply_case, possible_cases
 from pcnav.perception.rectangles import YAW
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.target.satellite import Target

@@ -6,7 +6,7 @@ predicted pose and that clean frame goes through the very same segmentation and 
 measured one. How the moments of an expected face sit on its catalogue rectangle is then known.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from pcnav.perception.returns import Window, window_of_returns
 from pcnav.perception.segmentation import (
     PredictedSurface,
     Segment,
-    label_pixels,
-    segment_planes,
+    Segmenter,
     settled_pixels,
 )
 from pcnav.recordings.sequence import Frame
@@ -91,15 +90,9 @@ class ViewPredictor:
         if not planes:
             return PredictedView(rendered, None, (), no_labels)
         # The frame will be segmented with this surface as a guide, so the view is, too.
-        surface = self._surface(window, planes, label_pixels(window, planes, self._sigma_m)[0])
-        segments, _ = segment_planes(
-            window,
-            planes,
-            self._sigma_m,
-            self._settings.minimum_plane_points,
-            rounds=1,
-            expected=surface.part(part),
-        )
+        segmenter = Segmenter(window, self._sigma_m, self._settings.minimum_plane_points)
+        surface = self._surface(window, planes, segmenter.labels(planes)[0])
+        segments, _ = replace(segmenter, expected=surface.part(part)).segments(planes, rounds=1)
         faces: list[PredictedFace] = []
         image = no_labels[part]
         for segment in segments:

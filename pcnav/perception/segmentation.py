@@ -35,7 +35,7 @@ side has five inside, one beyond the side three."""
 _EIGHT = np.ones((3, 3), dtype=np.uint8)
 _AROUND = [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1) if (dv, du) != (0, 0)]
 _NO_PLANE = -1
-_UNEXPLAINED = np.float32(1e6)
+_MAX_COST = np.float32(1e6)
 
 
 @dataclass(frozen=True)
@@ -95,115 +95,138 @@ class Segment:
     """Number of pixels just outside it in total."""
 
 
-def segment_planes(
-    window: Window,
-    planes: tuple[FloatArray, ...],
-    sigma_m: float,
-    minimum_pixels: int,
-    *,
-    rounds: int = 2,
-    expected: PredictedSurface | None = None,
-) -> tuple[list[Segment], IntArray]:
-    """Connected segments of the planes, largest first, and the (height, width) segment labels.
+@dataclass(frozen=True)
+class Segmenter:
+    """Splits the pixels of a window into connected segments of planes."""
 
-    Args:
-        window: the pixels.
-        planes: planes ``m`` to start from, 1/m.
-        sigma_m: noise along the ray.
-        minimum_pixels: smaller segments are dropped.
-        rounds: how often pixels are assigned and planes refitted; one is enough for planes
-            that were right to begin with.
-        expected: of the window; decides where noise would, on steps too small to see.
-    """
-    fits = list(planes)
-    labels = np.full(window.shape, _NO_PLANE, dtype=np.intp)
-    convex = np.zeros((0, 0), dtype=bool)
-    for _ in range(rounds if fits else 0):
-        labels, convex = label_pixels(window, fits, sigma_m, expected)
-        labels, convex, fits = _refitted(window, labels, convex, fits, sigma_m, minimum_pixels)
-        if not fits:
-            break
-    return _components(window, labels, fits, convex, sigma_m, minimum_pixels)
+    window: Window
+    sigma_m: float
+    """Noise along the ray."""
+    minimum_pixels: int
+    """Smaller segments are dropped."""
+    expected: PredictedSurface | None = None
+    """Of the window; decides where noise would, on steps too small to see."""
 
+    def segments(
+        self, planes: Sequence[FloatArray], rounds: int = 2
+    ) -> tuple[list[Segment], IntArray]:
+        """Connected segments of the planes, largest first, and the (height, width) segment labels.
 
-def label_pixels(
-    window: Window,
-    planes: Sequence[FloatArray],
-    sigma_m: float,
-    expected: PredictedSurface | None = None,
-) -> tuple[IntArray, BoolArray]:
-    """(height, width) which of the planes each pixel shows, -1 for none; and which pairs of
-    planes (n, n) meet in a convex edge. Arguments as for `segment_planes`."""
-    typical_m = float(np.mean(window.range_m[window.has_return]))
-    ranges = np.full((len(planes), len(window.rays)), np.inf)
-    for own, m in zip(ranges, planes, strict=True):
-        if not is_edge_on(m, typical_m):
-            own[:] = plane_range(m, window.rays)
-    labels = _assign(window, ranges, sigma_m, expected)
-    return _straighten_creases(labels, ranges.reshape(-1, *window.shape), sigma_m)
+        Args:
+            planes: planes ``m`` to start from, 1/m.
+            rounds: how often pixels are assigned and planes refitted; one is enough for planes
+                that were right to begin with.
+        """
+        fits = list(planes)
+        labels = np.full(self.window.shape, _NO_PLANE, dtype=np.intp)
+        convex = np.zeros((0, 0), dtype=bool)
+        for _ in range(rounds if fits else 0):
+            labels, convex = self.labels(fits)
+            labels, convex, fits = self._refitted(labels, convex, fits)
+            if not fits:
+                break
+        return self._components(labels, fits, convex)
 
+    def labels(self, planes: Sequence[FloatArray]) -> tuple[IntArray, BoolArray]:
+        """(height, width) which of the planes each pixel shows, -1 for none; and which pairs of
+        planes (n, n) meet in a convex edge."""
+        window = self.window
+        typical_m = float(np.mean(window.range_m[window.has_return]))
+        ranges = np.full((len(planes), len(window.rays)), np.inf)
+        for own, m in zip(ranges, planes, strict=True):
+            if not is_edge_on(m, typical_m):
+                own[:] = plane_range(m, window.rays)
+        labels = self._assigned(ranges)
+        return _straighten_creases(labels, ranges.reshape(-1, *window.shape), self.sigma_m)
 
-def _refitted(
-    window: Window,
-    labels: IntArray,
-    convex: BoolArray,
-    planes: list[FloatArray],
-    sigma_m: float,
-    minimum_pixels: int,
-) -> tuple[IntArray, BoolArray, list[FloatArray]]:
-    """Planes refitted to their pixels; those with too few pixels, or seen edge-on, are gone."""
-    table = np.full(len(planes) + 1, _NO_PLANE, dtype=np.intp)  # the last serves the label -1
-    kept: list[int] = []
-    fits: list[FloatArray] = []
-    flat = labels.ravel()
-    for k, m in enumerate(planes):
-        own = np.flatnonzero(flat == k)
-        if len(own) < minimum_pixels:
-            continue
-        fit = fit_plane(window.rays[own], window.range_m[own], sigma_m, m)
-        if fit is not None:
-            table[k] = len(kept)
-            kept.append(k)
-            fits.append(fit.m)
-    return table[labels], convex[np.ix_(kept, kept)], fits
+    def _refitted(
+        self, labels: IntArray, convex: BoolArray, planes: list[FloatArray]
+    ) -> tuple[IntArray, BoolArray, list[FloatArray]]:
+        """Planes refitted to their pixels; those with too few pixels, or seen edge-on, are gone."""
+        table = np.full(len(planes) + 1, _NO_PLANE, dtype=np.intp)  # the last serves the label -1
+        kept: list[int] = []
+        fits: list[FloatArray] = []
+        flat, window = labels.ravel(), self.window
+        for k, m in enumerate(planes):
+            own = np.flatnonzero(flat == k)
+            if len(own) < self.minimum_pixels:
+                continue
+            fit = fit_plane(window.rays[own], window.range_m[own], self.sigma_m, m)
+            if fit is not None:
+                table[k] = len(kept)
+                kept.append(k)
+                fits.append(fit.m)
+        return table[labels], convex[np.ix_(kept, kept)], fits
 
+    def _assigned(self, ranges: FloatArray) -> IntArray:
+        """(height, width) best plane of each return: residual first, then the neighbours' vote.
 
-def _assign(
-    window: Window, ranges: FloatArray, sigma_m: float, expected: PredictedSurface | None
-) -> IntArray:
-    """(height, width) best plane of each return: residual first, then the neighbours' vote.
+        The vote is one of iterated conditional modes in a Potts model. Only pixels whose two best
+        planes are nearer than the vote could ever decide take part. A part that stands so little
+        out of a face that noise hides the step would be given to the face by noise, a different
+        share of it in every frame: there the expected surface decides, where the return agrees
+        with it.
+        """
+        window, expected = self.window, self.expected
+        returns = np.flatnonzero(window.has_return)
+        residual = (window.range_m[returns] - ranges[:, returns]) / self.sigma_m
+        # Also of planes the ray never meets.
+        cost = np.minimum(residual.astype(np.float32) ** 2, _MAX_COST)
+        best = cost.argmin(axis=0)
+        lowest = np.take_along_axis(cost, best[None], axis=0)[0]
+        near = lowest < _GATE_SIGMA**2
+        padded = np.full((window.height + 2, window.width + 2), _NO_PLANE, dtype=np.intp)
+        inner = padded[1:-1, 1:-1]
+        rows, columns = np.divmod(returns, window.width)
+        inner[rows, columns] = np.where(near, best, _NO_PLANE)
+        doubtful = near & (np.sum(cost < lowest + 8.0 * _SMOOTHING, axis=0) > 1)
+        if expected is not None:
+            surprise = np.abs(window.range_m[returns] - expected.range_m.ravel()[returns])
+            known = expected.settled.ravel()[returns]
+            known &= surprise < (_GATE_SIGMA + 0.5) * self.sigma_m
+            inner[rows[known], columns[known]] = expected.labels.ravel()[returns[known]]
+            doubtful &= ~known
+        v, u, doubtful_cost = rows[doubtful], columns[doubtful], cost[:, doubtful]
+        numbers = np.arange(len(ranges))[:, None]
+        for _ in range(_VOTES):
+            votes = np.zeros(doubtful_cost.shape, dtype=np.float32)
+            for dv, du in _AROUND:
+                votes += padded[v + 1 + dv, u + 1 + du] == numbers
+            choice = np.argmin(doubtful_cost - _SMOOTHING * votes, axis=0)
+            own = np.take_along_axis(doubtful_cost, choice[None], axis=0)[0]
+            inner[v, u] = np.where(own < (_GATE_SIGMA + 1.0) ** 2, choice, _NO_PLANE)
+        return inner.copy()
 
-    The vote is one of iterated conditional modes in a Potts model. Only pixels whose two best
-    planes are nearer than the vote could ever decide take part. A part that stands so little out
-    of a face that noise hides the step would be given to the face by noise, a different share of
-    it in every frame: there the expected surface decides, where the return agrees with it.
-    """
-    returns = np.flatnonzero(window.has_return)
-    residual = ((window.range_m[returns] - ranges[:, returns]) / sigma_m).astype(np.float32)
-    cost = np.minimum(residual**2, _UNEXPLAINED)  # also of planes the ray never meets
-    best = cost.argmin(axis=0)
-    lowest = np.take_along_axis(cost, best[None], axis=0)[0]
-    explained = lowest < _GATE_SIGMA**2
-    padded = np.full((window.height + 2, window.width + 2), _NO_PLANE, dtype=np.intp)
-    inner = padded[1:-1, 1:-1]
-    rows, columns = np.divmod(returns, window.width)
-    inner[rows, columns] = np.where(explained, best, _NO_PLANE)
-    doubtful = explained & (np.sum(cost < lowest + 8.0 * _SMOOTHING, axis=0) > 1)
-    if expected is not None:
-        surprise = np.abs(window.range_m[returns] - expected.range_m.ravel()[returns])
-        known = expected.settled.ravel()[returns] & (surprise < (_GATE_SIGMA + 0.5) * sigma_m)
-        inner[rows[known], columns[known]] = expected.labels.ravel()[returns[known]]
-        doubtful &= ~known
-    v, u, doubtful_cost = rows[doubtful], columns[doubtful], cost[:, doubtful]
-    numbers = np.arange(len(ranges))[:, None]
-    for _ in range(_VOTES):
-        votes = np.zeros(doubtful_cost.shape, dtype=np.float32)
-        for dv, du in _AROUND:
-            votes += padded[v + 1 + dv, u + 1 + du] == numbers
-        chosen = np.argmin(doubtful_cost - _SMOOTHING * votes, axis=0)
-        own = np.take_along_axis(doubtful_cost, chosen[None], axis=0)[0]
-        inner[v, u] = np.where(own < (_GATE_SIGMA + 1.0) ** 2, chosen, _NO_PLANE)
-    return inner.copy()
+    def _components(
+        self, labels: IntArray, planes: list[FloatArray], convex: BoolArray
+    ) -> tuple[list[Segment], IntArray]:
+        """Split each plane's pixels into connected segments: coplanar parts are different faces."""
+        shape = self.window.shape
+        pieces: list[tuple[int, Part, BoolArray]] = []
+        for k in range(len(planes)):
+            parts, count = ndimage.label(labels == k, structure=_EIGHT)
+            sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
+            boxes = ndimage.find_objects(parts)
+            for number in np.flatnonzero(sizes >= self.minimum_pixels):
+                box = _widened(boxes[number], shape)
+                pieces.append((k, box, parts[box] == number + 1))
+        # What is left of a label are stray pixels of other surfaces: they say nothing of its plane.
+        kept = np.zeros(shape, dtype=bool)
+        for _, box, piece in pieces:
+            kept[box] |= piece
+        labels = np.where(kept, labels, _NO_PLANE)
+        if not planes:
+            return [], labels
+        seen = np.stack([plane_range(m, self.window.rays) for m in planes])
+        surface = np.take_along_axis(seen, np.maximum(labels.ravel(), 0)[None], axis=0)[0]
+        scene = _Scene(self.window, labels, surface.reshape(shape), self.sigma_m)
+        found = [_segment(scene, planes[k], convex[k], box, piece) for k, box, piece in pieces]
+        segments = [segment for segment in found if segment is not None]
+        segments.sort(key=lambda segment: -len(segment.pixels))
+        numbered = np.full(shape, _NO_PLANE, dtype=np.intp)
+        for index, segment in enumerate(segments):
+            numbered.ravel()[segment.pixels] = index
+        return segments, numbered
 
 
 def _neighbours(mask: BoolArray) -> IntArray:
@@ -249,42 +272,6 @@ def _straighten_creases(
             doubtful = band & (np.abs(a_further) < (_GATE_SIGMA + 1.0) * sigma_m)
             straight[doubtful] = np.where(rule, a, b)[doubtful]
     return straight, convex
-
-
-def _components(
-    window: Window,
-    labels: IntArray,
-    planes: list[FloatArray],
-    convex: BoolArray,
-    sigma_m: float,
-    minimum_pixels: int,
-) -> tuple[list[Segment], IntArray]:
-    """Split each plane's pixels into connected segments: coplanar parts are different faces."""
-    pieces: list[tuple[int, Part, BoolArray]] = []
-    for k in range(len(planes)):
-        parts, count = ndimage.label(labels == k, structure=_EIGHT)
-        sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
-        boxes = ndimage.find_objects(parts)
-        for number in np.flatnonzero(sizes >= minimum_pixels):
-            box = _widened(boxes[number], window.shape)
-            pieces.append((k, box, parts[box] == number + 1))
-    # What is left of a label are stray pixels of other surfaces: they say nothing of their plane.
-    kept = np.zeros(window.shape, dtype=bool)
-    for _, box, piece in pieces:
-        kept[box] |= piece
-    labels = np.where(kept, labels, _NO_PLANE)
-    if not planes:
-        return [], labels
-    seen = np.stack([plane_range(m, window.rays) for m in planes])
-    surface = np.take_along_axis(seen, np.maximum(labels.ravel(), 0)[None], axis=0)[0]
-    scene = _Scene(window, labels, surface.reshape(window.shape), sigma_m)
-    found = [_segment(scene, planes[k], convex[k], box, piece) for k, box, piece in pieces]
-    segments = [segment for segment in found if segment is not None]
-    segments.sort(key=lambda segment: -len(segment.pixels))
-    numbered = np.full(window.shape, _NO_PLANE, dtype=np.intp)
-    for index, segment in enumerate(segments):
-        numbered.ravel()[segment.pixels] = index
-    return segments, numbered
 
 
 def _widened(box: tuple[slice, ...], shape: tuple[int, int]) -> Part:

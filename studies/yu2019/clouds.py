@@ -10,7 +10,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import transform_points
-from pcnav.perception.ambiguity import apply_case, resolve_case
+from pcnav.perception.recognition import apply_case, resolve_case
 from pcnav.perception.rectangles import RectangleObservation, observe_cloud
 from pcnav.simulation.motion import TrueMotion
 from pcnav.target.catalogue import Rectangle

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.perception.ambiguity import AxesCase, apply_case, possible_cases, resolve_case
+from pcnav.perception.recognition import AxesCase, apply_case, possible_cases, resolve_case
 from pcnav.target.catalogue import Rectangle
 
 SHEET = Rectangle("sheet", np.eye(4), 4.0, 1.5, two_sided=True)

@@ -23,7 +23,7 @@ from pcnav.perception.rectangles import (
     side_lengths,
 )
 from pcnav.perception.returns import Window, window_of_returns
-from pcnav.perception.segmentation import Segment, segment_planes
+from pcnav.perception.segmentation import Segment, Segmenter
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 
@@ -147,7 +147,7 @@ def facing(frame: Frame, T: FloatArray, sigma: float) -> tuple[Window, Segment]:
     window = window_of_returns(frame)
     assert window is not None
     m = T[:3, 2] / (T[:3, 2] @ T[:3, 3])
-    (segment,), _ = segment_planes(window, (m,), sigma, 40, rounds=1)
+    (segment,), _ = Segmenter(window, sigma, 40).segments((m,), rounds=1)
     return window, segment
 
 

@@ -9,7 +9,7 @@ import trimesh
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.returns import Window, window_of_returns
-from pcnav.perception.segmentation import Segment, segment_planes
+from pcnav.perception.segmentation import Segment, Segmenter
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 
@@ -40,7 +40,7 @@ def segmented(
 ) -> tuple[Window, list[Segment], IntArray]:
     window = window_of_returns(frame)
     assert window is not None
-    segments, labels = segment_planes(window, planes, sigma, 40, rounds=rounds)
+    segments, labels = Segmenter(window, sigma, 40).segments(planes, rounds)
     assert labels.shape == window.shape
     sizes = [len(segment.pixels) for segment in segments]
     assert sizes == sorted(sizes, reverse=True)
