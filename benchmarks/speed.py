@@ -43,7 +43,7 @@ _PLACES = {
     "pcnav.pipeline.read_run": _REPORT,
     "pcnav.pipeline.read_truth": _REPORT,
     "pcnav.pipeline.evaluate": _REPORT,
-    "pcnav.pipeline.what_is_known": _REPORT,
+    "pcnav.pipeline.gain_of_run": _REPORT,
     "pcnav.pipeline.frame_picture": _REPORT,
     "pcnav.pipeline.tables_of_run": _REPORT,
     "pcnav.pipeline.library_versions": _REPORT,

@@ -8,20 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline
 from pcnav.core.errors import InputError
-from pcnav.dynamics.blocks import ATTITUDE, RATE
-from pcnav.dynamics.mass_prior import PriorMass
-from pcnav.dynamics.orbit import R_hill_world
 from pcnav.estimators.choice import chosen
-from pcnav.estimators.depth.views import FrameView
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import make_estimator
-from pcnav.evaluation.knowledge import RunKnowledge, knowledge_csv, what_is_known
+from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import tables_of_run
 from pcnav.recordings.images import ImageSequence
@@ -37,7 +32,6 @@ from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import read_run
 from pcnav.runs.result_files import KNOWLEDGE_FILE, METRICS_FILE, PIPELINE_FILE, REPORT_FILE
-from pcnav.runs.run import Run
 from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target, load_target
@@ -58,7 +52,7 @@ class RunSummary:
     folder: Path
     metrics: Metrics
     """Errors in it only where the recording carries a truth."""
-    knowledge: RunKnowledge | None
+    gain: InformationGain | None
     """What the data told of every state; None without a prior or an estimate."""
 
     @property
@@ -90,27 +84,6 @@ class _Inputs:
             self.as_run, about.info if isinstance(about, Sequence) else about, self.target
         )
         return make_estimator(str(self.as_run.estimator.kind), given)
-
-
-@dataclass
-class _Followed:
-    """What is kept of a run beside the estimates written."""
-
-    prior: PriorMass | None = None
-    """What the last track started from; None when none started."""
-    picture: tuple[Estimate, FrameView] | None = None
-    """The frame that the report shows; None of a run that measures no depth frames."""
-
-    def take(self, estimate: Estimate, estimator: Estimator) -> None:
-        """Take note after a frame."""
-        # A track that is lost forgets its prior, not the estimates it made.
-        self.prior = estimator.prior or self.prior
-        view = estimator.view
-        # The frame with more rectangles used; the later one of equals, being better estimated.
-        if view is not None and (
-            self.picture is None or _rectangles(estimate) >= _rectangles(self.picture[0])
-        ):
-            self.picture = estimate, view
 
 
 def run(
@@ -154,7 +127,7 @@ def run(
         writer.write_text(PIPELINE_FILE, pipeline_toml(inputs.as_run, versions, of_a_run=True))
         if on_start is not None:
             on_start(inputs.as_run, running.output)
-        followed = _estimate(inputs, running, writer, on_estimate)
+        _estimate(inputs, running, writer, on_estimate)
         staging = writer.finish_tables()
         if isinstance(inputs.recording, TrackedImages):
             inputs.recording.write(staging)
@@ -162,10 +135,14 @@ def run(
         metrics = evaluate(found, truth, symmetry_transforms=symmetries, true_points=points)
         if metrics.errors is not None:
             writer.write_json(METRICS_FILE, metrics.to_json())
-        knowledge = _knowledge(followed.prior, found, inputs)
-        if knowledge is not None:
-            writer.write_text(KNOWLEDGE_FILE, knowledge_csv(knowledge))
-        picture, caption = _picture(inputs, followed)
+        gain = None
+        if running.prior is not None:
+            assert isinstance(inputs.recording, Sequence), "only runs on depth frames have one"
+            orbit_rate = inputs.recording.info.mean_motion_rad_s
+            gain = gain_of_run(found, running.prior, orbit_rate)
+        if gain is not None:
+            writer.write_text(KNOWLEDGE_FILE, gain_csv(gain))
+        picture, caption = _picture(inputs.target, running)
         content = ReportContent(
             title=inputs.recording.name,
             command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -173,7 +150,7 @@ def run(
             metrics=metrics,
             target=None if inputs.target is None else inputs.target.name,
             symmetry="C1" if symmetries is None else group_name(symmetries),
-            knowledge=knowledge,
+            gain=gain,
             observability=tables_of_run(found, inputs.recording, inputs.target),
             configuration=inputs.as_run.stated(of_a_run=True),
             versions=versions,
@@ -181,7 +158,7 @@ def run(
             picture_caption=caption,
         )
         write_report(staging / REPORT_FILE, content)
-    return RunSummary(out, metrics, knowledge)
+    return RunSummary(out, metrics, gain)
 
 
 def _open(
@@ -232,12 +209,11 @@ def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
 
 def _estimate(
     inputs: _Inputs, estimator: Estimator, writer: RunWriter, on_estimate: OnEstimate | None
-) -> _Followed:
+) -> None:
     """Give the estimator every frame; the estimates go to the writer as they come."""
-    followed, done = _Followed(), 0
+    done = 0
     for done, frame in enumerate(inputs.recording, start=1):
         estimate = writer.add(estimator.step(frame))
-        followed.take(estimate, estimator)
         if on_estimate is not None:
             # A damaged video may end before, or after, what its header says.
             on_estimate(estimate, done, max(len(inputs.recording), done))
@@ -246,36 +222,19 @@ def _estimate(
     revised = estimator.finish()
     if revised is not None:
         writer.revise(revised)
-    return followed
 
 
-def _knowledge(prior: PriorMass | None, found: Run, inputs: _Inputs) -> RunKnowledge | None:
-    """What the last estimate of a run knows beyond its prior."""
-    known, trajectory = np.flatnonzero(found.has_estimate), found.trajectory
-    if prior is None or trajectory.covariance is None or not known.size:
-        return None
-    assert isinstance(inputs.recording, Sequence), "only runs on depth frames have a prior"
-    last = known[-1]
-    R_hill = R_hill_world(found.time_s[last], inputs.recording.info.mean_motion_rad_s)
-    R_hill_body = R_hill @ trajectory[ATTITUDE][last]
-    return what_is_known(prior, trajectory.covariance[last], R_hill_body, trajectory[RATE][last])
-
-
-def _rectangles(estimate: Estimate) -> int:
-    return int(estimate.notes.get("n_rectangles") or 0)
-
-
-def _picture(inputs: _Inputs, followed: _Followed) -> tuple[Figure | None, str]:
-    if followed.picture is None or inputs.target is None:
+def _picture(target: Target | None, estimator: Estimator) -> tuple[Figure | None, str]:
+    if target is None or estimator.best_view is None:
         return None, ""
-    estimate, view = followed.picture
+    estimate, view = estimator.best_view
     frame = view.frame
     picture = frame_picture(
         frame.depth_m,
         frame.camera,
         view.image_labels,
         estimate.records,
-        wireframe_edges(inputs.target.mesh),
+        wireframe_edges(target.mesh),
         estimate.T_cam_target,
     )
     return picture, f"Frame {frame.index} at {frame.time_s:g} s, status {estimate.status}."

@@ -130,5 +130,5 @@ def _tell(summary: "RunSummary") -> None:
 
     from pcnav.report.summary import summary_table
 
-    Console().print(summary_table(summary.metrics, summary.knowledge))
+    Console().print(summary_table(summary.metrics, summary.gain))
     typer.echo(f"report: {summary.report}")

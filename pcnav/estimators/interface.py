@@ -94,8 +94,8 @@ class Estimator(ABC):
         return None
 
     @property
-    def view(self) -> "FrameView | None":
-        """The last frame as it was understood, of one that measures depth frames."""
+    def best_view(self) -> "tuple[Estimate, FrameView] | None":
+        """The frame understood best so far, of one that measures depth frames."""
         return None
 
     @property

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from pcnav.evaluation.knowledge import RunKnowledge
+from pcnav.evaluation.information_gain import InformationGain
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable
 from pcnav.runs.run import Run
@@ -30,7 +30,7 @@ class ReportContent:
     """Name of the target's model; None without a model."""
     symmetry: str = "C1"
     """Name of the target's symmetry group; C1 is none."""
-    knowledge: RunKnowledge | None = None
+    gain: InformationGain | None = None
     """What the data told of every state; None without an estimate or without a prior."""
     observability: tuple[TextTable, ...] = ()
     """What the motion makes observable; empty without an estimate."""

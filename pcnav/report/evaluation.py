@@ -10,11 +10,11 @@ from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.statistics import CONFIDENCE
 from pcnav.dynamics.blocks import BLOCKS, FILE_ORDER, MASS_CENTRE_LAYOUT
 from pcnav.evaluation.consistency import Consistency, squared_errors
-from pcnav.evaluation.knowledge import (
+from pcnav.evaluation.information_gain import (
     ENOUGH_BITS,
     FROM_DATA,
     MAX_PRIOR_SHARE,
-    StateKnowledge,
+    StateGain,
 )
 from pcnav.files.text_table import MISSING, TextTable, display_unit, number
 from pcnav.report.content import ReportContent
@@ -127,12 +127,12 @@ def _nees_row(values: Consistency) -> tuple[str, ...]:
 
 def information_gain(content: ReportContent) -> list[Piece]:
     """The states one by one, and the combinations that single states hide."""
-    knowledge = content.knowledge
-    if knowledge is None:
+    gain = content.gain
+    if gain is None:
         return []
     rows, prior_only = [], []
     for block in FILE_ORDER:
-        title, states = block_title(block), knowledge.states[MASS_CENTRE_LAYOUT.slice_of(block)]
+        title, states = block_title(block), gain.states[MASS_CENTRE_LAYOUT.slice_of(block)]
         own = list(zip(block.components, states, strict=True))
         shown = (block.to_shown, block.shown_unit)
         rows += [_gain_row(f"{title}, {component}", each, *shown) for component, each in own]
@@ -146,7 +146,7 @@ def information_gain(content: ReportContent) -> list[Piece]:
     )
     combinations = tuple(
         _gain_row(each.name, each, 1.0, each.unit)
-        for each in (*knowledge.com_combinations, *knowledge.ratio_combinations)
+        for each in (*gain.com_combinations, *gain.ratio_combinations)
     )
     return [
         f"A state is {FROM_DATA} when at most {MAX_PRIOR_SHARE:.0%} of its final variance is due "
@@ -162,7 +162,7 @@ def information_gain(content: ReportContent) -> list[Piece]:
     ]
 
 
-def _gain_row(title: str, state: StateKnowledge, scale: float, unit: str) -> tuple[str, ...]:
+def _gain_row(title: str, state: StateGain, scale: float, unit: str) -> tuple[str, ...]:
     by, unit = display_unit(unit, scale * state.posterior_sd)
     return (
         title,

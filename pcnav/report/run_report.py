@@ -71,7 +71,7 @@ def _medians(metrics: Metrics) -> list[tuple[str, str]]:
 
 
 def _summary(content: ReportContent) -> list[Piece]:
-    facts = run_facts(content.metrics, content.knowledge)
+    facts = run_facts(content.metrics, content.gain)
     table = TextTable("", "", ("", ""), tuple(facts), text_columns=2)
     if content.picture is None:
         return [table]

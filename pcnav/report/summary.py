@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pcnav.evaluation.consistency import Consistency
-from pcnav.evaluation.knowledge import FROM_DATA, PRIOR_ONLY, RunKnowledge
+from pcnav.evaluation.information_gain import FROM_DATA, PRIOR_ONLY, InformationGain
 from pcnav.evaluation.metrics import Metrics, QuantityErrors
 from pcnav.files.text_table import MISSING, display_unit, number
 
@@ -43,10 +43,10 @@ def error_row(quantity: QuantityErrors) -> ErrorRow:
     return ErrorRow(quantity.title, unit, texts, median=number(scale * settled.median))
 
 
-def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[tuple[str, str]]:
+def run_facts(metrics: Metrics, gain: InformationGain | None = None) -> list[tuple[str, str]]:
     """What a run says of itself, as pairs of a name and a value with its unit.
 
-    ``knowledge`` is None in a run without an estimate.
+    ``gain`` is None in a run without an estimate.
     """
     facts = [
         ("frames", f"{metrics.frames} in {number(metrics.duration_s)} s"),
@@ -56,17 +56,17 @@ def run_facts(metrics: Metrics, knowledge: RunKnowledge | None = None) -> list[t
     facts.append(("status", ", ".join(statuses) or MISSING))
     if metrics.nis.frames:
         facts.append(("NIS per degree of freedom", consistency_text(metrics.nis)))
-    if knowledge is not None:
-        facts.append((FROM_DATA, knowledge_text(knowledge)))
+    if gain is not None:
+        facts.append((FROM_DATA, gain_text(gain)))
     alone = len(metrics.nees) == 1
     whole_state = (block for block in metrics.nees if alone or block.name == "all")
     name = "NEES per degree of freedom"
     return facts + [(name, consistency_text(block)) for block in whole_state]
 
 
-def knowledge_text(knowledge: RunKnowledge) -> str:
+def gain_text(gain: InformationGain) -> str:
     """How many states the data tell, and the names of the others."""
-    count, others = len(knowledge.states), knowledge.prior_only
+    count, others = len(gain.states), gain.prior_only
     text = f"{count - len(others)} of {count} states"
     return f"{text}; {PRIOR_ONLY}: {', '.join(others)}" if others else text
 
@@ -80,9 +80,9 @@ def consistency_text(values: Consistency) -> str:
     return f"{values.mean_per_degree:.3f} (95 %: {bounds}); {inside}"
 
 
-def summary_table(metrics: Metrics, knowledge: RunKnowledge | None = None) -> Table:
+def summary_table(metrics: Metrics, gain: InformationGain | None = None) -> Table:
     """The table printed at the end of a run: errors when there is a truth, facts below them."""
-    facts = run_facts(metrics, knowledge)
+    facts = run_facts(metrics, gain)
     if not metrics.quantities:
         table = Table("run", "value", title="Run summary", title_justify="left")
         for name, value in facts:

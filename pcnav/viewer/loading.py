@@ -13,7 +13,7 @@ from pcnav.dynamics.blocks import RATIOS
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.errors import Errors, errors
-from pcnav.evaluation.knowledge import FROM_DATA
+from pcnav.evaluation.information_gain import FROM_DATA
 from pcnav.files.csv_table import read_csv
 from pcnav.recordings.attitudes import has_camera_attitudes, read_camera_attitudes
 from pcnav.recordings.opening import format_of, open_sequence

@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.attitude_inertia.rotation_model import INERTIA
-from pcnav.evaluation.knowledge import MAX_PRIOR_SHARE
+from pcnav.evaluation.information_gain import MAX_PRIOR_SHARE
 from pcnav.evaluation.observability.attitude import (
     ORDER,
     attitude_exact_rank,

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from pcnav.dynamics.blocks import RATIOS
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.trajectory import Trajectory
-from pcnav.evaluation.knowledge import what_is_known
+from pcnav.evaluation.information_gain import information_gain
 from pcnav.evaluation.metrics import evaluate
 from pcnav.files.text_table import TextTable, display_unit, number
 from pcnav.report.content import ReportContent
@@ -230,7 +230,7 @@ def test_the_report_says_what_the_data_told(make_content: Contents) -> None:
     assert "prior only" not in read_page(report_html(content)).text
     covariance = np.diag(np.full(20, 1e-6))
     covariance[15:17, 15:17] = 0.005 * np.ones((2, 2)) + 1e-9 * np.eye(2)
-    knowledge = what_is_known(
+    gain = information_gain(
         PriorMass(0.15**2 * np.eye(3), 0.01 * np.eye(5)), covariance, np.eye(3), np.ones(3)
     )
     observable = TextTable("states", "What <is> observable", ("a", "b"), (("<c>", "d"),), "e & f")
@@ -238,7 +238,7 @@ def test_the_report_says_what_the_data_told(make_content: Contents) -> None:
     picture.add_subplot().plot([0.0, 1.0])
     content = replace(
         content,
-        knowledge=knowledge,
+        gain=gain,
         observability=(observable,),
         picture=picture,
         picture_caption="Frame <7>",

@@ -104,28 +104,32 @@ class Tracker(Estimator):
         self._status = Status.ACQUIRING
         self._track: _Track | None = None
         self._acquisition = self._new_acquisition(self._belief)
-        self._view: FrameView | None = None
+        self._best_view: tuple[Estimate, FrameView] | None = None
+        self._has_tracked = False
 
     @property
-    def view(self) -> FrameView | None:
-        """The last frame as it was understood; None before the first."""
-        return self._view
+    def best_view(self) -> tuple[Estimate, FrameView] | None:
+        """The frame with most rectangles used; the later one of equals, being better estimated."""
+        return self._best_view
 
     @property
     def prior(self) -> PriorMass | None:
         """Prior of the mass before the first frame; None until there is a track."""
-        return None if self._track is None else self._belief.prior
+        return self._belief.prior if self._has_tracked else None
 
     def step(self, frame: Frame, /) -> Estimate:
         """Take in one frame. Raises `InputError` when target and frame differ in units."""
         observer = ObserverPose.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
         if self._track is None:
-            estimate, self._view = self._acquire(frame, observer)
+            estimate, view = self._acquire(frame, observer)
         else:
-            estimate, self._view = self._follow(frame, observer, self._track)
+            estimate, view = self._follow(frame, observer, self._track)
         if estimate.status != self._status:
-            self._log_status(frame, estimate, self._view.inlier_ratio)
+            self._log_status(frame, estimate, view.inlier_ratio)
             self._status = Status(estimate.status)
+        best = self._best_view
+        if best is None or _rectangles_used(estimate) >= _rectangles_used(best[0]):
+            self._best_view = estimate, view
         return estimate
 
     def _log_status(self, frame: Frame, estimate: Estimate, inlier_ratio: float) -> None:
@@ -163,7 +167,7 @@ class Tracker(Estimator):
             symmetric=len(self._target.symmetry_transforms) > 1,
             open_question=outcome.undecided,
         )
-        self._track = track
+        self._track, self._has_tracked = track, True
         return self._estimate(outcome.view, None, track.status, observer), outcome.view
 
     # Following.
@@ -298,3 +302,7 @@ class Tracker(Estimator):
             covariance=ratio_covariance(kalman.state, kalman.covariance),
             T_cam_target=pose_of(kalman, observer),
         )
+
+
+def _rectangles_used(estimate: Estimate) -> int:
+    return int(estimate.notes["n_rectangles"] or 0)

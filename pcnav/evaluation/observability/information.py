@@ -9,7 +9,7 @@ that is right about the trajectory (posterior Cramer-Rao bound; Tichavsky, Murav
 
 An error of the prior is carried by ``Psi = prod (1 - K H) F``, so ``Psi P0 Psi^T`` is the prior's
 part of the covariance at the end; its share of a variance says whether the data or the prior speak
-(`pcnav.evaluation.knowledge`).
+(`pcnav.evaluation.information_gain`).
 """
 
 from collections.abc import Callable

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.evaluation.knowledge import in_words
+from pcnav.evaluation.information_gain import in_words
 from pcnav.evaluation.observability.lie import Number, ObjectArray
 
 DIGITS = 60

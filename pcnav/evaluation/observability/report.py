@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.evaluation.knowledge import (
+from pcnav.evaluation.information_gain import (
     FROM_DATA,
     KNOWN_RULE,
-    StateKnowledge,
+    StateGain,
     in_words,
     independent_combinations,
 )
@@ -69,9 +69,9 @@ class ObservabilityReport:
     """Longest arc that was looked at."""
     rank: ObservabilityRank
     """Local rank of attitude, rate and inertia ratios from attitudes alone (Deng 2024 (20))."""
-    states: tuple[StateKnowledge, ...]
+    states: tuple[StateGain, ...]
     """At the end of the arc."""
-    weakest: tuple[StateKnowledge, ...]
+    weakest: tuple[StateGain, ...]
     """Directions in the states of a kind, the one with the largest share of the prior first."""
     lengths_s: tuple[float, ...]
     """Of the arcs for which standard deviations are predicted."""
@@ -108,10 +108,10 @@ class ObservabilityReport:
             "put into it. The share is the prior's part of the variance. "
             f"{KNOWN_RULE}"
         )
-        return _knowledge_table("states", "States after the arc", "state", self.states, note)
+        return _gain_table("states", "States after the arc", "state", self.states, note)
 
     def _weakest(self) -> TextTable:
-        return _knowledge_table("weakest", "Weakest directions", "direction", self.weakest)
+        return _gain_table("weakest", "Weakest directions", "direction", self.weakest)
 
     def _lengths(self) -> TextTable:
         rows = []
@@ -181,7 +181,7 @@ def _rank(omega_body: FloatArray, inertia: FloatArray) -> ObservabilityRank:
 
 def _states(
     reported: ReportedState[Any], prior: FloatArray, found: ExpectedUncertainty
-) -> tuple[StateKnowledge, ...]:
+) -> tuple[StateGain, ...]:
     constant = [group.constant for group in reported.groups for _ in group.terms]
     each = zip(reported.names, reported.units, np.eye(len(prior)), constant, strict=True)
     return tuple(_known(*state, prior, found) for state in each)
@@ -189,7 +189,7 @@ def _states(
 
 def _weakest(
     reported: ReportedState[Any], prior: FloatArray, found: ExpectedUncertainty
-) -> tuple[StateKnowledge, ...]:
+) -> tuple[StateGain, ...]:
     """The principal axis of each group along which it is known least, and every other along which
     the prior still speaks."""
     weakest = []
@@ -215,16 +215,16 @@ def _known(
     constant: bool,
     prior: FloatArray,
     found: ExpectedUncertainty,
-) -> StateKnowledge:
+) -> StateGain:
     variance = max(float(weights @ found.covariance @ weights), np.finfo(float).tiny)
     part = max(float(weights @ found.covariance_from_prior @ weights), 0.0)
     before = float(weights @ prior @ weights) if constant else part
     share = float(np.clip(part / variance, 0.0, 1.0))
-    return StateKnowledge(name, unit, float(np.sqrt(before)), float(np.sqrt(variance)), share)
+    return StateGain(name, unit, float(np.sqrt(before)), float(np.sqrt(variance)), share)
 
 
-def _knowledge_table(
-    key: str, title: str, first: str, states: tuple[StateKnowledge, ...], note: str = ""
+def _gain_table(
+    key: str, title: str, first: str, states: tuple[StateGain, ...], note: str = ""
 ) -> TextTable:
     rows = []
     for state in states:

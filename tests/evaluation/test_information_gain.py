@@ -27,25 +27,25 @@ from pcnav.dynamics.state import (
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.estimators.depth.motion_hypotheses import start_covariance
-from pcnav.evaluation.knowledge import (
+from pcnav.evaluation.information_gain import (
     FROM_DATA,
     PRIOR_ONLY,
-    RunKnowledge,
-    StateKnowledge,
+    InformationGain,
+    StateGain,
+    gain_csv,
     in_words,
     independent_combinations,
-    knowledge_csv,
-    what_is_known,
+    information_gain,
 )
-from pcnav.report.summary import knowledge_text
+from pcnav.report.summary import gain_text
 
 PRIOR = PriorMass(0.15**2 * np.eye(3), 0.01 * np.eye(5))
 STILL = np.zeros(3)
 
 
-def judged(prior: PriorMass, covariance: FloatArray) -> RunKnowledge:
+def judged(prior: PriorMass, covariance: FloatArray) -> InformationGain:
     """Of a target that does not turn."""
-    return what_is_known(prior, covariance, np.eye(3), STILL)
+    return information_gain(prior, covariance, np.eye(3), STILL)
 
 
 def with_data(prior: PriorMass, data: FloatArray, prior_scale: float = 1.0) -> FloatArray:
@@ -114,51 +114,51 @@ def covariance_after(
     return state, ratio_covariance(state, P)
 
 
-def known_after(rate_rad_s: FloatArray, inertia: FloatArray) -> RunKnowledge:
+def known_after(rate_rad_s: FloatArray, inertia: FloatArray) -> InformationGain:
     state, P = covariance_after(rate_rad_s, inertia, PRIOR)
-    return what_is_known(PRIOR, P, state.R_world_body, state.omega_body)
+    return information_gain(PRIOR, P, state.R_world_body, state.omega_body)
 
 
 def test_a_tumble_tells_everything() -> None:
     inertia = np.array([[1.0, 0.02, -0.01], [0.02, 1.3, 0.03], [-0.01, 0.03, 0.8]])
-    knowledge = known_after(np.array([0.1, 0.07, 0.12]), inertia)
-    assert knowledge.prior_only == ()
-    assert all(each.known for each in knowledge.ratio_combinations + knowledge.com_combinations)
-    assert knowledge_text(knowledge) == "20 of 20 states"
+    gain = known_after(np.array([0.1, 0.07, 0.12]), inertia)
+    assert gain.prior_only == ()
+    assert all(each.known for each in gain.ratio_combinations + gain.com_combinations)
+    assert gain_text(gain) == "20 of 20 states"
 
 
 def test_a_spin_about_a_principal_axis_leaves_combinations_to_the_prior() -> None:
     """A steady spin about z says that Ixz and Iyz vanish, and nothing of the other three; nor where
     on the axis the mass centre lies."""
-    knowledge = known_after(np.array([0.0, 0.0, 0.15]), np.diag([1.0, 1.3, 0.8]))
-    unknown = {each.name for each in knowledge.ratio_combinations if not each.known}
+    gain = known_after(np.array([0.0, 0.0, 0.15]), np.diag([1.0, 1.3, 0.8]))
+    unknown = {each.name for each in gain.ratio_combinations if not each.known}
     assert unknown == {"Iyy", "Izz", "Ixy"}
-    assert [each.bits < 0.01 for each in knowledge.ratio_combinations] == [True] * 3 + [False] * 2
-    assert [each.known for each in knowledge.com_combinations] == [False, True, True]
-    assert knowledge.com_combinations[0].name == "com_z"
+    assert [each.bits < 0.01 for each in gain.ratio_combinations] == [True] * 3 + [False] * 2
+    assert [each.known for each in gain.com_combinations] == [False, True, True]
+    assert gain.com_combinations[0].name == "com_z"
     mass_states = ("com_z_m", "i_yy", "i_zz", "i_xy")
-    assert set(knowledge.prior_only) - {"r_x_m", "r_y_m", "r_z_m"} == set(mass_states)
+    assert set(gain.prior_only) - {"r_x_m", "r_y_m", "r_z_m"} == set(mass_states)
     # The axis points mostly along the Hill z axis, so that is where the position is not known.
-    assert "r_z_m" in knowledge.prior_only
-    assert {each.verdict for each in knowledge.states[V_HILL]} == {FROM_DATA}
-    assert knowledge_text(knowledge).endswith("com_z_m, i_yy, i_zz, i_xy")
+    assert "r_z_m" in gain.prior_only
+    assert {each.verdict for each in gain.states[V_HILL]} == {FROM_DATA}
+    assert gain_text(gain).endswith("com_z_m, i_yy, i_zz, i_xy")
 
 
 def test_a_spin_about_an_oblique_principal_axis_is_told_by_its_combination() -> None:
     """Every component of the mass centre gains, the position along the spin axis does not."""
     R = exp_rotation(np.array([0.5, -0.6, 0.2]))
     axis = R[:, 2]
-    knowledge = known_after(0.15 * axis, R @ np.diag([1.0, 1.3, 0.8]) @ R.T)
-    weakest = knowledge.com_combinations[0]
+    gain = known_after(0.15 * axis, R @ np.diag([1.0, 1.3, 0.8]) @ R.T)
+    weakest = gain.com_combinations[0]
     assert weakest.verdict == PRIOR_ONLY
     assert weakest.bits < 0.05
     terms = ("com_x", "com_y", "com_z")
     assert weakest.name == in_words(axis, terms)
-    assert all(state.bits > 0.1 for state in knowledge.states[COM_MODEL])
+    assert all(state.bits > 0.1 for state in gain.states[COM_MODEL])
     # Each by the share of the unknown direction in it.
-    for state, cosine in zip(knowledge.states[COM_MODEL], axis, strict=True):
+    for state, cosine in zip(gain.states[COM_MODEL], axis, strict=True):
         assert state.posterior_sd == pytest.approx(abs(cosine) * weakest.posterior_sd, rel=0.01)
-    assert sum(not each.known for each in knowledge.ratio_combinations) == 3
+    assert sum(not each.known for each in gain.ratio_combinations) == 3
 
 
 # Closed forms.
@@ -184,20 +184,20 @@ def test_what_no_single_state_shows_is_prior_only() -> None:
     even = np.full(5, 1.0 / np.sqrt(5.0))
     data = np.eye(STATE_SIZE)
     data[INERTIA_RATIOS, INERTIA_RATIOS] = 1e8 * (np.eye(5) - np.outer(even, even))
-    knowledge = judged(PRIOR, with_data(PRIOR, data))
-    for state in knowledge.states[INERTIA_RATIOS]:
+    gain = judged(PRIOR, with_data(PRIOR, data))
+    for state in gain.states[INERTIA_RATIOS]:
         assert state.bits == pytest.approx(0.5 * np.log2(5.0), abs=1e-5)
         assert state.verdict == PRIOR_ONLY
-    weakest, *others = knowledge.ratio_combinations
+    weakest, *others = gain.ratio_combinations
     assert weakest.name == "0.45 Iyy + 0.45 Izz + 0.45 Ixy + 0.45 Ixz + 0.45 Iyz"
     assert weakest.bits == pytest.approx(0.0, abs=1e-5)
     assert all(each.bits > 8.0 for each in others)
 
 
 def test_a_precise_state_is_known_though_the_rest_is_the_priors() -> None:
-    state = StateKnowledge("i_xz", "1", 0.1, 1e-4, 0.6)
+    state = StateGain("i_xz", "1", 0.1, 1e-4, 0.6)
     assert state.verdict == FROM_DATA
-    assert StateKnowledge("i_xz", "1", 0.1, 0.04, 0.6).verdict == PRIOR_ONLY
+    assert StateGain("i_xz", "1", 0.1, 0.04, 0.6).verdict == PRIOR_ONLY
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -207,8 +207,8 @@ def test_the_priors_share_is_the_slope_by_its_information(seed: int) -> None:
     h = 1e-4
     more, less = (np.diag(with_data(prior, data, 1.0 + sign * h)) for sign in (1, -1))
     slope = -(np.log(more) - np.log(less)) / (2.0 * h)
-    knowledge = judged(prior, with_data(prior, data))
-    shares = np.array([state.prior_share for state in knowledge.states])
+    gain = judged(prior, with_data(prior, data))
+    shares = np.array([state.prior_share for state in gain.states])
     np.testing.assert_allclose(shares, slope, rtol=1e-4, atol=1e-7)
 
 
@@ -216,9 +216,9 @@ def test_the_priors_share_is_the_slope_by_its_information(seed: int) -> None:
 def test_a_known_state_has_at_least_halved(seed: int) -> None:
     prior = random_prior(seed)
     scale = 10.0 ** np.random.default_rng(seed).uniform(-3.0, 2.0)
-    knowledge = judged(prior, with_data(prior, scale * random_data(seed + 1)))
-    mass = knowledge.states[COM_MODEL] + knowledge.states[INERTIA_RATIOS]
-    for each in mass + knowledge.com_combinations + knowledge.ratio_combinations:
+    gain = judged(prior, with_data(prior, scale * random_data(seed + 1)))
+    mass = gain.states[COM_MODEL] + gain.states[INERTIA_RATIOS]
+    for each in mass + gain.com_combinations + gain.ratio_combinations:
         assert not each.known or each.bits >= 1.0 - 1e-9
         assert each.prior_share >= (each.posterior_sd / each.prior_sd) ** 2 - 1e-9
 
@@ -227,10 +227,10 @@ def test_a_known_state_has_at_least_halved(seed: int) -> None:
 def test_the_combinations_carry_all_the_information(seed: int) -> None:
     """Their bits add up to the gain in the determinant, however prior and data are turned."""
     prior, P = random_prior(seed), with_data(random_prior(seed), random_data(seed + 1))
-    knowledge = judged(prior, P)
+    gain = judged(prior, P)
     for found, own, block in (
-        (knowledge.com_combinations, prior.com_covariance_m2, COM_MODEL),
-        (knowledge.ratio_combinations, prior.ratio_covariance, INERTIA_RATIOS),
+        (gain.com_combinations, prior.com_covariance_m2, COM_MODEL),
+        (gain.ratio_combinations, prior.ratio_covariance, INERTIA_RATIOS),
     ):
         gained = np.linalg.slogdet(own)[1] - np.linalg.slogdet(P[block, block])[1]
         bits = [each.bits for each in found]
@@ -273,39 +273,39 @@ def test_combinations_read_as_people_write_them() -> None:
 def test_position_and_velocity_are_judged_by_what_the_mass_centre_leaves_of_them() -> None:
     """A sphere of uncertainty turned about z: the velocity knows nothing of the centre's z."""
     omega = np.array([0.0, 0.0, 0.2])
-    knowledge = what_is_known(
+    gain = information_gain(
         PRIOR, with_data(PRIOR, np.eye(STATE_SIZE)), exp_rotation(np.ones(3)), omega
     )
-    assert [each.prior_sd for each in knowledge.states[R_HILL]] == pytest.approx([0.15] * 3)
+    assert [each.prior_sd for each in gain.states[R_HILL]] == pytest.approx([0.15] * 3)
     # Turned from body into Hill axes, where it is again a disc of radius 0.15 m x 0.2 rad/s.
     normal = exp_rotation(np.ones(3))[:, 2]
     expected = 0.15 * 0.2 * np.sqrt(1.0 - normal**2)
-    assert [each.prior_sd for each in knowledge.states[V_HILL]] == pytest.approx(expected.tolist())
+    assert [each.prior_sd for each in gain.states[V_HILL]] == pytest.approx(expected.tolist())
     for block in (THETA_BODY, OMEGA_BODY):
-        assert all(np.isinf([each.prior_sd, each.bits]).all() for each in knowledge.states[block])
+        assert all(np.isinf([each.prior_sd, each.bits]).all() for each in gain.states[block])
 
 
 def test_a_target_at_rest_has_a_known_velocity_and_an_unknown_mass_centre() -> None:
-    knowledge = known_after(STILL, np.diag([1.0, 1.3, 0.8]))
-    for each in knowledge.states[V_HILL]:
+    gain = known_after(STILL, np.diag([1.0, 1.3, 0.8]))
+    for each in gain.states[V_HILL]:
         assert (each.verdict, each.bits) == (FROM_DATA, 0.0)
     for block in (R_HILL, COM_MODEL, INERTIA_RATIOS):
-        assert {each.verdict for each in knowledge.states[block]} == {PRIOR_ONLY}
+        assert {each.verdict for each in gain.states[block]} == {PRIOR_ONLY}
 
 
 # The stored table.
 
 
 def test_the_table_has_every_state_and_combination() -> None:
-    knowledge = judged(PRIOR, with_data(PRIOR, random_data(3)))
-    rows = list(csv.DictReader(io.StringIO(knowledge_csv(knowledge))))
+    gain = judged(PRIOR, with_data(PRIOR, random_data(3)))
+    rows = list(csv.DictReader(io.StringIO(gain_csv(gain))))
     assert len(rows) == STATE_SIZE + 3 + 5
     told = {f"sd_{row['state']}" for row in rows[:STATE_SIZE]}
     assert told == set(MASS_CENTRE_LAYOUT.sd_columns)
     assert [row["state"] for row in rows[:STATE_SIZE]][6:10] == [
         *("com_x_m", "com_y_m", "com_z_m", "theta_x_rad"),
     ]
-    for row, each in zip(rows, knowledge.states + knowledge.com_combinations, strict=False):
+    for row, each in zip(rows, gain.states + gain.com_combinations, strict=False):
         assert float(row["prior_sd"]) == each.prior_sd
         assert float(row["posterior_sd"]) == each.posterior_sd
         assert float(row["bits"]) == each.bits

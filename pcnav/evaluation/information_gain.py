@@ -18,8 +18,9 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import skew
-from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
+from pcnav.dynamics.blocks import ATTITUDE, MASS_CENTRE_LAYOUT, RATE
 from pcnav.dynamics.mass_prior import PriorMass
+from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -27,6 +28,7 @@ from pcnav.dynamics.state import (
     STATE_SIZE,
     V_HILL,
 )
+from pcnav.runs.run import Run
 
 FROM_DATA = "known from data"
 PRIOR_ONLY = "prior only"
@@ -59,7 +61,7 @@ _SAME_BITS = 0.1
 
 
 @dataclass(frozen=True)
-class StateKnowledge:
+class StateGain:
     """What became of the uncertainty of one state, or of one combination of states."""
 
     name: str
@@ -92,14 +94,14 @@ class StateKnowledge:
 
 
 @dataclass(frozen=True)
-class RunKnowledge:
+class InformationGain:
     """What is known of the states at the end of a run."""
 
-    states: tuple[StateKnowledge, ...]
+    states: tuple[StateGain, ...]
     """20, in error-state order."""
-    com_combinations: tuple[StateKnowledge, ...]
+    com_combinations: tuple[StateGain, ...]
     """3 independent combinations of the mass centre's components, least known first."""
-    ratio_combinations: tuple[StateKnowledge, ...]
+    ratio_combinations: tuple[StateGain, ...]
     """5 independent combinations of the inertia ratios, least known first."""
 
     @property
@@ -108,9 +110,9 @@ class RunKnowledge:
         return tuple(state.name for state in self.states if not state.known)
 
 
-def what_is_known(
+def information_gain(
     prior: PriorMass, covariance: FloatArray, R_hill_body: FloatArray, omega_body: FloatArray
-) -> RunKnowledge:
+) -> InformationGain:
     """Compare the final covariance (20, 20) of a run with the prior of its mass properties.
 
     ``R_hill_body`` (3, 3) and ``omega_body`` (3,), rad/s, are the final estimate's. The
@@ -129,14 +131,27 @@ def what_is_known(
         columns = covariance[:, block]
         from_prior += columns @ np.linalg.solve(prior_covariance[block, block], columns.T)
     judged = _Judge(prior_covariance, covariance, from_prior)
-    return RunKnowledge(
+    return InformationGain(
         states=judged.states(),
         com_combinations=judged.combinations(COM_MODEL, _COM_TERMS, "m"),
         ratio_combinations=judged.combinations(INERTIA_RATIOS, _RATIO_TERMS, "1"),
     )
 
 
-def knowledge_csv(knowledge: RunKnowledge) -> str:
+def gain_of_run(run: Run, prior: PriorMass, mean_motion_rad_s: float) -> InformationGain | None:
+    """What the last estimate of a run gained on its prior; None of a run without an estimate.
+
+    The run is loaded with its covariances.
+    """
+    known, trajectory = np.flatnonzero(run.has_estimate), run.trajectory
+    if trajectory.covariance is None or not known.size:
+        return None
+    last = known[-1]
+    R_hill_body = R_hill_world(run.time_s[last], mean_motion_rad_s) @ trajectory[ATTITUDE][last]
+    return information_gain(prior, trajectory.covariance[last], R_hill_body, trajectory[RATE][last])
+
+
+def gain_csv(gain: InformationGain) -> str:
     """The content of knowledge.csv: the 20 states, then the combinations, least known first.
 
     Standard deviations are in the unit of the row; where the prior says nothing its own, and the
@@ -145,7 +160,7 @@ def knowledge_csv(knowledge: RunKnowledge) -> str:
     stream = io.StringIO()
     rows = csv.writer(stream, lineterminator="\n")
     rows.writerow(("state", "unit", "prior_sd", "posterior_sd", "bits", "prior_share", "verdict"))
-    for each in (*knowledge.states, *knowledge.com_combinations, *knowledge.ratio_combinations):
+    for each in (*gain.states, *gain.com_combinations, *gain.ratio_combinations):
         sds = (each.prior_sd, each.posterior_sd)
         rows.writerow((each.name, each.unit, *sds, each.bits, each.prior_share, each.verdict))
     return stream.getvalue()
@@ -159,7 +174,7 @@ class _Judge:
     posterior: FloatArray
     from_prior: FloatArray
 
-    def states(self) -> tuple[StateKnowledge, ...]:
+    def states(self) -> tuple[StateGain, ...]:
         named = [
             (n, block.unit) for block in MASS_CENTRE_LAYOUT.blocks for n in block.error_columns
         ]
@@ -169,14 +184,14 @@ class _Judge:
 
     def combinations(
         self, block: slice, terms: tuple[str, ...], unit: str
-    ) -> tuple[StateKnowledge, ...]:
+    ) -> tuple[StateGain, ...]:
         """The independent combinations of a block of the state, least known first."""
         indices = np.arange(block.start, block.stop)
         weights = independent_combinations(self.prior[block, block], self.posterior[block, block])
         found = [self._one(indices, each, in_words(each, terms), unit) for each in weights]
         return tuple(sorted(found, key=lambda each: each.bits))
 
-    def _one(self, indices: IntArray, weights: FloatArray, name: str, unit: str) -> StateKnowledge:
+    def _one(self, indices: IntArray, weights: FloatArray, name: str, unit: str) -> StateGain:
         def variance(matrix: FloatArray) -> float:
             return float(weights @ matrix[np.ix_(indices, indices)] @ weights)
 
@@ -185,7 +200,7 @@ class _Judge:
         # Rounding, and noise a filter adds to its covariance, may leave a part above the whole.
         share = np.clip(variance(self.from_prior) / posterior, 0.0, 1.0)
         prior_sd = float(np.sqrt(variance(self.prior)))
-        return StateKnowledge(name, unit, prior_sd, float(np.sqrt(posterior)), float(share))
+        return StateGain(name, unit, prior_sd, float(np.sqrt(posterior)), float(share))
 
 
 def independent_combinations(prior: FloatArray, posterior: FloatArray) -> FloatArray:
