@@ -265,3 +265,13 @@ def test_no_file_names_a_registry_or_a_path_of_one_machine(repository: Path) -> 
         if file.is_file() and (match := forbidden.search(file.read_bytes()))
     }
     assert not found
+
+
+def test_the_public_names_are_there_and_cost_nothing_before_use(installed: Path) -> None:
+    code = "import sys, pcnav\nprint([m for m in ('numpy', 'pydantic') if m in sys.modules])"
+    assert run_python(code, installed).strip() == "[]"
+    public = {name for name in dir(pcnav) if not name.startswith("_")}
+    assert {"run", "open_recording", "make_estimator", "read_run", "evaluate"} <= public
+    assert all(getattr(pcnav, name) is not None for name in public)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = pcnav.nothing
