@@ -108,7 +108,7 @@ def nearest_rotation(M: FloatArray) -> FloatArray:
     """The rotation nearest to a matrix, by its singular values; (..., 3, 3) -> (..., 3, 3)."""
     U, _, Vt = np.linalg.svd(M)
     handed = np.ones((*M.shape[:-2], 3))
-    handed[..., 2] = np.sign(np.linalg.det(U @ Vt))
+    handed[..., 2] = np.linalg.det(U @ Vt)
     return np.asarray((U * handed[..., None, :]) @ Vt)
 
 
@@ -146,6 +146,12 @@ def rotation_fault(R: FloatArray, tolerance: float = 1e-6) -> str | None:
     if np.linalg.det(R) < 0.0:
         return "it is a reflection (determinant -1)"
     return None
+
+
+def nearest_orthogonal(matrix: FloatArray) -> FloatArray:
+    """The orthogonal matrix nearest to (..., 3, 3) matrices; of one near a rotation, a rotation."""
+    U, _, Vt = np.linalg.svd(matrix)
+    return np.asarray(U @ Vt)
 
 
 def orthonormality_error(matrix: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import make_transform, nearest_rotation, orthonormality_error
+from pcnav.core.spatial import make_transform, nearest_orthogonal, orthonormality_error
 
 SCENE_CAMERA_FILE = "scene_camera.json"
 SCENE_GT_FILE = "scene_gt.json"
@@ -172,7 +172,7 @@ def _poses(
     proper = orthonormality_error(R) <= ROTATION_TOLERANCE
     expected = f"expected a rotation matrix (orthonormal to {ROTATION_TOLERANCE:g}, determinant 1)"
     _require(path, numbers, proper, field, expected)
-    return make_transform(nearest_rotation(R), p_mm / 1000.0)
+    return make_transform(nearest_orthogonal(R), p_mm / 1000.0)
 
 
 def _require(path: Path, numbers: list[int], good: BoolArray, field: str, expected: str) -> None:

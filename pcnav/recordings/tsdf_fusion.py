@@ -11,7 +11,7 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import (
     invert_transform,
     make_transform,
-    nearest_rotation,
+    nearest_orthogonal,
     orthonormality_error,
 )
 from pcnav.recordings.bop import DEFAULT_RANGE_SIGMA_M
@@ -93,4 +93,4 @@ def _pose(path: Path) -> tuple[FloatArray, float]:
     if error > POSE_TOLERANCE or (T[3] != [0.0, 0.0, 0.0, 1.0]).any():
         expected = f"expected a rigid camera-to-world transform (orthonormal to {POSE_TOLERANCE:g})"
         raise InputError(path, "matrix", expected)
-    return make_transform(nearest_rotation(T[:3, :3]), T[:3, 3]), error
+    return make_transform(nearest_orthogonal(T[:3, :3]), T[:3, 3]), error

@@ -12,7 +12,7 @@ import trimesh
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import nearest_rotation
+from pcnav.core.spatial import nearest_orthogonal
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.recording import RecordingKind
@@ -149,5 +149,5 @@ def as_recorded(frame: Frame, noise: NoiseTable) -> Frame:
     step_m = np.float32((noise.quantisation_m * 1000.0) / 1000.0)
     depth_m = np.asarray(units.astype(np.uint16) * step_m, dtype=np.float32)
     T_cam_world = frame.T_cam_world.copy()
-    T_cam_world[:3, :3] = nearest_rotation(T_cam_world[:3, :3])
+    T_cam_world[:3, :3] = nearest_orthogonal(T_cam_world[:3, :3])
     return replace(frame, depth_m=depth_m, T_cam_world=T_cam_world)

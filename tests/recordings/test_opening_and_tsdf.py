@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import exp_rotation, make_transform, nearest_rotation, rotation_fault
+from pcnav.core.spatial import exp_rotation, make_transform, nearest_orthogonal, rotation_fault
 from pcnav.recordings.opening import open_recording, open_sequence
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.sequence import Sequence
@@ -50,10 +50,10 @@ def test_recording_values(recording: Path, caplog: pytest.LogCaptureFixture) -> 
     np.testing.assert_allclose(-T[:3, :3].T @ T[:3, 3], [0.1, 0.2, 12.0], atol=1e-12)
 
 
-def test_nearest_rotation_is_a_minimum() -> None:
+def test_nearest_orthogonal_is_a_minimum() -> None:
     rng = np.random.default_rng(5)
     matrix = ROTATION + 0.01 * rng.standard_normal((3, 3))
-    nearest = nearest_rotation(matrix)
+    nearest = nearest_orthogonal(matrix)
     best = np.linalg.norm(nearest - matrix)
     for axis in np.eye(3):
         for angle in (-1e-3, 1e-3):

@@ -15,7 +15,7 @@ import trimesh
 from pcnav.core._extras import small_gicp
 from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray
-from pcnav.core.spatial import exp_rotation, invert_transform, make_transform, nearest_rotation
+from pcnav.core.spatial import exp_rotation, invert_transform, make_transform, nearest_orthogonal
 from pcnav.estimators.interface import Given
 from pcnav.estimators.peers.baseline import Baseline
 from pcnav.perception.returns import returns_of
@@ -179,7 +179,7 @@ def repeated_step(T_before: FloatArray, T_now: FloatArray) -> FloatArray:
     """The next pose when the last step between two (4, 4) is made once more."""
     T_next = T_now @ invert_transform(T_before) @ T_now
     # Products of products: rounding errors of the rotation would double with every frame.
-    T_next[:3, :3] = nearest_rotation(T_next[:3, :3])
+    T_next[:3, :3] = nearest_orthogonal(T_next[:3, :3])
     return T_next
 
 
