@@ -3,13 +3,16 @@
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from rich.table import Table
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.files.new_folder import new_folder
 from pcnav.files.text_table import TextTable
+from pcnav.report.figures import svg_bytes
 from pcnav.report.page import Drawing, Part, Piece, document
 from pcnav.runs.provenance import library_versions, pipeline_toml
 
@@ -20,13 +23,18 @@ _CONTENT = {INDEX_FILE, _TABLES, _FIGURES, _PIPELINES}
 
 @dataclass(frozen=True)
 class StudyFigure:
-    """A finished drawing."""
+    """A drawing."""
 
     key: str
     """Name of its file, without the suffix."""
-    svg: bytes
+    figure: Figure
     title: str = ""
     caption: str = ""
+
+    @cached_property
+    def svg(self) -> bytes:
+        """As its file has it."""
+        return svg_bytes(self.figure)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
-"""Figures of the studies: panels that several of them draw, and bars."""
+"""Panels that several studies draw, and bars."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, finite
@@ -13,12 +14,8 @@ from pcnav.report.figures import (
     add_legend,
     new_figure,
     style_axes,
-    svg_bytes,
 )
-from pcnav.report.panels import ROW_IN, Curve, Panel, Scale
-from pcnav.report.panels import panels_figure as drawn
-
-from .folder import StudyFigure
+from pcnav.report.panels import Curve, Panel, Scale
 
 
 def curves_of(values: Mapping[str, FloatArray]) -> list[Curve]:
@@ -96,38 +93,11 @@ def component_panels(
     ]
 
 
-def panels_figure(
-    key: str,
-    at: FloatArray,
-    panels: Sequence[Panel],
-    *,
-    columns: int = 1,
-    row_in: float = ROW_IN,
-    at_label: str = "time, s",
-    log_at: bool = False,
-    dark: Sequence[tuple[float, float]] = (),
-    marked: Sequence[float] = (),
-) -> StudyFigure:
-    """Panels as `pcnav.report.panels.panels_figure` draws them, under the key of their text."""
-    figure = drawn(
-        at,
-        panels,
-        columns=columns,
-        row_in=row_in,
-        at_label=at_label,
-        log_at=log_at,
-        dark=dark,
-        marked=marked,
-    )
-    return StudyFigure(key, svg_bytes(figure))
-
-
 def bars_figure(
-    key: str,
     groups: Mapping[str, FloatArray],
     names: Sequence[str],
     labels: tuple[str, str],
-) -> StudyFigure:
+) -> Figure:
     """Bars (n,) of every group side by side, over their names (n,); labels of both axes."""
     figure = new_figure(3.0)
     axes = figure.add_subplot()
@@ -140,4 +110,4 @@ def bars_figure(
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
     add_legend(figure, axes)
-    return StudyFigure(key, svg_bytes(figure))
+    return figure

@@ -16,11 +16,10 @@ from pcnav.estimators.image_motion.rates import rotation_history
 from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.simulation.images import TrackFaults
 
 from ..folder import StudyFigure
-from ..panels import panels_figure
 from ..tables import table, table_of
 from . import paper
 from .scene import Truth, nutation, tracks_of
@@ -213,4 +212,4 @@ def growth_figure(key: str, found: Sequence[ChainErrors], whats: Sequence[str]) 
     for what in whats:
         curves = [each.curve() for each in found if each.case.name.endswith(f", {what}")]
         panels.append(Panel("deg", curves, Scale.LOG, what))
-    return panels_figure(key, found[0].times_s, panels, row_in=1.9)
+    return StudyFigure(key, panels_figure(found[0].times_s, panels, row_in=1.9))

@@ -11,7 +11,7 @@ from pcnav.core.spatial import make_transform
 from pcnav.dynamics.blocks import POSE_LAYOUT
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.tracks import MonocularTracks
-from pcnav.report.figures import LINE, new_figure, style_axes, svg_bytes
+from pcnav.report.figures import LINE, new_figure, style_axes
 from pcnav.simulation.images import ImageMotion, TrackFaults, monocular_tracks
 from pcnav.simulation.motion import rotate_torque_free
 
@@ -96,7 +96,7 @@ def path_figure(truth: Truth) -> StudyFigure:
     for axes, (i, j) in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), strict=True):
         _draw(axes, np.swapaxes(p[..., [i, j]], 0, 1), (f"{'xyz'[i]}, m", f"{'xyz'[j]}, m"))
         axes.set_aspect("equal", adjustable="datalim")
-    return StudyFigure("fig_6", svg_bytes(figure))
+    return StudyFigure("fig_6", figure)
 
 
 def _in_the_image(key: str, paths: Sequence[FloatArray]) -> StudyFigure:
@@ -109,7 +109,7 @@ def _in_the_image(key: str, paths: Sequence[FloatArray]) -> StudyFigure:
     # Image rows count downwards.
     axes.set_ylim(middle[1] + half, middle[1] - half)
     axes.set_aspect("equal")
-    return StudyFigure(key, svg_bytes(figure))
+    return StudyFigure(key, figure)
 
 
 def _draw(axes: Axes, paths: Sequence[FloatArray] | FloatArray, labels: tuple[str, str]) -> None:

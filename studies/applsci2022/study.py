@@ -9,10 +9,11 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import chi_square_bounds
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.estimators.image_motion.rates import continuous_xyzw, rotation_history
+from pcnav.report.panels import panels_figure
 from pcnav.simulation.images import TrackFaults
 
 from ..folder import Study, StudyFigure
-from ..panels import component_panels, panels_figure
+from ..panels import component_panels
 from ..tables import cell
 from ..text import study_of
 from ..work import Work
@@ -134,7 +135,7 @@ def _paper_figures(duration_s: float) -> list[StudyFigure]:
             ),
         ):
             panels = component_panels(labels, true, {"images": estimated}, history.time_s, ".--")
-            figures.append(panels_figure(f"{key}{suffix}", truth.times_s, panels))
+            figures.append(StudyFigure(f"{key}{suffix}", panels_figure(truth.times_s, panels)))
     return figures
 
 

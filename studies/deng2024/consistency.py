@@ -14,10 +14,10 @@ from pcnav.dynamics.inertia_parameters import shares
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator, initial_belief
 from pcnav.estimators.attitude_inertia.rotation_model import INERTIA, SIZE, RotationState
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Panel, Scale
+from pcnav.report.panels import Panel, Scale, panels_figure
 
 from ..folder import StudyFigure
-from ..panels import curves_of, panels_figure
+from ..panels import curves_of
 from ..tables import table_of
 from . import paper
 from .filters import Estimates
@@ -168,4 +168,4 @@ def nees_figure(results: Sequence[CaseResult]) -> StudyFigure:
         bands={"95 % bounds": (bounds.lower, bounds.upper)},
         base=1.0,
     )
-    return panels_figure("nees", results[0].case.motion.times_s, [panel], row_in=2.3)
+    return StudyFigure("nees", panels_figure(results[0].case.motion.times_s, [panel], row_in=2.3))

@@ -25,9 +25,10 @@ from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.files.text_table import TextTable
 from pcnav.filtering.batched_filter import Together
 from pcnav.filtering.error_state import ErrorStateFilter
+from pcnav.report.panels import panels_figure
 
 from ..folder import StudyFigure
-from ..panels import component_panels, panels_figure
+from ..panels import component_panels
 from ..tables import table, table_of
 from . import paper
 from .paper import Body, Motion
@@ -175,7 +176,7 @@ def _figure(
     truth: FloatArray,
     found: Mapping[str, FloatArray],
 ) -> StudyFigure:
-    return panels_figure(key, motion.times_s, component_panels(labels, truth, found))
+    return StudyFigure(key, panels_figure(motion.times_s, component_panels(labels, truth, found)))
 
 
 def error_table(runs: Sequence[Estimates]) -> TextTable:

@@ -21,10 +21,9 @@ from pcnav.evaluation.observability.rank import ObservabilityRank
 from pcnav.evaluation.observability.reported import ROTATION
 from pcnav.evaluation.observability.subjects import attitude_subject
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 
 from ..folder import StudyFigure
-from ..panels import panels_figure
 from ..tables import cell, table, table_of
 from . import paper
 from .filters import RATIO_NAMES, Estimates
@@ -139,7 +138,9 @@ def rank_figure(cases: Sequence[RankCase]) -> StudyFigure:
     levels = {"tolerance": cases[0].last.tolerance}
     panel = Panel("singular value over the largest", curves, Scale.LOG, levels=levels)
     number, label = np.arange(1.0, 12.0), "number of the singular value"
-    return panels_figure("singular_values", number, [panel], row_in=2.7, at_label=label)
+    return StudyFigure(
+        "singular_values", panels_figure(number, [panel], row_in=2.7, at_label=label)
+    )
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,9 @@ def arc_figure(cases: Sequence[ArcCase]) -> StudyFigure:
     levels, times_s = {"wanted": WANTED_SD}, cases[0].times_s
     panel = Panel("sd of the ratio known least", curves, Scale.LOG, levels=levels)
     label = "length of the arc, s"
-    return panels_figure("arc_length", times_s, [panel], row_in=2.7, at_label=label, log_at=True)
+    return StudyFigure(
+        "arc_length", panels_figure(times_s, [panel], row_in=2.7, at_label=label, log_at=True)
+    )
 
 
 def comparison_table(found: Estimates, prior: AttitudeInertiaTable) -> TextTable:

@@ -17,11 +17,11 @@ from pcnav.estimators.principal_axes.feature_states import (
 )
 from pcnav.files.text_table import TextTable
 from pcnav.report.figures import ALERT, LINE
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 
 from ..blocks import ShownBlock
 from ..folder import StudyFigure
-from ..panels import mean_squared_panel, panels_figure
+from ..panels import mean_squared_panel
 from ..tables import table, table_of
 from . import paper
 from .following import Judged
@@ -95,7 +95,7 @@ def _figure(
         bands = {"3 sd stated": (-3.0 * sd[:, k], 3.0 * sd[:, k])}
         panels.append(Panel(label, [left], Scale.ABOUT_ZERO, bands=bands))
         panels.append(Panel("", [right], Scale.ABOUT_ZERO))
-    return panels_figure(key, time_s, panels, columns=2, dark=paper.blackouts_s())
+    return StudyFigure(key, panels_figure(time_s, panels, columns=2, dark=paper.blackouts_s()))
 
 
 def last_from_s(runs: Judged) -> float:
@@ -216,7 +216,7 @@ def nees_figure(consistent: Consistency) -> StudyFigure:
     """Of the whole state over time."""
     panel = mean_squared_panel("NEES over dof", consistent.whole)
     dark = paper.blackouts_s()
-    return panels_figure("nees", consistent.time_s, [panel], row_in=2.1, dark=dark)
+    return StudyFigure("nees", panels_figure(consistent.time_s, [panel], row_in=2.1, dark=dark))
 
 
 def nees_table(consistent: Consistency, twice: Consistency) -> TextTable:

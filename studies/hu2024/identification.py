@@ -24,11 +24,10 @@ from pcnav.estimators.principal_axes.inertia_identification import (
 )
 from pcnav.estimators.principal_axes.principal_frame import clearest_order, principal_axes
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.simulation.stereo import draw_points, simulate_motion
 
 from ..folder import StudyFigure
-from ..panels import panels_figure
 from ..tables import table
 from . import paper
 
@@ -287,4 +286,4 @@ def rmse_figure(key: str, rmse: Rmse, method: Method) -> StudyFigure:
     curves = [Curve(level, by[method], style=".-") for level, by in rmse.items()]
     panel, label = Panel("RMSE, deg", curves, Scale.LOG), "length of the arc, s"
     at = np.array(REPORT_S)
-    return panels_figure(key, at, [panel], row_in=2.5, at_label=label, log_at=True)
+    return StudyFigure(key, panels_figure(at, [panel], row_in=2.5, at_label=label, log_at=True))

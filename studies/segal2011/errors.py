@@ -7,10 +7,10 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Panel, Scale
+from pcnav.report.panels import Panel, Scale, panels_figure
 
 from ..folder import StudyFigure
-from ..panels import panels_figure, percentiles_of
+from ..panels import percentiles_of
 from ..tables import cell, table
 from .runs import QUANTITIES, Found
 
@@ -123,4 +123,4 @@ def _panel(title: str, errors: FloatArray, quantity: int, percentiles: Sequence[
 def _figure(
     key: str, times_s: FloatArray, panels: Sequence[Panel], columns: int = 1
 ) -> StudyFigure:
-    return panels_figure(key, times_s, panels, columns=columns, row_in=2.1)
+    return StudyFigure(key, panels_figure(times_s, panels, columns=columns, row_in=2.1))

@@ -9,12 +9,13 @@ import numpy as np
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, mean_squared, percentile
 from pcnav.files.text_table import TextTable, number
+from pcnav.report.panels import panels_figure
 from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, ShownBlock
 from ..folder import StudyFigure
 from ..following import JudgedRun, follow, status_sequence
-from ..panels import error_panel, panels_figure
+from ..panels import error_panel
 from ..tables import Claim, always, at_most, table_of
 from .starts import RIGHT_FRACTION, RIGHT_RAD
 from .tumbles import FRAME_RATE_HZ, boxsat, tumble
@@ -193,10 +194,12 @@ def _figure(blackout: Blackout) -> StudyFigure:
     errors, sds = (run.pose_error * scale).T, (run.pose_sd * scale).T
     labels = [f"{axis}, {unit}" for unit in ("mm", "deg") for axis in "xyz"]
     panels = [error_panel(*line) for line in zip(labels, errors, sds, strict=True)]
-    return panels_figure(
+    return StudyFigure(
         f"blackout_{blackout.duration_s:02d}s",
-        run.time_s,
-        panels,
-        row_in=0.95,
-        dark=[(run.time_s[blackout.last_seen + 1], run.time_s[blackout.last_blind])],
+        panels_figure(
+            run.time_s,
+            panels,
+            row_in=0.95,
+            dark=[(run.time_s[blackout.last_seen + 1], run.time_s[blackout.last_blind])],
+        ),
     )

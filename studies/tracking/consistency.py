@@ -9,12 +9,13 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, chi_square_bounds, mean_squared
 from pcnav.evaluation.bound import SceneBound
 from pcnav.files.text_table import TextTable
+from pcnav.report.panels import panels_figure
 from pcnav.simulation.depth import Scene
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
 from ..folder import StudyFigure
 from ..following import JudgedRun, follow
-from ..panels import mean_squared_panel, panels_figure
+from ..panels import mean_squared_panel
 from ..tables import Claim, always, inside, table, table_of
 from .tumbles import boxsat, tumble
 
@@ -187,11 +188,13 @@ def figures(judged: Judged) -> list[StudyFigure]:
     """Means over time by block."""
     times_s = judged.runs[0].run.time_s
     return [
-        panels_figure(
+        StudyFigure(
             key,
-            times_s,
-            [mean_squared_panel(name, judged.means[name]) for name in names],
-            row_in=0.95,
+            panels_figure(
+                times_s,
+                [mean_squared_panel(name, judged.means[name]) for name in names],
+                row_in=0.95,
+            ),
         )
         for key, names in _FIGURES.items()
     ]

@@ -9,7 +9,7 @@ import numpy as np
 
 from pcnav.core.statistics import mean, percentile, share
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
@@ -17,7 +17,7 @@ from pcnav.target.symmetry import group_name
 
 from ..folder import StudyFigure
 from ..following import follow
-from ..panels import bars_figure, panels_figure
+from ..panels import bars_figure
 from ..tables import Claim, always, below, never, table_of
 
 NAME = "cold starts"
@@ -185,14 +185,16 @@ def start_figures(found: Starts) -> list[StudyFigure]:
     names = [*(str(k + 1) for k in range(FRAMES)), "not yet"]
     labels = ("frames to lock", "starts, %")
     return [
-        bars_figure("start_frames", shares, names, labels),
-        panels_figure(
+        StudyFigure("start_frames", bars_figure(shares, names, labels)),
+        StudyFigure(
             "start_errors",
-            np.empty(0),
-            [Panel("starts below, %", curves, Scale.FROM_ZERO, limits=(0.0, 105.0))],
-            row_in=2.3,
-            at_label="attitude error at lock, deg",
-            log_at=True,
-            marked=[float(np.rad2deg(RIGHT_RAD))],
+            panels_figure(
+                np.empty(0),
+                [Panel("starts below, %", curves, Scale.FROM_ZERO, limits=(0.0, 105.0))],
+                row_in=2.3,
+                at_label="attitude error at lock, deg",
+                log_at=True,
+                marked=[float(np.rad2deg(RIGHT_RAD))],
+            ),
         ),
     ]

@@ -10,12 +10,12 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.statistics import mean, mean_squared
 from pcnav.dynamics.blocks import RATIOS
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Panel
+from pcnav.report.panels import Panel, panels_figure
 from pcnav.simulation.motion import true_motion
 
 from ..blocks import BLOCKS, JUDGED, WHOLE, ShownBlock
 from ..folder import StudyFigure
-from ..panels import error_panel, mean_squared_panel, panels_figure
+from ..panels import error_panel, mean_squared_panel
 from ..pipelines import shortened, with_scenario
 from ..tables import Claim, as_printed, table
 from . import paper
@@ -213,14 +213,14 @@ def _spin_figures(run: FilterRun) -> list[StudyFigure]:
             for k, axis in enumerate("xyz")
         ]
         key = each.figure.lower().replace(". ", "_")
-        figures.append(panels_figure(key, run.time_s, panels))
+        figures.append(StudyFigure(key, panels_figure(run.time_s, panels)))
     panels = _ratio_panels(run, settled // 5)
-    return [*figures, panels_figure("fig_16_spin", run.time_s, panels)]
+    return [*figures, StudyFigure("fig_16_spin", panels_figure(run.time_s, panels))]
 
 
 def _tumble_figure(run: FilterRun) -> StudyFigure:
     settled = int(np.searchsorted(run.time_s, min(100.0, 0.3 * float(run.time_s[-1]))))
-    return panels_figure("fig_16_tumble", run.time_s, _ratio_panels(run, settled))
+    return StudyFigure("fig_16_tumble", panels_figure(run.time_s, _ratio_panels(run, settled)))
 
 
 def _ratio_panels(run: FilterRun, settled_from: int) -> list[Panel]:
@@ -235,4 +235,4 @@ def _nees_figure(runs: Sequence[FilterRun]) -> StudyFigure:
     nees = np.stack([run.nees[WHOLE.name][1:] for run in runs])
     judged = mean_squared(WHOLE.size * nees, WHOLE.size)
     panel = mean_squared_panel("NEES per degree of freedom", judged)
-    return panels_figure("nees", runs[0].nees_time_s[1:], [panel], row_in=2.3)
+    return StudyFigure("nees", panels_figure(runs[0].nees_time_s[1:], [panel], row_in=2.3))

@@ -23,6 +23,7 @@ from pcnav.perception.association import as_rectangle
 from pcnav.perception.perceive import perceive
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
+from pcnav.report.panels import panels_figure
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion
 from pcnav.simulation.random_truth import satellite
@@ -32,7 +33,7 @@ from pcnav.target.satellite import Target
 from ..blocks import BLOCKS, WHOLE
 from ..folder import StudyFigure
 from ..following import JudgedRun, follow
-from ..panels import error_panel, panels_figure
+from ..panels import error_panel
 from ..tables import Claim, as_printed, table, table_of
 
 _READ = tuple(product((0.1, 0.02), (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)))
@@ -375,4 +376,6 @@ def _figure(setting: Setting, run: JudgedRun) -> StudyFigure:
         error_panel(f"mass centre {axis}, mm", centre[:, k], settled_from=half)
         for k, axis in enumerate("xyz")
     ]
-    return panels_figure(f"boxsat_{1e3 * setting.noise_m:03.0f}mm", run.time_s[found], panels)
+    return StudyFigure(
+        f"boxsat_{1e3 * setting.noise_m:03.0f}mm", panels_figure(run.time_s[found], panels)
+    )

@@ -10,11 +10,11 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation
 from pcnav.files.text_table import TextTable
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..folder import StudyFigure
-from ..panels import error_panel, panels_figure
+from ..panels import error_panel
 from ..pipelines import with_scenario
 from ..tables import Claim, as_printed, cell, table
 from . import paper
@@ -250,7 +250,7 @@ def figures(pipeline: Pipeline, errors: FrameErrors) -> list[StudyFigure]:
         for axis, column in zip("xyz", np.rad2deg(errors.raw_attitude_rad).T, strict=True)
     ]
     return [
-        panels_figure("fig_08", time_s, position),
-        panels_figure("fig_09", time_s, raw),
-        panels_figure("fig_10", time_s, attitude),
+        StudyFigure("fig_08", panels_figure(time_s, position)),
+        StudyFigure("fig_09", panels_figure(time_s, raw)),
+        StudyFigure("fig_10", panels_figure(time_s, attitude)),
     ]

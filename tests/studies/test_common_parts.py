@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import RunError
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.statistics import mean_squared
-from pcnav.report.panels import Curve, Panel, Scale
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from studies.folder import Study, StudyFigure
-from studies.panels import bars_figure, error_panel, mean_squared_panel, panels_figure
+from studies.panels import bars_figure, error_panel, mean_squared_panel
 from studies.tables import always, at_most, below, cell, inside, never, table, table_of, verdict
 from studies.text import study_of
 from studies.work import Work
@@ -61,12 +62,13 @@ def test_panels_stand_gaps_and_long_series() -> None:
         mean_squared_panel("none", unknown),
     ]
     assert panels[0].limits is not None and panels[0].limits[1] < 5.0, "not the start-up"
-    figure = panels_figure("key", time_s, panels, dark=[(2000.0, 2600.0)])
+    figure = StudyFigure("key", panels_figure(time_s, panels, dark=[(2000.0, 2600.0)]))
     assert figure.svg.startswith(b"<?xml") and len(figure.svg) < 400_000
-    bars = bars_figure("b", {"a": np.ones(2), "b": np.ones(2)}, ("1", "2"), ("x", "y"))
-    assert bars.svg.startswith(b"<?xml")
+    bars = bars_figure({"a": np.ones(2), "b": np.ones(2)}, ("1", "2"), ("x", "y"))
+    assert StudyFigure("bars", bars).svg.startswith(b"<?xml")
 
 
+DRAWN = Figure()
 PAGE = """# Title
 The line
 below.
@@ -106,7 +108,7 @@ def page(folder: Path, figures: Sequence[StudyFigure], **fields: object) -> Stud
 
 
 def test_the_text_lays_out_the_page(tmp_path: Path) -> None:
-    made = page(tmp_path, [StudyFigure("errors", b"svg")], best=0.5, cut="")
+    made = page(tmp_path, [StudyFigure("errors", DRAWN)], best=0.5, cut="")
     assert (made.title, made.lead, made.runs) == ("Title", "The line below.", 4)
     assert made.headline == (("best: 0.5 deg: at 1 %", "4"), ("worst", "3"))
     first, second = made.chapters
@@ -116,15 +118,15 @@ def test_the_text_lays_out_the_page(tmp_path: Path) -> None:
     assert (settings.note, settings.text_columns) == ("Below it.", 2)
     assert (errors.title, errors.note) == ("Errors of 4 runs", "A note.")
     assert errors.rows == (("1", "2"),)
-    assert second.figures == (StudyFigure("errors", b"svg", "Drawn: once", "Its caption."),)
+    assert second.figures == (StudyFigure("errors", DRAWN, "Drawn: once", "Its caption."),)
 
 
 def test_a_page_without_a_field_or_a_piece_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="cut"):
-        page(tmp_path, [StudyFigure("errors", b"svg")], best=0.5)
+        page(tmp_path, [StudyFigure("errors", DRAWN)], best=0.5)
     with pytest.raises(KeyError, match="errors"):
         page(tmp_path, [], best=0.5, cut="")
-    two = [StudyFigure("errors", b"svg"), StudyFigure("another", b"svg")]
+    two = [StudyFigure("errors", DRAWN), StudyFigure("another", DRAWN)]
     with pytest.raises(ValueError, match=r"no place for .*another"):
         page(tmp_path, two, best=0.5, cut="")
 
