@@ -33,7 +33,8 @@ from pcnav.batch.tables import (
     shown_unit,
     varying_axes,
 )
-from pcnav.report.figures import CATEGORIES, add_legend, new_figure, style_axes, svg_bytes
+from pcnav.report.figures import CATEGORIES, add_legend, drawing, new_figure, style_axes
+from pcnav.report.page import Drawing
 
 FACET_AXIS = SATELLITE_AXIS
 """Never pooled in a figure: errors in metres follow the size of the target."""
@@ -48,14 +49,12 @@ _LABELS_APART = 0.07
 
 
 @dataclass(frozen=True)
-class Drawing:
+class SweepFigure:
     """A finished figure."""
 
     key: str
     """Name of its file, without the suffix."""
-    title: str
-    caption: str
-    svg: bytes
+    drawing: Drawing
 
 
 @dataclass(frozen=True)
@@ -121,14 +120,14 @@ def _alike(axis: str, runs: pd.DataFrame) -> pd.DataFrame:
 
 def figures(
     runs: pd.DataFrame, read: ReadRun, metrics: Sequence[Metric], window: EvaluationWindow
-) -> tuple[Drawing, ...]:
+) -> tuple[SweepFigure, ...]:
     """A figure for every sweep of a batch."""
     return tuple(_figure(sweep, read, metrics, window) for sweep in sweeps(runs))
 
 
 def _figure(
     sweep: Sweep, read: ReadRun, metrics: Sequence[Metric], window: EvaluationWindow
-) -> Drawing:
+) -> SweepFigure:
     who = (ESTIMATOR_AXIS,) if ESTIMATOR_AXIS in sweep.runs else ()
     layout = TableLayout(sweep.key, sweep.key, (sweep.axis,), who, tuple(metrics))
     cells = pivot(layout, sweep.runs, read, window)
@@ -143,7 +142,7 @@ def _figure(
     if sweep.facet is not None:
         title += f": {shown_value(sweep.facet)}"
     failed = sum(cell.failed for cell in cells)
-    return Drawing(sweep.key, title, _caption(sweep, failed, window), svg_bytes(figure))
+    return SweepFigure(sweep.key, drawing(title, _caption(sweep, failed, window), figure))
 
 
 def _estimators(runs: pd.DataFrame) -> list[AxisValue]:

@@ -23,7 +23,7 @@ from pcnav.batch.monte_carlo import Case, Run
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 
-FORMAT = 1
+FORMAT = 2
 """Number of the layout described here; a file with another one is refused."""
 SUFFIX = ".parquet"
 UNFINISHED_SUFFIX = ".part"

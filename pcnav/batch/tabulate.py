@@ -1,19 +1,16 @@
 """From the records of a batch to its tables: read, group, count, write; nothing is run."""
 
-import shlex
-import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from datetime import date
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from pcnav.batch.axes import ESTIMATOR_AXIS
-from pcnav.batch.figures import Drawing, figures
+from pcnav.batch.figures import SweepFigure, figures
 from pcnav.batch.metrics import METRICS, Family, Metric
+from pcnav.batch.pages import TabulatedBatch, TitledTables, document_of, page_of
 from pcnav.batch.record import RunRecord
 from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import (
@@ -30,7 +27,6 @@ from pcnav.batch.standard_tables import (
 from pcnav.batch.statistics import cell_of
 from pcnav.batch.store import RunStore
 from pcnav.batch.tables import (
-    RUN,
     ReadRun,
     TableLayout,
     csv_text,
@@ -42,10 +38,8 @@ from pcnav.batch.tables import (
     without_empty_rows,
 )
 from pcnav.core.errors import InputError
-from pcnav.estimators.interface import FirstPose
 from pcnav.files.new_folder import new_folder
 from pcnav.files.text_table import TextTable, display_unit, number
-from pcnav.report.page import render
 
 TABLES_FOLDER = "tables"
 """Inside the folder of a batch."""
@@ -59,18 +53,6 @@ _OF_SOME = ("states", "model")
 _KEPT_BYTES = 200_000_000
 _PANELS = 2
 """Metrics drawn side by side in a figure."""
-_MAX_FAILURES = 50
-"""On the page; the file of failures has all."""
-
-
-@dataclass(frozen=True)
-class FailedRun:
-    """A run without a result."""
-
-    run: str
-    message: str
-    command: str
-    """Repeats it alone."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +63,7 @@ class TableSummary:
     """The first table, or the pivot asked for."""
     page: Path
     runs: int
-    failures: tuple[FailedRun, ...]
+    failures: tuple[RunRecord, ...]
     unfinished: int
 
 
@@ -108,28 +90,23 @@ def tabulate(
     layouts, drawn = _plan(runs, measured, wanted, keep_standard=out is None)
     read = kept_records(store)
     _refuse_empty(window, (read(header.run) for header in headers if not header.failure))
-    failed = [read(header.run) for header in headers if header.failure]
-    failures = tuple(FailedRun(str(r.run), r.failure or "", r.command) for r in failed)
+    failures = tuple(header for header in headers if header.failure)
     folder = store.folder / TABLES_FOLDER if out is None else out
     with new_folder(folder, overwrite or out is None, INDEX_FILE) as staging:
-        parts = []
+        tables = []
         for k, layout in enumerate(layouts):
             on_progress(k, len(layouts) + 1)
-            parts += _written(staging, layout, pivot(layout, runs, read, window), window)
+            tables += _written(staging, layout, pivot(layout, runs, read, window), window)
         on_progress(len(layouts), len(layouts) + 1)
         drawings = figures(runs, read, drawn, window)
         _write_drawings(staging, drawings)
         _write_failures(staging, failures)
-        shown = {
-            "parts": parts,
-            "drawings": drawings,
-            "failures": failures,
-            "window": window.text,
-            "versions": headers[0].versions,
-            **_facts(store, runs),
-        }
-        _write_pages(staging, shown)
-    return TableSummary(parts[0][1], folder / INDEX_FILE, len(runs), failures, len(store.missing))
+        batch = TabulatedBatch(store, headers, tables, [each.drawing for each in drawings])
+        (staging / INDEX_FILE).write_text(page_of(batch, window), encoding="utf-8")
+        (staging / DOCUMENT_FILE).write_text(document_of(batch), encoding="utf-8")
+    return TableSummary(
+        tables[0].tables, folder / INDEX_FILE, len(runs), failures, len(store.missing)
+    )
 
 
 def kept_records(store: RunStore, max_bytes: int = _KEPT_BYTES) -> ReadRun:
@@ -152,12 +129,6 @@ def single_run_table(record: RunRecord, window: EvaluationWindow = SETTLED) -> T
             rows.append((metric_label(metric, unit), number(scale * found.value)))
     note = f"Errors over {window.text}."
     return TextTable("run", str(record.run), ("metric", "value"), tuple(rows), note)
-
-
-def stacked(table: TextTable) -> TextTable:
-    """The table with every number above its interval: side by side they would not fit."""
-    rows = tuple(tuple(text.replace(" [", "\n[", 1) for text in row) for row in table.rows)
-    return replace(table, rows=rows)
 
 
 def _refuse_empty(window: EvaluationWindow, records: Iterable[RunRecord]) -> None:
@@ -188,7 +159,7 @@ def _plan(
 
 def _written(
     staging: Path, layout: TableLayout, cells: pd.Series, window: EvaluationWindow
-) -> list[tuple[str, tuple[TextTable, ...]]]:
+) -> list[TitledTables]:
     """Write one layout's files; its part of the page, none for the table for programs."""
     families = {metric.quantity.family for metric in layout.metrics}
     if layout.key in _OF_SOME or families <= _NOT_EVERYONES:
@@ -206,70 +177,20 @@ def _written(
     path.with_suffix(".md").write_text(markdown, encoding="utf-8")
     latex = "\n".join(each.to_latex() for each in tables)
     path.with_suffix(".tex").write_text(latex, encoding="utf-8")
-    return [(layout.title, tables)]
+    return [TitledTables(layout.title, tables)]
 
 
-def _write_drawings(staging: Path, drawings: Sequence[Drawing]) -> None:
+def _write_drawings(staging: Path, drawings: Sequence[SweepFigure]) -> None:
     if drawings:
         (staging / _FIGURES_FOLDER).mkdir()
-    for drawing in drawings:
-        (staging / _FIGURES_FOLDER / f"{drawing.key}.svg").write_bytes(drawing.svg)
+    for each in drawings:
+        (staging / _FIGURES_FOLDER / f"{each.key}.svg").write_bytes(each.drawing.svg)
 
 
-def _write_failures(staging: Path, failures: Sequence[FailedRun]) -> None:
+def _write_failures(staging: Path, failures: Sequence[RunRecord]) -> None:
     if failures:
-        rows = tuple((each.run, each.message, each.command) for each in failures)
+        rows = tuple((str(each.run), each.failure or "", each.command) for each in failures)
         header = ("run", "message", "repeat")
         table = TextTable("failures", "Failed runs", header, rows, text_columns=3)
         (staging / "failures.csv").write_text(table.to_csv(), encoding="utf-8")
         (staging / "failures.md").write_text(table.to_markdown(), encoding="utf-8")
-
-
-def _write_pages(staging: Path, shown: dict[str, object]) -> None:
-    """The page for a browser, and the tables as one Markdown document for a project's own
-    documentation, with the command that made them."""
-    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    for name, template in ((INDEX_FILE, "batch.html"), (DOCUMENT_FILE, "batch.md")):
-        text = render(
-            "pcnav.batch",
-            template,
-            **shown,
-            command=command,
-            day=date.today().isoformat(),
-            max_failures=_MAX_FAILURES,
-            stacked=stacked,
-        )
-        (staging / name).write_text(text, encoding="utf-8")
-
-
-def _facts(store: RunStore, runs: pd.DataFrame) -> dict[str, object]:
-    """What a batch is, apart from its numbers."""
-    names = list(runs[ESTIMATOR_AXIS].cat.categories) if ESTIMATOR_AXIS in runs else []
-    return {
-        "title": f"Accuracy: {store.folder.name}",
-        "runs": len(runs),
-        "cases": runs[RUN].map(lambda run: run.case).nunique(),
-        "unfinished": len(store.missing),
-        "estimators": _estimators(names),
-        "grid_toml": store.grid_toml,
-    }
-
-
-def _estimators(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Name, title and what is known of the first pose, of every estimator in a batch."""
-    # They bring Open3D, which nothing else here needs.
-    from pcnav.estimators.peers.icp import START_SHIFT_FRACTION, START_TURN_DEG
-    from pcnav.estimators.registry import ESTIMATORS
-
-    entries = {str(name): entry for name, entry in ESTIMATORS.items()}
-    start = {
-        FirstPose.NOTHING: "nothing",
-        FirstPose.NEAR: f"the first pose, off by {START_TURN_DEG:g} deg and "
-        f"{START_SHIFT_FRACTION:.0%} of the diameter",
-        FirstPose.EXACT: "the first pose, exactly",
-    }
-    known = [(name, entries.get(name)) for name in names]
-    return [
-        (name, "", "") if entry is None else (name, entry.title, start[entry.first_pose])
-        for name, entry in known
-    ]

@@ -177,13 +177,13 @@ def _compare(
 
 
 def _print_summary(summary: "TableSummary") -> None:
-    from pcnav.batch.tabulate import stacked
+    from pcnav.batch.pages import stacked
 
     console = _wide_console()
     for table in summary.tables:
         console.print(stacked(table).to_rich())
     for failure in summary.failures[:_MAX_FAILURES]:
-        typer.echo(f"failed: {failure.run}: {failure.message}")
+        typer.echo(f"failed: {failure.run}: {failure.failure}")
     if len(summary.failures) > _MAX_FAILURES:
         typer.echo(f"{len(summary.failures)} runs failed; the page lists them")
     if summary.unfinished:

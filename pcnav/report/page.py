@@ -1,9 +1,7 @@
 """Pages: one template and one style for runs, studies and batches.
 
 A page is a title, a few large values and parts; what a part holds is laid out by ``pieces.html``.
-A package with a page of its own keeps a template of it in its folder ``templates`` and calls
-`render`; the template extends ``page.html`` and imports the macros of ``pieces.html``. Every text
-given is escaped.
+Every text given is escaped.
 """
 
 import base64
@@ -12,12 +10,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TypeAlias
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from pcnav.files.text_table import TextTable
-
-_HERE = "pcnav.report"
 
 
 @dataclass(frozen=True)
@@ -51,19 +47,15 @@ class Part:
 
 def document(title: str, lead: str, facts: Sequence[tuple[str, str]], parts: Sequence[Part]) -> str:
     """A page: title, the line below it, large values by name, and parts."""
-    return render(_HERE, "page.html", title=title, lead=lead, facts=facts, parts=parts)
-
-
-def render(package: str, template: str, **values: object) -> str:
-    """A whole document of a package's template: ``render(__package__, "batch.html", ...)``."""
-    return _environment(package).get_template(template).render(values)
+    template = _environment().get_template("page.html")
+    return template.render(title=title, lead=lead, facts=facts, parts=parts)
 
 
 @cache
-def _environment(package: str) -> Environment:
+def _environment() -> Environment:
     found = Environment(
-        loader=ChoiceLoader([PackageLoader(name) for name in dict.fromkeys((package, _HERE))]),
-        autoescape=lambda name: name is None or not name.endswith(".md"),
+        loader=PackageLoader(__package__),
+        autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

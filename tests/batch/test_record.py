@@ -125,5 +125,5 @@ def test_what_is_not_a_record_is_refused_in_one_line(tmp_path: Path) -> None:
     about = json.loads(table.schema.metadata[b"pcnav"]) | {"format": 99}
     later = tmp_path / "later.parquet"
     pq.write_table(table.replace_schema_metadata({b"pcnav": json.dumps(about).encode()}), later)
-    with pytest.raises(InputError, match=r"later\.parquet: format: expected 1, found 99"):
+    with pytest.raises(InputError, match=r"later\.parquet: format: expected 2, found 99"):
         read_record(later)

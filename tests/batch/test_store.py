@@ -120,5 +120,5 @@ def test_a_batch_interrupted_before_its_first_file_begins_anew(tmp_path: Path) -
     (out / "batch.json").write_text(
         json.dumps({"format": 9, "pcnav": "9", "runs": [], "identity": "0"})
     )
-    with pytest.raises(InputError, match="format: expected 1, found 9"):
+    with pytest.raises(InputError, match="format: expected 2, found 9"):
         open_store(out)
