@@ -16,8 +16,7 @@ def main(kind: str, count: int, jobs: int) -> None:
         from benchmarks.scaling_runs import cheap_runs, real_runs
         from pcnav.batch.cluster import Workers
         from pcnav.batch.process import peak_memory_mb
-        from pcnav.batch.store import new_store
-        from pcnav.batch.stored import run_stored
+        from pcnav.batch.store import new_store, run_stored
 
         folder = Path(name)
         function, runs = {"real": real_runs, "cheap": cheap_runs}[kind](count, folder)

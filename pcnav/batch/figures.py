@@ -20,8 +20,7 @@ from pcnav.batch.axes import (
     axis_setting,
     shown_value,
 )
-from pcnav.batch.metrics import Metric
-from pcnav.batch.samples import EvaluationWindow
+from pcnav.batch.metrics import EvaluationWindow, Metric
 from pcnav.batch.statistics import MetricValue
 from pcnav.batch.tables import (
     ReadRun,

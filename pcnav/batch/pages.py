@@ -8,8 +8,8 @@ from datetime import date
 from pathlib import Path
 
 from pcnav.batch.axes import ESTIMATOR_AXIS
+from pcnav.batch.metrics import EvaluationWindow
 from pcnav.batch.record import RunRecord
-from pcnav.batch.samples import EvaluationWindow
 from pcnav.batch.store import RunStore
 from pcnav.estimators.interface import FirstPose
 from pcnav.estimators.registry import ESTIMATORS

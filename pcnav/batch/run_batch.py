@@ -5,12 +5,11 @@ from pathlib import Path
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.grid import GridPlan
+from pcnav.batch.metrics import SETTLED, EvaluationWindow
 from pcnav.batch.one_run import OneRun
 from pcnav.batch.record import RunRecord
-from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
-from pcnav.batch.store import new_store
-from pcnav.batch.stored import OnBatchProgress, run_stored
+from pcnav.batch.store import OnBatchProgress, new_store, run_stored
 from pcnav.batch.tables import run_table
 from pcnav.batch.tabulate import TableSummary, tabulate
 from pcnav.core.errors import InputError

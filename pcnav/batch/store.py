@@ -10,14 +10,16 @@ A batch that was interrupted goes on where its folder ends.
 import json
 import secrets
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pcnav
 from pcnav.batch.axes import GridRun
+from pcnav.batch.cluster import Workers
+from pcnav.batch.engine import Failure, attempt, outcomes
 from pcnav.batch.record import (
     FORMAT,
     SUFFIX,
@@ -25,8 +27,10 @@ from pcnav.batch.record import (
     RunRecord,
     read_header,
     read_record,
+    write_record,
     write_text_whole,
 )
+from pcnav.batch.worker_check import here
 from pcnav.core.errors import InputError
 from pcnav.runs.provenance import library_versions_with_peers
 
@@ -192,3 +196,80 @@ def _remove_unfinished(folder: Path) -> None:
         with suppress(OSError):
             if time.time() - path.stat().st_mtime > _ABANDONED_AFTER_S:
                 path.unlink()
+
+
+OnBatchProgress = Callable[[int, int, int], None]
+"""Told how many runs are done, of how many, and how many of those done failed."""
+
+
+def run_stored(
+    function: Callable[[GridRun], RunRecord],
+    runs: Sequence[GridRun],
+    store: RunStore,
+    workers: Workers,
+    command: Callable[[GridRun], str],
+    on_progress: OnBatchProgress = lambda done, total, failed: None,
+) -> None:
+    """Run what has no record yet; afterwards every run has one, be it of a failure.
+
+    Args:
+        function: defined at the top of a module or made of such a class, so that another process
+            can find it. What it raises goes into the record of a failure.
+        runs: some or all of the store's.
+        store: the folder of the batch, to be seen by every worker.
+        workers: what to spread over.
+        command: what repeats a run alone, for the record of a failure; to be found likewise.
+        on_progress: told in this process at the beginning and after every run.
+
+    May be interrupted at any time and called again: finished runs are not repeated. Raises
+    ``OSError`` when a record cannot be written, and `InputError` when a cluster cannot be used.
+    """
+    missing = [run for run in runs if not store.finished(run)]
+    done = len(runs) - len(missing)
+    earlier = {header.run for header in store.headers() if header.failure is not None}
+    failed = len(earlier.intersection(runs))
+    on_progress(done, len(runs), failed)
+    requirements = here(store.folder / BATCH_FILE, store.identity)
+    recording = _Recording(function, command, store.runs_folder)
+    with closing(outcomes(recording, missing, workers, requirements)) as ended:
+        for k, outcome in ended:
+            answer = outcome
+            if isinstance(answer, Failure):
+                # Its processes ended, so that none of them could say so.
+                answer = recording.failure(missing[k], answer)
+            if isinstance(answer, OSError):
+                raise answer
+            done, failed = done + 1, failed + answer
+            on_progress(done, len(runs), failed)
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """Runs and leaves the record in the folder; called in whatever process has the run.
+
+    Nothing goes back over the network but whether it failed, or why it cannot be recorded.
+    """
+
+    function: Callable[[GridRun], RunRecord]
+    command: Callable[[GridRun], str]
+    folder: Path
+
+    def __call__(self, run: GridRun) -> bool | OSError:
+        path = self.folder / (run.key + SUFFIX)
+        if path.is_file():
+            # A worker may end after the record and before its answer, and the run comes back.
+            return read_header(path).failure is not None
+        record = attempt(self.function, run)
+        return self.failure(run, record) if isinstance(record, Failure) else self._write(record)
+
+    def failure(self, run: GridRun, why: Failure) -> bool | OSError:
+        """Leave the record of a failure."""
+        versions, command = library_versions_with_peers(), self.command(run)
+        return self._write(RunRecord(run, {}, {}, why.summary, versions, command))
+
+    def _write(self, record: RunRecord) -> bool | OSError:
+        try:
+            write_record(self.folder, record)
+        except OSError as error:
+            return error
+        return record.failure is not None

@@ -20,9 +20,8 @@ from pcnav.batch.axes import (
     scenario_of,
     shown_value,
 )
-from pcnav.batch.metrics import Family, Metric
+from pcnav.batch.metrics import EvaluationWindow, Family, Metric
 from pcnav.batch.record import RunRecord
-from pcnav.batch.samples import EvaluationWindow
 from pcnav.batch.statistics import Bounds, Cell, MetricValue, cell_of
 from pcnav.files.text_table import MISSING, TextTable, display_unit, number
 

@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 
 from pcnav.batch.figures import SweepFigure, figures
-from pcnav.batch.metrics import METRICS, Family, Metric
+from pcnav.batch.metrics import METRICS, SETTLED, EvaluationWindow, Family, Metric
 from pcnav.batch.pages import TabulatedBatch, TitledTables, document_of, page_of
 from pcnav.batch.record import RunRecord
-from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import (
     PIVOT,
     STANDARD,

@@ -13,7 +13,7 @@ from pcnav.core.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pcnav.batch.samples import EvaluationWindow
+    from pcnav.batch.metrics import EvaluationWindow
     from pcnav.batch.standard_tables import Wanted
     from pcnav.batch.tabulate import TableSummary
 
@@ -58,7 +58,7 @@ def table(
     `pcnav table runs/accuracy --rows range_m --columns estimator --metrics attitude_rms_deg`,
     `pcnav table --compare runs/old runs/new`
     """
-    from pcnav.batch.samples import EvaluationWindow
+    from pcnav.batch.metrics import EvaluationWindow
     from pcnav.batch.standard_tables import Wanted
 
     wanted = Wanted(_names(rows), _names(columns), _names(metrics))

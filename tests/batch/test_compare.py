@@ -7,13 +7,19 @@ import pytest
 from scipy import stats
 
 from pcnav.batch.axes import GridRun
-from pcnav.batch.changes import Change, case_change, judged, mean_change
-from pcnav.batch.compare import case_table, compare, overall_table, verdict_lines
-from pcnav.batch.metrics import METRICS
+from pcnav.batch.compare import (
+    Change,
+    case_change,
+    case_table,
+    compare,
+    judged,
+    mean_change,
+    overall_table,
+    verdict_lines,
+)
+from pcnav.batch.metrics import METRICS, Sample
 from pcnav.batch.record import write_record
-from pcnav.batch.resampling import Pool, once
-from pcnav.batch.samples import Sample
-from pcnav.batch.statistics import replicates_of
+from pcnav.batch.statistics import Pool, once, replicates_of
 from pcnav.batch.store import RunStore, new_store
 from pcnav.core.errors import InputError
 from tests.batch.made_up import records, some_runs

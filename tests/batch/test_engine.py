@@ -14,8 +14,7 @@ import pytest
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.engine import results
-from pcnav.batch.store import RunStore, new_store, open_store
-from pcnav.batch.stored import run_stored
+from pcnav.batch.store import RunStore, new_store, open_store, run_stored
 from pcnav.core.errors import InputError
 from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
 
@@ -28,7 +27,7 @@ import sys
 from pathlib import Path
 from pcnav.batch.cluster import Workers
 from pcnav.batch.store import new_store
-from pcnav.batch.stored import run_stored
+from pcnav.batch.store import run_stored
 from tests.batch.cheap_runs import CheapRun, command_of, planned
 
 if __name__ == "__main__":

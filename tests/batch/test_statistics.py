@@ -6,11 +6,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from pcnav.batch.metrics import METRICS, Family, Statistic, named_metrics, of_family
+from pcnav.batch.metrics import (
+    METRICS,
+    EvaluationWindow,
+    Family,
+    Sample,
+    Statistic,
+    named_metrics,
+    of_family,
+)
 from pcnav.batch.record import RunRecord
-from pcnav.batch.resampling import (
+from pcnav.batch.statistics import (
+    MetricValue,
     Pool,
     Spread,
+    cell_of,
+    consistency_bounds,
     draws,
     interval,
     maximum,
@@ -18,12 +29,6 @@ from pcnav.batch.resampling import (
     once,
     percentiles,
     root_mean_square,
-)
-from pcnav.batch.samples import EvaluationWindow, Sample
-from pcnav.batch.statistics import (
-    MetricValue,
-    cell_of,
-    consistency_bounds,
     samples_of,
     values_of,
 )
@@ -75,7 +80,7 @@ def test_long_pools_are_cut_into_blocks_without_a_trace(monkeypatch: pytest.Monk
     pool = Pool.of([sample(generator.normal(size=30)) for _ in range(4)])
     counts = draws(["a"] * 4, 50)
     whole = percentiles(pool, counts, PERCENTILES)
-    monkeypatch.setattr("pcnav.batch.resampling._ENTRIES_AT_ONCE", 500)
+    monkeypatch.setattr("pcnav.batch.statistics._ENTRIES_AT_ONCE", 500)
     np.testing.assert_array_equal(percentiles(pool, counts, PERCENTILES), whole)
 
 

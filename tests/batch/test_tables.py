@@ -20,9 +20,8 @@ from pcnav import cli
 from pcnav.batch.axes import GridCase, GridRun, grid_case
 from pcnav.batch.figures import sweeps
 from pcnav.batch.grid import grid_runs
-from pcnav.batch.metrics import named_metrics
+from pcnav.batch.metrics import SETTLED, EvaluationWindow, named_metrics
 from pcnav.batch.record import RunRecord, write_record
-from pcnav.batch.samples import SETTLED, EvaluationWindow
 from pcnav.batch.standard_tables import Wanted, asked_layout
 from pcnav.batch.statistics import MetricValue
 from pcnav.batch.store import RunStore, new_store
