@@ -20,6 +20,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.table import Vector3
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, THETA_BODY
+from pcnav.estimators.choice import simulated_kind
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, EstimatorEntry, FirstPose, Given
 from pcnav.estimators.peers.icp import disturbed
@@ -115,8 +116,8 @@ def simulated(basis: GridBasis, pipeline: Pipeline, target: Target | None) -> Si
     """The recording of a run, in memory, with its truth. Raises `InputError`."""
     if target is not None:
         return Scene.showing(target, pipeline, basis.source).simulation
-    mesh = pipeline.target_mesh
-    return simulate(pipeline, basis.source, None if mesh is None else Path(mesh))
+    mesh = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
+    return simulate(pipeline, basis.source, mesh, simulated_kind(pipeline, basis.source))
 
 
 class LeastErrors:

@@ -8,7 +8,6 @@ import typer
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
 from pcnav.cli.options import Overwrite
 from pcnav.cli.progress import progress
-from pcnav.core.errors import InputError
 
 
 def simulate(
@@ -26,15 +25,11 @@ def simulate(
 
 
 def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
-    from pcnav.estimators.registry import ESTIMATORS
+    from pcnav.estimators.choice import simulated_kind
     from pcnav.simulation.simulate import simulate as simulate_pipeline
 
     path, content = named_pipeline(pipeline)
-    estimator = str(content.estimator.kind)
-    if estimator not in ESTIMATORS:
-        expected = f"expected one of {', '.join(ESTIMATORS)}, got {estimator}"
-        raise InputError(path, "estimator.kind", expected)
-    kind = content.scenario.recording or ESTIMATORS[estimator].takes[0]
+    kind = simulated_kind(content, path)
     name = content.target_mesh
     mesh = None if name is None else mesh_of_pipeline(path, name)
     with progress("simulate") as advance:

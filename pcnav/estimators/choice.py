@@ -1,4 +1,7 @@
-"""Which estimator a recording is run with: the one asked for, or the one its kind has."""
+"""Which estimator a recording is run with, and which recording is simulated for an estimator.
+
+Run with is the one asked for, or the one that the kind of the recording has.
+"""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -26,8 +29,8 @@ _WITHOUT_DEFAULT = {
     RecordingKind.ATTITUDES: _ATTITUDES,
 }
 _FOR_KIND = {
-    RecordingKind.IMAGES: '"image_motion" for images of one camera',
-    RecordingKind.STEREO_TRACKS: '"principal_axes" or "inertia_bank" for feature tracks',
+    RecordingKind.IMAGES: "images of one camera",
+    RecordingKind.STEREO_TRACKS: "feature tracks",
 }
 _NO_MESH = {
     RecordingKind.IMAGES: "images of one camera need none",
@@ -78,12 +81,26 @@ def refuse_mesh(path: Path, choice: Choice) -> None:
         raise InputError(path, "--target", f"expected none: {_NO_MESH[of]}")
 
 
+def simulated_kind(pipeline: Pipeline, source: Path | str = "pipeline") -> RecordingKind:
+    """What is simulated of a pipeline: what [scenario] says, else what its estimator lives on.
+
+    Raises `InputError`, which names the source, for an estimator that does not exist.
+    """
+    estimator = str(pipeline.estimator.kind)
+    _require_known(estimator, (source, "estimator.kind"))
+    return pipeline.scenario.recording or ESTIMATORS[estimator].takes[0]
+
+
+def _require_known(estimator: str, asked: tuple[Path | str, str]) -> None:
+    if estimator not in ESTIMATORS:
+        raise InputError(*asked, f"expected one of {', '.join(ESTIMATORS)}, got {estimator}")
+
+
 def _fitting(
     path: Path, estimator: str, source: Path | str, asked: tuple[Path | str, str]
 ) -> Choice:
     """The estimator that is asked for, where ``asked`` says: a file or path, and a field."""
-    if estimator not in ESTIMATORS:
-        raise InputError(*asked, f"expected one of {', '.join(ESTIMATORS)}, got {estimator}")
+    _require_known(estimator, asked)
     takes = ESTIMATORS[estimator].takes
     kind, found = _kind_of(path, takes), _kind_of(path, ALL_KINDS)
     if kind is not None:
@@ -94,7 +111,9 @@ def _fitting(
     if estimator == EstimatorKind.IMAGE_MOTION:
         raise _no_images(path)
     if found in _FOR_KIND:
-        raise InputError(*asked, f'expected {_FOR_KIND[found]}, got "{estimator}"')
+        known = [f'"{key}"' for key, entry in ESTIMATORS.items() if entry.takes[0] is found]
+        expected = f"expected {' or '.join(known)} for {_FOR_KIND[found]}"
+        raise InputError(*asked, f'{expected}, got "{estimator}"')
     if found is RecordingKind.ATTITUDES:
         raise InputError(path, "--pipeline", _ATTITUDES)
     if RecordingKind.STEREO_TRACKS in takes:

@@ -1,6 +1,7 @@
 """Observability of pipelines and of runs: what the command prints."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
-from pcnav.config.scenario import ScenarioTable
+from pcnav.config.scenario import RecordingKind, ScenarioTable
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.errors import InputError
 from pcnav.evaluation.observability.sources import (
@@ -104,6 +105,17 @@ def test_what_is_missing_is_told(bank_run, tmp_path):
     (bank_run / "features.csv").unlink()
     with pytest.raises(InputError, match=r"features\.csv"):
         observability_of_run(bank_run)
+
+
+def test_an_estimator_without_a_model_is_refused(bank_run):
+    path, pipeline = _short("segal2011", 40)
+    scenario = pipeline.scenario.model_copy(update={"recording": RecordingKind.STEREO_TRACKS})
+    changed = {"estimator": EstimatorTable(kind="open3d_icp"), "scenario": scenario}
+    other = pipeline.model_copy(update=changed)
+    with pytest.raises(InputError, match=r"estimator\.kind.*open3d_icp has none"):
+        observability_of_pipeline(other, path)
+    found = replace(read_run(bank_run), pipeline=other)
+    assert tables_of_run(found, open_recording(bank_run.parent / "recording"), None) == ()
 
 
 def test_a_motion_that_cannot_be_judged_costs_the_report_its_part_alone(bank_run, caplog):

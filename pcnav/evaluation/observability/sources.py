@@ -16,6 +16,7 @@ from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.attitude_inertia.estimator import AttitudeInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import RotationState, TorqueFreeModel
+from pcnav.estimators.choice import simulated_kind
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.observability.depth import Views, depth_subject
@@ -116,7 +117,7 @@ def observability_of_pipeline(
     if kind == EstimatorKind.IMAGE_MOTION:
         subject: Subject[Any] = _chained_subject(title, pipeline, source, mesh)
         return observability_of(subject, wanted)
-    simulation = simulate(pipeline, source, mesh)
+    simulation = simulate(pipeline, source, mesh, simulated_kind(pipeline, source))
     truth, recording = simulation.truth, simulation.recording
     motion = TargetMotion(float(truth.time_s[0]), NavigationState.of(truth, 0))
     if isinstance(recording, Scene):
@@ -129,7 +130,10 @@ def observability_of_pipeline(
         )
     elif isinstance(recording, StereoTracks):
         motion = replace(motion, points=dict(enumerate(simulation.points)))
-        subject = _stereo_subject(title, pipeline, recording, motion)
+        try:
+            subject = _stereo_subject(title, pipeline, recording, motion)
+        except ValueError as error:
+            raise InputError(source, "estimator.kind", str(error)) from error
     else:
         table = pipeline.attitude_inertia
         subject = attitude_subject(title, table, motion.rotation, truth.time_s)
@@ -158,7 +162,7 @@ def _subject_of_run(
         rows = zip(features.feature[found].tolist(), features.p_body[found], strict=True)
         return _stereo_subject(title, pipeline, recording, replace(motion, points=dict(rows)))
     if not isinstance(recording, Sequence) or target is None or POSITION not in run.trajectory:
-        raise ValueError(f"expected the motion of a target, {run.estimator} tells none")
+        raise ValueError(f"expected motion and inertia of a target, {run.estimator} tells none")
     info = recording.info
     hill = R_hill_world(motion.time_s, info.mean_motion_rad_s)
     # The pose is that of the model in the camera; the camera's own attitude is what is left.
@@ -176,8 +180,13 @@ def _subject_of_run(
 
 
 def _state(run: Run, k: int) -> NavigationState:
-    """Of frame k; zero where nothing is reported."""
+    """Of frame k; zero where no place is reported.
+
+    Raises ``ValueError`` for an estimator that reports no motion of its own.
+    """
     found = run.trajectory
+    if not all(block in found for block in (ATTITUDE, RATE, RATIOS)):
+        raise ValueError(f"expected motion and inertia of a target, {run.estimator} tells none")
     value = {block: found[block][k] if block in found else np.zeros(3) for block in _BLOCKS}
     return NavigationState(**{name: value[block] for block, name in _BLOCKS.items()})
 
@@ -195,9 +204,14 @@ _BLOCKS = {
 def _stereo_subject(
     title: str, pipeline: Pipeline, tracks: StereoTracks, motion: TargetMotion
 ) -> Subject[Any]:
-    if pipeline.estimator.kind == EstimatorKind.PRINCIPAL_AXES:
-        return principal_subject(title, pipeline.principal_axes, tracks, motion)
-    return bank_subject(title, pipeline.inertia_bank, tracks, motion)
+    """Raises ``ValueError`` for an estimator whose model is not known here."""
+    match pipeline.estimator.kind:
+        case EstimatorKind.PRINCIPAL_AXES:
+            return principal_subject(title, pipeline.principal_axes, tracks, motion)
+        case EstimatorKind.INERTIA_BANK:
+            return bank_subject(title, pipeline.inertia_bank, tracks, motion)
+        case kind:
+            raise ValueError(f"expected an estimator with a model for it, {kind} has none")
 
 
 def _subject_of_attitudes(
