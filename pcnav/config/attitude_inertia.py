@@ -1,12 +1,12 @@
 """Table of the pipeline file for the filter on attitudes alone (Deng 2024)."""
 
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from pcnav.config.table import NonNegative, Positive, Table, Vector3, Vector5
+from pcnav.config.table import Count, NonNegative, Positive, Probability, Table, Vector3, Vector5
 from pcnav.dynamics.rigid_body import is_physical_inertia
 
 
@@ -37,9 +37,9 @@ class AttitudeInertiaTable(Table):
     """Power spectral density of a white disturbance angular acceleration."""
     attitude_sd_deg: Positive = 0.5
     """About each axis, of attitudes that come without a covariance."""
-    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
+    gate_probability: Probability = 0.9999
     """A true attitude passes the gate with this probability."""
-    max_iterations: Annotated[int, Field(ge=1)] = 5
+    max_iterations: Count = 5
     """Of the iterated update; 1 is the plain EKF of the paper."""
 
     @model_validator(mode="after")

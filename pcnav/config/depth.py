@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from pcnav.config.table import NonNegative, Positive, Table
+from pcnav.config.table import Count, NonNegative, Positive, Probability, Table
 
 
 class PerceptionMode(StrEnum):
@@ -34,7 +34,7 @@ class PerceptionTable(Table):
     """None takes `refined`, and in paper mode, which has nothing else, `rectangles`."""
     range_sigma_m: Positive | None = None
     """Noise along the ray; None takes the value the sequence states."""
-    ransac_success_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.999
+    ransac_success_probability: Probability = 0.999
     """Phi of Yu 2019 (2)."""
     minimum_plane_points: Annotated[int, Field(ge=10)] = 40
     plane_threshold_sigma: Positive = 3.0
@@ -70,7 +70,7 @@ class FilterTable(Table):
     """Prior of the mass centre about the mesh's; None takes the target's own uncertainty."""
     inertia_ratio_sd: Positive | None = None
     """Prior of the inertia ratios about the mesh's; None takes the target's own uncertainty."""
-    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
+    gate_probability: Probability = 0.9999
     """A measurement is rejected when its squared innovation exceeds this chi-square quantile."""
-    iterations: Annotated[int, Field(ge=1)] = 5
+    iterations: Count = 5
     """Most Gauss-Newton steps of an iterated update; 1 is the plain EKF."""

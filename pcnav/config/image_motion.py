@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from pcnav.config.table import Fraction, NonNegative, Positive, Table
+from pcnav.config.table import Fraction, NonNegative, Positive, Probability, Table
 
 
 class MatchSolver(StrEnum):
@@ -86,7 +86,7 @@ class FeatureTrackerTable(Table):
     """
 
     max_features: Annotated[int, Field(ge=8)] = 300
-    quality: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.01
+    quality: Probability = 0.01
     """Of a corner, as a share of the best."""
     spacing_px: Positive = 8.0
     """Least distance between corners."""

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from pcnav.config.table import NonNegative, Positive, Table, Vector3
+from pcnav.config.table import Count, NonNegative, Positive, Probability, Table, Vector3
 from pcnav.core.arrays import FloatArray
 
 Vector4 = tuple[float, float, float, float]
@@ -75,13 +75,13 @@ class InertiaBankTable(Table):
     rate_sd_deg_s: Positive = 0.5
     acceleration_psd_m2_s3: NonNegative = 1e-12
     angular_acceleration_psd_rad2_s3: NonNegative = 1e-14
-    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
+    gate_probability: Probability = 0.9999
     """A true observation of a point passes the gate with this probability."""
-    max_iterations: Annotated[int, Field(ge=1)] = 5
+    max_iterations: Count = 5
     """Of the iterated update."""
     max_features: Annotated[int, Field(ge=3)] = 40
     """Points in the state; the one not seen for longest makes room."""
-    max_rejections: Annotated[int, Field(ge=1)] = 5
+    max_rejections: Count = 5
     """So often rejected in a row, a point is begun anew; with all of them, the target is lost."""
 
     @model_validator(mode="after")

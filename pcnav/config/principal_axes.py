@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from pcnav.config.table import NonNegative, Positive, Table
+from pcnav.config.table import Count, NonNegative, Positive, Probability, Table
 
 
 class FeatureMeasurements(StrEnum):
@@ -47,13 +47,13 @@ class PrincipalAxesTable(Table):
     acceleration_psd_m2_s3: NonNegative = 1e-10
     angular_acceleration_psd_rad2_s3: NonNegative = 1e-10
     """About the axis of the largest moment; the others by their moments (22)."""
-    gate_probability: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9999
+    gate_probability: Probability = 0.9999
     """A true observation of a point passes the gate with this probability."""
-    max_iterations: Annotated[int, Field(ge=1)] = 5
+    max_iterations: Count = 5
     """Of the iterated update."""
     max_features: Annotated[int, Field(ge=3)] = 30
     """Points in the state; the one not seen for longest makes room."""
-    max_rejections: Annotated[int, Field(ge=1)] = 5
+    max_rejections: Count = 5
     """So often rejected in a row, a point is begun anew; with all of them, the target is lost."""
 
     @model_validator(mode="after")

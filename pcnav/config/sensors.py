@@ -6,7 +6,16 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from pcnav.config.table import Direction, Fraction, NonNegative, Positive, Table, Vector3
+from pcnav.config.table import (
+    Direction,
+    Fraction,
+    Many,
+    NonNegative,
+    Pixels,
+    Positive,
+    Table,
+    Vector3,
+)
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera, R_cam_hill
 from pcnav.core.stereo import StereoRig
@@ -15,8 +24,8 @@ from pcnav.core.stereo import StereoRig
 class CameraTable(Table):
     """[camera]: a pinhole depth camera at the chaser's mass centre, fixed in the Hill frame."""
 
-    width_px: Annotated[int, Field(gt=0)] = 256
-    height_px: Annotated[int, Field(gt=0)] = 256
+    width_px: Pixels = 256
+    height_px: Pixels = 256
     horizontal_fov_deg: Annotated[float, Field(gt=0.0, lt=170.0)] = 25.0
     boresight_hill: Direction = (1.0, 0.0, 0.0)
     """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
@@ -62,8 +71,8 @@ class StereoTable(Table):
 
     baseline_m: Positive = 1.0
     focal_px: Positive = 1000.0
-    width_px: Annotated[int, Field(gt=0)] = 1024
-    height_px: Annotated[int, Field(gt=0)] = 1024
+    width_px: Pixels = 1024
+    height_px: Pixels = 1024
     pixel_sigma_px: Positive = 0.1
     """Standard deviation of each measured coordinate."""
     pointing: Boresight = Boresight.TARGET
@@ -89,7 +98,7 @@ class StereoTable(Table):
 class FeaturesTable(Table):
     """[features]: simulated points of the target and how their tracks behave."""
 
-    count: Annotated[int, Field(ge=1)] = 10
+    count: Many = 10
     """Points drawn at random when none are listed."""
     half_extent_m: Positive = 1.5
     """The points drawn are uniform in a cube of this half side about the mass centre."""
@@ -142,8 +151,8 @@ class ImageCameraTable(Table):
     images: bool = False
     """Whether shaded images of the target's mesh are simulated; otherwise the tracks alone."""
 
-    width_px: Annotated[int, Field(gt=0)] = 2048
-    height_px: Annotated[int, Field(gt=0)] = 2048
+    width_px: Pixels = 2048
+    height_px: Pixels = 2048
     focal_px: Positive = 2909.0
     centre_px: tuple[float, float] | None = None
     """Principal point; None takes the middle of the image."""

@@ -21,6 +21,11 @@ Direction = Annotated[Vector3, AfterValidator(_direction)]
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
+Count = Annotated[int, Field(ge=1)]
+# Bounded, since memory is allocated by them.
+Pixels = Annotated[int, Field(gt=0, le=16_384)]
+Many = Annotated[int, Field(gt=0, le=1_000_000)]
 
 
 _LOG = logging.getLogger("pcnav")

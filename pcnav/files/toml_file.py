@@ -34,6 +34,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         if _is_deep(text):
             raise InputError(path, "file", f"expected TOML nested at most {_MAX_DEPTH} deep")
         return tomllib.loads(text)
+    except InputError:
+        raise
     except OSError as error:
         expected = f"expected a readable TOML file ({error.strerror})"
         raise InputError(path, "file", expected) from error

@@ -8,12 +8,10 @@ truth.csv            optional, see `pcnav.recordings.truth`
 """
 
 from pathlib import Path
-from typing import Annotated
 
 import tomli_w
-from pydantic import Field
 
-from pcnav.config.table import Positive, Table
+from pcnav.config.table import Pixels, Positive, Table
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.dynamics.trajectory import Trajectory
@@ -40,8 +38,8 @@ _COLUMNS = ("time_s", "feature", "u", "v")
 class CameraFacts(Table):
     """[camera] of camera.toml."""
 
-    width_px: Annotated[int, Field(gt=0)]
-    height_px: Annotated[int, Field(gt=0)]
+    width_px: Pixels
+    height_px: Pixels
     focal_px: Positive | tuple[Positive, Positive]
     centre_px: tuple[float, float] | None = None
     """None takes the middle of the image."""

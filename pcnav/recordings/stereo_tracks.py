@@ -17,7 +17,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field, Strict
 
-from pcnav.config.table import Direction, Positive, StrictTable, Vector2
+from pcnav.config.table import Direction, Pixels, Positive, StrictTable, Vector2
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import R_cam_hill
 from pcnav.core.errors import InputError
@@ -49,14 +49,13 @@ TRUTH_FEATURES_FILE = "truth_features.csv"
 
 _TRACK_COLUMNS = ("time_s", "feature", "u_left", "v_left", "u_right", "v_right")
 _POINT_COLUMNS = ("feature", "x_m", "y_m", "z_m")
-_PixelCount = Annotated[int, Field(gt=0)]
 
 
 class _RigTable(StrictTable):
     baseline_m: Positive
     focal_px: Positive
     centre_px: Vector2
-    size_px: Annotated[tuple[_PixelCount, _PixelCount], Strict(False)]
+    size_px: Annotated[tuple[Pixels, Pixels], Strict(False)]
     pixel_sigma_px: Positive
 
 

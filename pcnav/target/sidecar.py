@@ -5,55 +5,36 @@ import tempfile
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
-from pcnav.config.table import Positive, Vector3, Vector5
+from pcnav.config.scenario import InertiaRatios
+from pcnav.config.table import Direction, Positive, Table, Vector3
 from pcnav.core.errors import InputError
-from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.files.toml_file import read_toml_model
 
 _Name = Annotated[str, Field(min_length=1)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class MassTable(_Table):
+class MassTable(Table):
     """[mass]: nominal mass properties; None takes those of the uniform mesh."""
 
     com_model_m: Vector3 | None = None
     com_sd_m: Positive | None = None
-    inertia_ratios: Vector5 | None = None
+    inertia_ratios: InertiaRatios | None = None
     """Iyy, Izz, Ixy, Ixz, Iyz over Ixx, entries of the inertia matrix about the mass centre."""
     inertia_ratio_sd: Positive | None = None
 
-    @field_validator("inertia_ratios")
-    @classmethod
-    def _physical(cls, ratios: Vector5 | None) -> Vector5 | None:
-        if ratios is not None and not is_physical_inertia(inertia_from_ratios(np.array(ratios))):
-            raise ValueError("expected the inertia of a real body (positive, triangle inequality)")
-        return ratios
 
-
-class RectangleName(_Table):
+class RectangleName(Table):
     """[[rectangles.names]]: the name of the rectangle at this centroid, facing this way."""
 
     name: _Name
     centroid_model_m: Vector3
-    normal_model: Vector3
-
-    @field_validator("normal_model")
-    @classmethod
-    def _has_direction(cls, normal: Vector3) -> Vector3:
-        if not np.linalg.norm(normal) > 0.0:
-            raise ValueError("expected a direction")
-        return normal
+    normal_model: Direction
 
 
-class RectanglesTable(_Table):
+class RectanglesTable(Table):
     """[rectangles]."""
 
     names: tuple[RectangleName, ...] = ()
@@ -66,7 +47,7 @@ class RectanglesTable(_Table):
         return names
 
 
-class Sidecar(_Table):
+class Sidecar(Table):
     """The whole file; every table may be left out."""
 
     name: _Name | None = None

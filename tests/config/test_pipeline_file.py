@@ -224,7 +224,8 @@ def test_a_file_beyond_all_bounds_is_refused_in_one_line(
 ) -> None:
     error = refusal(tmp_path, text)
     assert error.field == "file"
-    assert word in str(error) and len(str(error)) < 300
+    assert str(error).startswith(f"{error.file}: file: expected") and word in str(error)
+    assert len(str(error)) < 300
 
 
 def test_a_wrong_value_is_repeated_in_part_only(tmp_path: Path) -> None:
