@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from html import escape
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import viser
 
@@ -12,9 +12,6 @@ from pcnav.viewer.export import Share
 from pcnav.viewer.frames import ColourBy
 from pcnav.viewer.loaded_run import Snapshot
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
-
-if TYPE_CHECKING:
-    from pcnav.viewer.session import Session
 
 _ANY_EVENT = "any event"
 _MAGNIFIED: dict[str, float | None] = {
@@ -27,7 +24,7 @@ _MAGNIFIED: dict[str, float | None] = {
 _FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
 
 
-class Camera(StrEnum):
+class Viewpoint(StrEnum):
     """Where the browser looks from."""
 
     CHASER = "chaser's eye"
@@ -35,10 +32,25 @@ class Camera(StrEnum):
     FOLLOW = "follow"
 
 
+class Commands(Protocol):
+    """What the controls ask of the session that they belong to."""
+
+    @property
+    def is_playing(self) -> bool: ...
+    def go_to(self, frame: int) -> None: ...
+    def step(self, frames: int) -> None: ...
+    def jump(self, direction: int, kind: Kind | None) -> None: ...
+    def play(self, wanted: bool) -> None: ...
+    def redraw(self) -> None: ...
+    def change_speed(self) -> None: ...
+    def share(self, share: Share) -> None: ...
+    def look_from(self, viewpoint: Viewpoint) -> None: ...
+
+
 class Controls:
     """The main panel of one browser."""
 
-    def __init__(self, gui: viser.GuiApi, snapshot: Snapshot, session: "Session") -> None:
+    def __init__(self, gui: viser.GuiApi, snapshot: Snapshot, session: Commands) -> None:
         self._gui, self._session = gui, session
         first = snapshot.runs[0]
         self._frames = len(first)
@@ -151,10 +163,10 @@ class Controls:
         self._magnified = gui.add_dropdown(
             "3σ drawn", tuple(_MAGNIFIED), initial_value="enlarged to be seen"
         )
-        camera = gui.add_button_group("look from", tuple(str(each) for each in Camera))
+        camera = gui.add_button_group("look from", tuple(str(each) for each in Viewpoint))
         self._colour.on_update(lambda _: self._session.redraw())
         self._magnified.on_update(lambda _: self._session.redraw())
-        camera.on_click(lambda _: self._session.look_from(Camera(camera.value)))
+        camera.on_click(lambda _: self._session.look_from(Viewpoint(camera.value)))
 
     def _add_layers(
         self, gui: viser.GuiApi, snapshot: Snapshot

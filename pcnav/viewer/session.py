@@ -10,7 +10,7 @@ import viser
 
 from pcnav.core.arrays import FloatArray
 from pcnav.viewer.clock import Playback
-from pcnav.viewer.controls import Camera, Controls
+from pcnav.viewer.controls import Controls, Viewpoint
 from pcnav.viewer.events import Kind, neighbour
 from pcnav.viewer.export import Share, exported, file_name
 from pcnav.viewer.frames import Shot
@@ -312,14 +312,14 @@ class Session:
 
     # Cameras.
 
-    def look_from(self, camera: Camera) -> None:
+    def look_from(self, viewpoint: Viewpoint) -> None:
         """Move the browser's camera."""
         loaded, handle = self._first, self._client.camera
         position, centre = loaded.viewpoint(self._wanted)
         self._followed = None
         with drawing(self._client):
             handle.up_direction = UP
-            if camera is Camera.CHASER:
+            if viewpoint is Viewpoint.CHASER:
                 eye = loaded.frames.camera() if loaded.frames is not None else None
                 handle.position = (0.0, 0.0, 0.0)
                 handle.look_at = (0.0, 0.0, max(float(centre[2]), 1.0))
@@ -328,13 +328,13 @@ class Session:
             handle.fov = CAMERA_FOV_RAD
             handle.position = vector(position)
             handle.look_at = vector(centre)
-        if camera is Camera.FOLLOW:
+        if viewpoint is Viewpoint.FOLLOW:
             self._followed = centre
 
     def _look_at_first(self) -> None:
         """What a page opens with. A target without a model may go far: it is followed."""
         self._is_placed = bool(self._first.run.has_estimate.any())
-        self.look_from(Camera.ORBIT if self._first.target is not None else Camera.FOLLOW)
+        self.look_from(Viewpoint.ORBIT if self._first.target is not None else Viewpoint.FOLLOW)
 
     def _follow(self, frame: int) -> None:
         """Carry the camera along with the target, without touching what the user turned."""
