@@ -1,32 +1,22 @@
-"""Monte Carlo: a function over many runs of named cases, each run repeatable alone by its seed.
+"""Monte Carlo: runs of named cases, each repeatable alone by its seed.
 
-    cases = [Case("0.1 px", Settings(noise_px=0.1)), Case("0.5 px", Settings(noise_px=0.5))]
-    runs = runs_of("my study", cases, 100)
-    found = monte_carlo(one_run, runs, workers, progress.add)
-    found["0.1 px"]     # what one_run(run) returned for its 100 runs, in order
-
-The function finds in a run the settings of its case and a seed. Where many runs are one array, it
-is given `batches` of runs instead of single ones.
+A case has a name and settings, a run of it an index and a seed: that is all that a function needs
+to make it, in whatever process. Where many runs are one array, `batches` of runs are made together.
 """
 
 import hashlib
 import re
 import zlib
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
-
-from pcnav.batch.cluster import EVERY_CORE, Workers
-from pcnav.batch.engine import results
 
 _MAX_SLUG, _HASH_DIGITS = 60, 10
 
 Settings = TypeVar("Settings", covariant=True)
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -121,49 +111,3 @@ def batches(runs: Iterable[Run[Settings]], size: int) -> list[RunBatch[Settings]
         own = tuple(members)
         found += [RunBatch(own[k : k + size]) for k in range(0, len(own), size)]
     return found
-
-
-class Item(Protocol):
-    """What a function is called with: a run, or a batch of runs."""
-
-    @property
-    def case(self) -> Case[Any]: ...
-    @property
-    def work(self) -> float: ...
-
-
-AnyItem = TypeVar("AnyItem", bound=Item)
-
-
-def work_of(items: Iterable[Item]) -> float:
-    """Units of work in all."""
-    return sum(item.work for item in items)
-
-
-def monte_carlo(
-    function: Callable[[AnyItem], Result],
-    items: Sequence[AnyItem],
-    workers: Workers = EVERY_CORE,
-    on_done: Callable[[float], None] = lambda work: None,
-) -> dict[str, list[Result]]:
-    """``function`` of every run or batch of runs: results by the name of the case, in order.
-
-    Args:
-        function: defined at the top of a module, or a `functools.partial` of such a one, so that
-            another process can find it. The same run gives the same result in any process.
-        items: of `runs_of` or `batches`, or made one by one.
-        workers: processes of this machine, or a dask cluster.
-        on_done: told in this process the units of work of every item that is done.
-
-    Raises `RunError` when a run fails, which ends all others, and `InputError` when a cluster
-    cannot be used.
-    """
-    found: dict[int, Result] = {}
-    with closing(results(function, items, workers)) as ended:
-        for k, result in ended:
-            found[k] = result
-            on_done(items[k].work)
-    by_case: dict[str, list[Result]] = {}
-    for k, item in enumerate(items):
-        by_case.setdefault(item.case.name, []).append(found[k])
-    return by_case

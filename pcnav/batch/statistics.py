@@ -205,10 +205,6 @@ class MetricValue:
     high: float
     """95 % confidence interval by resampling runs; nan with fewer than two, where all agree, and
     for a maximum, which no draw can exceed."""
-    runs: int
-    """That have numbers."""
-    numbers: int
-    """Of frames, or of runs where a run has one."""
     bounds: Bounds | None = None
     """Of a measure of consistency."""
 
@@ -308,14 +304,14 @@ def _value(
     metric: Metric, pool: Pool, spread: Spread, seen: float, drawn: FloatArray
 ) -> MetricValue:
     if not np.isfinite(seen):
-        return MetricValue(np.nan, np.nan, np.nan, 0, 0)
+        return MetricValue(np.nan, np.nan, np.nan)
     low, high = (np.nan, np.nan)
     if metric.statistic is not Statistic.MAX:
         low, high = interval(seen, drawn, spread, metric.differs_by_factors)
         # Nothing here is negative, and no share is more than all.
         low, high = max(low, 0.0), min(high, 100.0 if metric.unit == "%" else np.inf)
     bounds = consistency_bounds(metric, pool) if metric.is_consistency else None
-    return MetricValue(seen, low, high, spread.runs, len(pool.values), bounds)
+    return MetricValue(seen, low, high, bounds)
 
 
 def consistency_bounds(metric: Metric, pool: Pool) -> Bounds:

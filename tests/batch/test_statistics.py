@@ -237,7 +237,6 @@ def test_every_metric_is_the_plain_statistic_of_its_frames() -> None:
     }
     for name, value in expected.items():
         assert found.values[name].value == pytest.approx(value, rel=1e-12), name
-    assert found.values["position_rms_m"].numbers == 60
     assert not found.values["rate_over_crb"].exists
 
 
@@ -254,15 +253,12 @@ def test_runs_that_never_lock_and_frames_without_a_pose_are_counted() -> None:
     found = cell_of([made, never], wanted, EvaluationWindow()).values
     assert found["never_locked_pct"].value == 50.0
     assert found["pose_pct"].value == 75.0
-    assert found["time_to_lock_s"].runs == 1
-    assert found["position_rms_m"].numbers == 30
 
 
 def test_failed_runs_are_counted_and_have_no_errors() -> None:
     runs = some_runs(4)[:4]
     found = cell_of(records(runs, failures={runs[1].key: "broken"}), [RMS], EvaluationWindow())
     assert (found.runs, found.failed) == (4, 1)
-    assert found.values[RMS.name].runs == 3
     none = cell_of(records(runs, failures={r.key: "x" for r in runs}), [RMS], EvaluationWindow())
     assert (none.runs, none.failed) == (4, 4)
     assert not none.values[RMS.name].exists

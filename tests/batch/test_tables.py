@@ -279,10 +279,10 @@ def test_one_document_holds_all_tables_with_what_they_were_made_by(tables: Path)
 
 
 def test_an_interval_that_tells_nothing_is_called_wide() -> None:
-    assert value_text(MetricValue(2.0, 1.0, 4.0, 5, 5)) == "2.00 [1.00, 4.00]"
-    assert value_text(MetricValue(2.0, 1e-3, 4e3, 5, 5)) == "2.00 [wide]"
+    assert value_text(MetricValue(2.0, 1.0, 4.0)) == "2.00 [1.00, 4.00]"
+    assert value_text(MetricValue(2.0, 1e-3, 4e3)) == "2.00 [wide]"
     # A shift has ends of both signs.
-    assert value_text(MetricValue(2.0, -1.0, 5.0, 5, 5)) == "2.00 [-1.00, 5.00]"
+    assert value_text(MetricValue(2.0, -1.0, 5.0)) == "2.00 [-1.00, 5.00]"
 
 
 def test_no_timing_is_in_any_table_but_that_of_the_cost(tables: Path) -> None:
