@@ -26,12 +26,26 @@ class Measurements(StrEnum):
     """As refined; and every frame is searched for rectangles, as a check on the track."""
 
 
+class ModalityName(StrEnum):
+    """What a frame is compared with the rendered view by."""
+
+    RANGES = "ranges"
+    """How faces are displaced along the line of sight, and tilted."""
+    OUTLINE = "outline"
+    """How they are displaced across."""
+
+
+MODALITIES_BY_DEFAULT = (ModalityName.RANGES, ModalityName.OUTLINE)
+
+
 class PerceptionTable(Table):
     """[perception]: from a depth frame to recognised rectangles."""
 
     mode: PerceptionMode = PerceptionMode.AREA_WEIGHTED
     measurements: Measurements | None = None
     """None takes `refined`, and in paper mode, which has nothing else, `rectangles`."""
+    modalities: Annotated[tuple[ModalityName, ...], Field(min_length=1)] = MODALITIES_BY_DEFAULT
+    """Of the comparison with the rendered view, see `pcnav.perception.render_compare`."""
     range_sigma_m: Positive | None = None
     """Noise along the ray; None takes the value the sequence states."""
     ransac_success_probability: Probability = 0.999
@@ -41,6 +55,12 @@ class PerceptionTable(Table):
     """RANSAC inlier distance in standard deviations of the range noise."""
     size_gate_sigma: Positive = 4.0
     """Recognition gate on sides and area, in standard deviations of their difference."""
+
+    @model_validator(mode="after")
+    def _modalities_count_once(self) -> Self:
+        if len(set(self.modalities)) < len(self.modalities):
+            raise ValueError("modalities: expected each once")
+        return self
 
     @model_validator(mode="after")
     def _paper_mode_measures_rectangles(self) -> Self:

@@ -104,7 +104,8 @@ class SceneBound:
         """``target`` as pcnav knows it; its prior of the mass properties is the bound's."""
         pipeline, self._motion = scene.pipeline, scene.motion
         camera = pipeline.camera.pinhole
-        self._comparer = RenderComparer(target, camera, scene.info.range_sigma_m)
+        sigma_m, modalities = scene.info.range_sigma_m, pipeline.perception.modalities
+        self._comparer = RenderComparer(target, camera, sigma_m, modalities=modalities)
         model = MassCentreModel(
             pipeline.orbit.mean_motion_rad_s,
             pipeline.filter.acceleration_psd_m2_s3,

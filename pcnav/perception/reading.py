@@ -152,7 +152,7 @@ class FrameReader:
             if len(self._comparers) >= _MAX_COMPARERS:
                 self._comparers.clear()
             self._comparers[frame.camera] = RenderComparer(
-                self._target, frame.camera, self._sigma_m
+                *(self._target, frame.camera, self._sigma_m), modalities=self._settings.modalities
             )
         return self._comparers[frame.camera]
 

@@ -8,15 +8,18 @@ the prediction is cut alike. No planes are searched for and no pixel is given to
 measures, so the measurement does not lean on the prediction.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 
+from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, agreement
-from pcnav.perception.contour import ContourRuns, PoseDoubt, contour_runs, mesh_edges
+from pcnav.perception.contour import PoseDoubt, contour_runs, mesh_edges
+from pcnav.perception.modality import Evidence, Modality, RangeFit, SeenFrame
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.satellite import Rectangle, Target
@@ -75,14 +78,42 @@ class Comparison:
     """(height, width) index into ``faces`` of the pixels that were used, -1 for none."""
 
 
+def _ranges(seen: SeenFrame) -> Callable[[int], Evidence]:
+    return lambda face: seen.ranges[face].evidence
+
+
+def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
+    runs = contour_runs(seen.edges, seen.depth_m, seen.rendered, seen.doubt, min(seen.dropout, 0.9))
+    run_face = seen.face_of_triangle[runs.triangle]
+
+    def of_face(face: int) -> Evidence:
+        own = run_face == face
+        return Evidence.of(runs.value[own], runs.variance[own], runs.jacobian[own])
+
+    return of_face
+
+
+MODALITIES: Mapping[ModalityName, Modality] = {
+    ModalityName.RANGES: _ranges,
+    ModalityName.OUTLINE: _outline,
+}
+"""What frames may be compared by. Their errors are taken as independent."""
+
+
 class RenderComparer:
     """Compares frames of one camera with one target; what never changes is built once."""
 
     def __init__(
-        self, target: Target, camera: PinholeCamera, range_sigma_m: float, stride: int = 1
+        self,
+        target: Target,
+        camera: PinholeCamera,
+        range_sigma_m: float,
+        stride: int = 1,
+        modalities: Sequence[ModalityName] = MODALITIES_BY_DEFAULT,
     ) -> None:
-        """``stride`` compares on every so many pixels of the frames of ``camera`` only."""
-        self.camera = camera
+        """``stride`` compares on every so many pixels of the frames of ``camera`` only, by
+        ``modalities``."""
+        self.camera, self._modalities = camera, tuple(modalities)
         self._target, self._sigma_m, self._stride = target, range_sigma_m, stride
         self._renderer = DepthRenderer(target.mesh, camera.strided(stride))
         self._edges = mesh_edges(target.mesh)
@@ -102,7 +133,7 @@ class RenderComparer:
     def _at_stride(self, stride: int) -> "RenderComparer":
         if stride == self._stride:
             return self
-        return RenderComparer(self._target, self.camera, self._sigma_m, stride)
+        return RenderComparer(self._target, self.camera, self._sigma_m, stride, self._modalities)
 
     @property
     def lever_m(self) -> float:
@@ -147,53 +178,54 @@ class RenderComparer:
         dropout = float(np.mean(~returned)) if len(returned) else 0.0
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = _GATE_SIGMA * float(np.sqrt(self._sigma_m**2 + typical))
-        runs = contour_runs(self._edges, depth_m, rendered, doubt, min(dropout, 0.9))
         index = self._face_of_triangle[pixels.triangle]
-        faces, used = self._faces(index, agrees, residual, jacobian, runs)
+        ranges = self._ranges(index, agrees, residual, jacobian)
+        seen = SeenFrame(
+            depth_m, rendered, doubt, self._edges, self._face_of_triangle, dropout, ranges
+        )
         labels = np.full(depth_m.shape, _NO_FACE, dtype=np.intp)
         label_of_face = np.full(len(self._target.rectangles) + 1, _NO_FACE, dtype=np.intp)
-        for label, face in enumerate(used):
+        for label, face in enumerate(ranges):
             label_of_face[face] = label
         shown = np.where(agrees, label_of_face[index], _NO_FACE)
         labels[rendered.window][pixels.inside] = shown
         return Comparison(
             T_cam_model,
             rendered,
-            faces,
+            self._faces(seen),
             agreement(depth_m, rendered, tolerance),
             labels,
         )
 
-    def _faces(
-        self,
-        index: IntArray,
-        agrees: BoolArray,
-        residual: FloatArray,
-        jacobian: FloatArray,
-        runs: ContourRuns,
-    ) -> tuple[tuple[FaceEvidence, ...], list[int]]:
-        run_index = self._face_of_triangle[runs.triangle]
-        faces, used = [], []
+    def _faces(self, seen: SeenFrame) -> tuple[FaceEvidence, ...]:
+        measured, rectangles = (
+            [MODALITIES[name](seen) for name in self._modalities],
+            self._target.rectangles,
+        )
+        faces = []
+        for face, fit in seen.ranges.items():
+            evidence = reduce(Evidence.with_also, (of_face(face) for of_face in measured))
+            rectangle = None if face == _NO_FACE else rectangles[face]
+            faces.append(FaceEvidence(rectangle, *evidence, fit.n_pixels, fit.chi_square_per_dof))
+        return tuple(faces)
+
+    def _ranges(
+        self, index: IntArray, agrees: BoolArray, residual: FloatArray, jacobian: FloatArray
+    ) -> dict[int, RangeFit]:
+        """By face of which enough pixels agree."""
+        found = {}
         index = np.where(agrees, index, len(self._target.rectangles) + 1)
         for face in np.unique(index[agrees]).tolist():
             chosen = index == face
             n = int(np.count_nonzero(chosen))
             if n < _MIN_PIXELS:
                 continue
-            rectangle = None if face == _NO_FACE else self._target.rectangles[face]
             H, r = jacobian[chosen], residual[chosen]
             information, vector = H.T @ H, H.T @ r
             misfit = _misfit(information, vector, float(r @ r), n, self._sigma_m)
             weight = 1.0 / (self._sigma_m**2 * _inflation(misfit, n))
-            information, vector = information * weight, vector * weight
-            of_face = run_index == face
-            H, variance = runs.jacobian[of_face], runs.variance[of_face]
-            weighted = H.T / variance
-            information = information + weighted @ H
-            vector = vector + weighted @ runs.value[of_face]
-            faces.append(FaceEvidence(rectangle, information, vector, n, misfit))
-            used.append(face)
-        return tuple(faces), used
+            found[face] = RangeFit(Evidence(information * weight, vector * weight), n, misfit)
+        return found
 
 
 @dataclass(frozen=True)

@@ -101,6 +101,16 @@ def test_frames_are_measured_by_what_the_file_says_or_its_mode_has(
     assert read_pipeline(path).perception.measured_by is measured_by
 
 
+def test_modalities_are_a_list_without_repetition(tmp_path: Path) -> None:
+    path = tmp_path / "pipeline.toml"
+    path.write_text('[perception]\nmodalities = ["outline"]\n', encoding="utf-8")
+    assert read_pipeline(path).perception.modalities == ("outline",)
+    for wrong in ("[]", '["ranges", "ranges"]', '["shadows"]'):
+        path.write_text(f"[perception]\nmodalities = {wrong}\n", encoding="utf-8")
+        with pytest.raises(InputError, match="modalities"):
+            read_pipeline(path)
+
+
 @pytest.mark.parametrize("measurements", ["refined", "both"])
 def test_paper_mode_has_nothing_but_rectangles(tmp_path: Path, measurements: str) -> None:
     error = refusal(tmp_path, f'[perception]\nmode = "paper"\nmeasurements = "{measurements}"\n')

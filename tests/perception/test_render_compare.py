@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from scipy.stats import chi2
 
+from pcnav.config.depth import MODALITIES_BY_DEFAULT
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
@@ -213,6 +214,20 @@ def test_a_clean_frame_recovers_the_displacement(
             innovation = face.vector - face.information @ error
             pseudo = np.linalg.pinv(face.information, rcond=1e-12, hermitian=True)
             assert innovation @ pseudo @ innovation < chi2.ppf(0.9999, 6), face.name
+
+
+def test_modalities_add_up(
+    boxsat: Target, camera: PinholeCamera, comparer: RenderComparer, random_pose: DrawPose
+) -> None:
+    T = random_pose(np.random.default_rng(5))
+    frame = DepthRenderer(boxsat.mesh, camera).render(moved(T, PRIOR_SD)).depth_m
+    alone = [
+        total(RenderComparer(boxsat, camera, SIGMA, modalities=(name,)).compare(frame, T, PRIOR))
+        for name in MODALITIES_BY_DEFAULT
+    ]
+    for both, *parts in zip(total(comparer.compare(frame, T, PRIOR)), *alone, strict=True):
+        assert all(np.any(part != 0.0) for part in parts)
+        np.testing.assert_allclose(sum(parts), both, rtol=1e-9, atol=1e-9 * np.abs(both).max())
 
 
 def test_errors_are_as_large_as_stated(

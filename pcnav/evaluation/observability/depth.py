@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pcnav.config.depth import PerceptionTable
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
@@ -33,9 +34,11 @@ class Views:
     tell of an error of the pose is what a frame would. Aspects that are alike share one.
     """
 
-    def __init__(self, target: Target, camera: PinholeCamera, range_sigma_m: float) -> None:
+    def __init__(
+        self, target: Target, camera: PinholeCamera, range_sigma_m: float, table: PerceptionTable
+    ) -> None:
         self.target = target
-        self._comparer = RenderComparer(target, camera, range_sigma_m)
+        self._comparer = RenderComparer(target, camera, range_sigma_m, modalities=table.modalities)
         self._renderer = DepthRenderer(target.mesh, camera)
         self.lever_m = self._comparer.lever_m
         self._poses: list[FloatArray] = []

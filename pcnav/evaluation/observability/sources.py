@@ -124,7 +124,7 @@ def observability_of_pipeline(
         assert mesh is not None, "without a mesh there is no scene"
         about, camera = recording.info, pipeline.camera
         sigma_m = pipeline.perception.range_sigma_m or about.range_sigma_m
-        views = Views(load_target(mesh), camera.pinhole, sigma_m)
+        views = Views(load_target(mesh), camera.pinhole, sigma_m, pipeline.perception)
         subject = depth_subject(
             title, pipeline, about, views, motion, truth.time_s, camera.R_cam_hill
         )
@@ -172,7 +172,7 @@ def _subject_of_run(
         title,
         pipeline,
         info,
-        Views(target, recording.frame(last).camera, range_sigma_m),
+        Views(target, recording.frame(last).camera, range_sigma_m, pipeline.perception),
         motion,
         run.time_s[first : last + 1],
         np.asarray(R_cam_world @ hill.T),
