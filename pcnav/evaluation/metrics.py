@@ -6,7 +6,7 @@ estimate and a truth.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -252,13 +252,19 @@ def quantity_errors(time_s: FloatArray, compared: Errors) -> tuple[QuantityError
     """Statistics by quantity; one without any error is left out."""
     elapsed = (time_s - time_s[0]) / max(float(np.ptp(time_s)), np.finfo(np.float64).tiny)
     found = []
+    for quantity, norms in error_norms(compared):
+        title = quantity.title
+        if quantity.key == "attitude" and compared.defines_axes is not None:
+            title = "attitude since the first frame"
+        parts = (distribution(norms[elapsed >= start]) for start in _PARTS.values())
+        found.append(QuantityErrors(quantity.key, title, quantity.unit, *parts))
+    return tuple(found)
+
+
+def error_norms(compared: Errors) -> Iterator[tuple[Quantity, FloatArray]]:
+    """Norms (n,) of the errors of every quantity; one without any error is left out."""
     for quantity in QUANTITIES:
         vectors = quantity.of(compared)
         norms = np.zeros(0) if vectors is None else np.asarray(np.linalg.norm(vectors, axis=1))
         if np.isfinite(norms).any():
-            title = quantity.title
-            if quantity.key == "attitude" and compared.defines_axes is not None:
-                title = "attitude since the first frame"
-            parts = (distribution(norms[elapsed >= start]) for start in _PARTS.values())
-            found.append(QuantityErrors(quantity.key, title, quantity.unit, *parts))
-    return tuple(found)
+            yield quantity, norms

@@ -9,6 +9,8 @@ import numpy as np
 from pcnav.core import chi_square
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, Block
+from pcnav.evaluation.errors import Errors
+from pcnav.evaluation.metrics import error_norms
 from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import envelope
 from pcnav.viewer.loaded_run import LoadedRun
@@ -89,8 +91,20 @@ def groups_of(loaded: LoadedRun) -> dict[str, Callable[[], ChartGroup]]:
         for name, block in _GROUPS.items()
         if loaded.has(block) or loaded.error(block) is not None
     }
+    if loaded.errors is not None:
+        groups["error norms"] = partial(_error_norms, loaded, loaded.errors)
     groups["consistency"] = partial(_consistency, loaded)
     return groups
+
+
+def _error_norms(loaded: LoadedRun, compared: Errors) -> ChartGroup:
+    """Of every quantity that metrics.json has statistics of."""
+    time_s, charts = loaded.run.time_s, []
+    for quantity, norms in error_norms(compared):
+        scale, unit = _unit_of(norms, quantity.unit, time_s)
+        label = f"{quantity.title}, {'norm' if unit == '1' else unit}"
+        charts.append(Chart(label, time_s, scale * norms, is_error=True))
+    return ChartGroup("norms of the errors", tuple(charts))
 
 
 def _quantity(loaded: LoadedRun, name: str, block: Block) -> ChartGroup:

@@ -23,7 +23,8 @@ from pcnav.viewer.render_options import Layer
 from pcnav.viewer.server import LocalServer
 from tests.viewer.conftest import FRAMES, small_pipeline, watched
 
-_UNITS = {"m": 1.0, "mm": 1e-3, "deg": 1.0, "deg/s": 1.0, "": 1.0}
+_METRES = {"m": 1.0, "mm": 1e-3, "m/s": 1.0, "mm/s": 1e-3}
+_UNITS = {**_METRES, "deg": 1.0, "deg/s": 1.0, "norm": 1.0, "": 1.0}
 _QUANTITIES = {
     "position_cam_m": "position",
     "r_hill_m": "position",
@@ -54,14 +55,14 @@ _NO_RECTANGLES = frozenset({Layer.ACCEPTED, Layer.REJECTED, Layer.NAMES, Layer.C
 _NO_MODEL = _NO_RECTANGLES | {Layer.POINTS, Layer.SENSOR, Layer.MESH, Layer.TRUTH}
 _NO_PLACE = _NO_MODEL | {Layer.POSITION, Layer.TRAIL}
 _NO_INERTIA = frozenset({Layer.PRINCIPAL, Layer.MOMENTUM})
-_TURNING = ("attitude", "rate", "inertia ratios", "consistency")
+_TURNING = ("attitude", "rate", "inertia ratios", "error norms", "consistency")
 KINDS = {
     "depth": Kind(
         *("", FRAMES, ("position", "attitude", "rate", "mass centre", *_TURNING[2:])),
         *(frozenset(), "rectangles"),
     ),
     "poses alone": Kind(
-        *("", FRAMES, ("position", "attitude", "consistency")),
+        *("", FRAMES, ("position", "attitude", "error norms", "consistency")),
         _NO_RECTANGLES | _NO_INERTIA | {Layer.POSITION, Layer.ATTITUDE, Layer.RATE},
         estimator="open3d_icp",
     ),
@@ -69,7 +70,7 @@ KINDS = {
     "hu2024": Kind("hu2024", 150, ("position", *_TURNING), _NO_MODEL, "features"),
     "segal2011": Kind("segal2011", 40, ("position", *_TURNING), _NO_MODEL, "features"),
     "images": Kind(
-        *("applsci2022", 40, ("attitude", "rate", "consistency")),
+        *("applsci2022", 40, ("attitude", "rate", "error norms", "consistency")),
         *(_NO_PLACE | _NO_INERTIA, "matches"),
     ),
     "attitudes": Kind("deng2024", 40, _TURNING, _NO_PLACE, "attitudes"),
@@ -145,11 +146,20 @@ def test_errors_are_those_of_metrics_json(seen: Seen) -> None:
     groups, errors = groups_of(seen.stored), _metrics(seen)["errors"]
     # Where the mass centre is estimated its position is drawn, not that of the model's origin.
     known = {name: errors[key] for key, name in _QUANTITIES.items() if key in errors}
-    assert set(known) == set(groups) - {"consistency"}
+    assert set(known) == set(groups) - {"error norms", "consistency"}
     for name, error in known.items():
         charts = groups[name]().charts
         assert all(chart.is_error for chart in charts), name
         assert _rms(charts) == pytest.approx(error["whole"]["rms"], rel=1e-9), name
+
+
+def test_every_quantity_of_metrics_json_is_drawn(seen: Seen) -> None:
+    # Those of single points need the files of the run.
+    errors = {key: each for key, each in _metrics(seen)["errors"].items() if key != "features_m"}
+    charts = groups_of(seen.stored)["error norms"]().charts
+    for error, chart in zip(errors.values(), charts, strict=True):
+        assert chart.label.startswith(error["title"].removesuffix(" since the first frame"))
+        assert _rms((chart,)) == pytest.approx(error["whole"]["rms"], rel=1e-9)
 
 
 def test_innovations_are_those_of_metrics_json(seen: Seen) -> None:
