@@ -35,7 +35,7 @@ from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.interface import AxesPolicy
 from pcnav.evaluation.consistency import consistency, squared_normalised_errors
-from pcnav.evaluation.errors import errors, match_times, relabelled
+from pcnav.evaluation.errors import errors, match_times, principal_rotation, relabelled
 from pcnav.evaluation.metrics import BLOCKS, PERCENTILES, Metrics, distribution, evaluate
 from pcnav.files.text_table import number
 from pcnav.report.summary import summary_table
@@ -401,3 +401,13 @@ def test_the_table_shows_errors_in_readable_units(honest: tuple[Any, Run, Path])
 def test_the_inertia_block_is_part_of_the_error_state() -> None:
     assert BLOCKS["inertia_ratios"] == INERTIA_RATIOS
     assert sum(BLOCKS[name].stop - BLOCKS[name].start for name in BLOCKS if name != "all") == 20
+
+
+def test_principal_rotation_diagonalises_with_falling_moments() -> None:
+    inertia = inertia_from_ratios(np.array([0.7, 0.5, 0.05, -0.02, 0.03]))
+    R = principal_rotation(inertia)
+    moments = R.T @ inertia @ R
+    np.testing.assert_allclose(moments, np.diag(np.diag(moments)), atol=1e-14)
+    assert (np.diff(np.diag(moments)) < 0.0).all()
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1.0)

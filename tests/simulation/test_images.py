@@ -12,6 +12,7 @@ from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.camera import PinholeCamera, project
 from pcnav.core.spatial import exp_rotation, make_transform, transform_points
 from pcnav.dynamics.blocks import POSE_LAYOUT
+from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.images import open_images, write_images
 from pcnav.recordings.monocular_tracks import CameraFacts
@@ -19,6 +20,7 @@ from pcnav.simulation.images import (
     ImageMotion,
     RenderedImages,
     TrackFaults,
+    box_of_inertia,
     monocular_tracks,
     surface_points,
 )
@@ -180,3 +182,15 @@ def test_noise_ends_and_wrong_matches_are_as_asked_for() -> None:
     ]
     # A twentieth more leaves the view in a step.
     assert np.mean(kept) == pytest.approx(np.exp(-0.2) * 0.96, abs=0.04)
+
+
+def test_box_of_an_inertia() -> None:
+    inertia = inertia_from_ratios(np.array([0.7, 0.6, 0.05, -0.02, 0.03]))
+    half, R = box_of_inertia(inertia, 1.5)
+    assert half.max() == pytest.approx(1.5)
+    # By integration: second moments of points spread evenly over the box.
+    grid = np.linspace(-1.0, 1.0, 81)
+    points = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3) * half @ R.T
+    second = points.T @ points
+    found = np.trace(second) * np.eye(3) - second
+    np.testing.assert_allclose(found / found[0, 0], inertia / inertia[0, 0], atol=1e-9)

@@ -1,84 +1,40 @@
-"""The whole way from a pipeline file to a result folder, on a short piece of the shipped demo."""
+"""Runs on depth frames: a short piece of the shipped demo."""
 
 import csv
 import json
 import logging
 import shutil
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from evo.tools.file_interface import read_tum_trajectory_file
 
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline, read_pipeline
-from pcnav.config.scenario import ScenarioTable
-from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.config.shipped import shipped_mesh
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
 from pcnav.dynamics.blocks import RATE
 from pcnav.dynamics.state import STATE_SIZE
 from pcnav.pipeline import run
 from pcnav.recordings.truth import read_truth
-from pcnav.runs.estimate import Estimate
 from pcnav.runs.reader import read_records, read_run
 from pcnav.runs.records import ACCEPTED
-from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target
+from tests.pipeline.made import Made
 
 FRAMES = 24
 PEERS = ("open3d_icp", "small_gicp", "kiss_icp")
-ESTIMATES = ("states.csv", "poses.tum", "measurements.csv")
-
-
-@dataclass(frozen=True)
-class Made:
-    """A simulated sequence, the result made of it, and what the run told on its way."""
-
-    sequence: Path
-    result: Path
-    mesh: Path
-    told: list[tuple[Estimate, int, int]]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """The shipped demo, shortened."""
-    folder = tmp_path_factory.mktemp("made")
-    demo, mesh = shipped_pipeline("demo"), shipped_mesh("boxsat")
-    assert demo is not None and mesh is not None
-    pipeline = read_pipeline(demo)
-    rate = pipeline.scenario.frame_rate_hz
-    short = pipeline.model_copy(
-        update={"scenario": ScenarioTable(frames=FRAMES, frame_rate_hz=rate)}
-    )
-    sequence, result = folder / "sequence", folder / "result"
-    Scene.showing(load_target(mesh), short).write(sequence)
-    told: list[tuple[Estimate, int, int]] = []
-    run(sequence, result, Pipeline(seed=5), on_estimate=lambda *news: told.append(news))
-    return Made(sequence, result, mesh, told)
-
-
-def same_estimates(one: Path, other: Path) -> bool:
-    """Whether two results hold the same estimates, bit for bit."""
-    with np.load(one / "covariances.npz") as a, np.load(other / "covariances.npz") as b:
-        same_P = a["P"].tobytes() == b["P"].tobytes()
-    return same_P and all(
-        (one / name).read_bytes() == (other / name).read_bytes() for name in ESTIMATES
-    )
-
-
-def test_every_frame_is_told_of_once(made: Made) -> None:
-    assert [(done, total) for _, done, total in made.told] == [
-        (k, FRAMES) for k in range(1, FRAMES + 1)
-    ]
-    track = read_run(made.result)
-    assert track.status == tuple(estimate.status for estimate, _, _ in made.told)
+def made(made_of: Callable[[str], Made]) -> Made:
+    return made_of("depth")
 
 
 def test_the_pose_is_found_and_as_good_as_it_should_be(made: Made) -> None:
-    track, truth = read_run(made.result), read_truth(made.sequence)
+    track, truth = read_run(made.result), read_truth(made.recording)
     assert truth is not None and truth.T_cam_target is not None and RATE in truth
     assert track.has_estimate[4:].all()
     settled = slice(8, None)
@@ -104,26 +60,6 @@ def test_the_rectangles_are_in_the_catalogue_and_of_its_sizes(made: Made) -> Non
     assert len(used) == counts.sum()
 
 
-def test_evo_reads_the_poses(made: Made) -> None:
-    track = read_run(made.result)
-    trajectory = read_tum_trajectory_file(str(made.result / "poses.tum"))
-    assert trajectory.check()[0]
-    known, poses = track.has_estimate, track.trajectory.T_cam_target
-    assert poses is not None
-    np.testing.assert_allclose(trajectory.timestamps, track.time_s[known], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(np.array(trajectory.poses_se3), poses[known], rtol=0, atol=1e-12)
-
-
-def test_metrics_have_every_quantity_and_its_unit(made: Made) -> None:
-    metrics = json.loads((made.result / "metrics.json").read_text())
-    assert {"errors", "frames", "nees", "nis"} <= set(metrics)
-    errors = json.dumps(metrics["errors"])
-    for quantity in ("position_cam", "attitude", "com_model", "inertia_ratios", "omega_body"):
-        assert quantity in errors
-    assert "NaN" not in errors
-    assert metrics["frames"] == FRAMES
-
-
 def test_what_is_known_of_every_state_is_written(made: Made) -> None:
     with (made.result / "knowledge.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -145,49 +81,15 @@ def test_what_is_known_of_every_state_is_written(made: Made) -> None:
     assert "prior only" in {row["verdict"] for row in rows[15:20]}
 
 
-def test_the_report_tells_errors_and_recording(made: Made) -> None:
-    page = (made.result / "report.html").read_text()
-    assert "Against the truth" in page
-    assert "One frame as it was understood" in page
-    assert str(made.sequence) in page
-
-
-def test_the_truth_never_enters_an_estimate(made: Made, tmp_path: Path) -> None:
-    """The same frames without truth give the same bits, and a report without errors."""
-    sequence, result = tmp_path / made.sequence.name, tmp_path / "result"
-    shutil.copytree(made.sequence, sequence)
-    for name in ("scene_gt.json", "truth.csv"):
-        (sequence / name).unlink()
-    summary = run(sequence, result, Pipeline(seed=5), target_mesh=made.mesh)
-    assert same_estimates(result, made.result)
-    assert summary.metrics.errors is None
-    assert not (result / "metrics.json").exists()
-    assert "Against the truth" not in summary.report.read_text()
-
-
-@pytest.mark.usefixtures("quick_drawings")
-def test_the_saved_pipeline_repeats_the_run(made: Made, tmp_path: Path) -> None:
-    saved = read_pipeline(made.result / "pipeline.toml")
-    assert saved.seed == 5
-    assert saved.sequence == str(made.sequence.resolve())
-    # The sequence carries its own copy of the mesh.
-    assert saved.target_mesh == str((made.sequence / made.mesh.name).resolve())
-    result = tmp_path / "result"
-    run(Path(saved.sequence), result, saved)
-    assert same_estimates(result, made.result)
-    assert (result / "metrics.json").read_bytes() == (made.result / "metrics.json").read_bytes()
-    assert (result / "pipeline.toml").read_bytes() == (made.result / "pipeline.toml").read_bytes()
-
-
 def plain_scene(made: Made, folder: Path, frames: int) -> Path:
     """A plain BOP scene of the first frames: no additions of ours, no truth."""
     (folder / "depth").mkdir(parents=True)
-    cameras = json.loads((made.sequence / "scene_camera.json").read_text())
+    cameras = json.loads((made.recording / "scene_camera.json").read_text())
     kept = {}
     for number in map(str, range(frames)):
         kept[number] = {key: cameras[number][key] for key in ("cam_K", "depth_scale")}
         name = f"depth/{int(number):06d}.png"
-        shutil.copy(made.sequence / name, folder / name)
+        shutil.copy(made.recording / name, folder / name)
     (folder / "scene_camera.json").write_text(json.dumps(kept))
     return folder
 
@@ -237,9 +139,9 @@ def test_peers_run_like_any_estimator(made: Made, tmp_path: Path, name: str) -> 
     """From the pose that pcnav acquires: the truth tells them nothing."""
     if name == "small_gicp":
         pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
-    sequence = tmp_path / made.sequence.name
-    shutil.copytree(made.sequence, sequence)
-    summary = run(made.sequence, tmp_path / "one", estimator=name)
+    sequence = tmp_path / made.recording.name
+    shutil.copytree(made.recording, sequence)
+    summary = run(made.recording, tmp_path / "one", estimator=name)
     found = read_run(tmp_path / "one")
     acquired = read_run(made.result).status.index("locked") if name in PEERS else 0
     locked = ("locked",) * (FRAMES - acquired)
@@ -262,9 +164,9 @@ def test_peers_run_like_any_estimator(made: Made, tmp_path: Path, name: str) -> 
 def test_an_estimator_that_does_not_fit_is_refused(made: Made, tmp_path: Path) -> None:
     for name, told in (("nobody", "expected one of depth, pcnav"), ("hu2024", "expected one of")):
         with pytest.raises(InputError, match=told) as raised:
-            run(made.sequence, tmp_path / "result", estimator=name)
+            run(made.recording, tmp_path / "result", estimator=name)
         assert "--estimator" in str(raised.value)
     with pytest.raises(InputError, match=r"expected a folder with tracks\.csv"):
-        run(made.sequence, tmp_path / "result", estimator="principal_axes")
+        run(made.recording, tmp_path / "result", estimator="principal_axes")
     with pytest.raises(InputError, match=r"estimator\.kind: expected one of"):
-        run(made.sequence, tmp_path / "result", Pipeline(estimator=EstimatorTable(kind="nobody")))
+        run(made.recording, tmp_path / "result", Pipeline(estimator=EstimatorTable(kind="nobody")))

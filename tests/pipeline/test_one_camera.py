@@ -1,6 +1,7 @@
 """Runs on what one camera sees: simulated, estimated and judged from end to end."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,16 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcnav.cli import main
-from pcnav.config.image_motion import ImageMotionTable, MatchSolver, Smoothing
-from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
-from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
-from pcnav.config.sensors import CameraTable, FeaturesTable, ImageCameraTable, ShadingTable
-from pcnav.config.shipped import shipped_mesh, shipped_pipeline
+from pcnav.config.image_motion import ImageMotionTable
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.sensors import ImageCameraTable, ShadingTable
+from pcnav.config.shipped import shipped_mesh
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle, rotation_from_xyzw
 from pcnav.dynamics.blocks import ATTITUDE
-from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.estimators.image_motion.estimator import ImageMotionEstimator
 from pcnav.files.csv_table import read_csv
 from pcnav.pipeline import run
@@ -28,44 +26,20 @@ from pcnav.recordings.monocular_tracks import (
 )
 from pcnav.recordings.tracks import TRACKS_FILE
 from pcnav.recordings.truth import read_truth
-from pcnav.simulation.images import box_of_inertia
 from pcnav.simulation.simulate import simulate
+from tests.pipeline.made import EXACT, Made, command, one_camera, shipped
 
 COLUMNS = ImageMotionEstimator.output.columns
 
-# The solver as printed needs no library; of exact tracks it is as good as any.
-EXACT = ImageMotionTable(
-    solver=MatchSolver.EIGHT_POINT,
-    ambiguous_chi_square=0.0,
-    smoothing=Smoothing.POLYNOMIAL,
-    min_significance=0.0,
-)
-
-
-def pipeline(frames: int = 14, sigma_px: float = 0.0, images: bool = False) -> Pipeline:
-    return Pipeline(
-        seed=5,
-        scenario=ScenarioTable(frames=frames, frame_rate_hz=1.0),
-        orbit=OrbitTable(mean_motion_rad_s=0.001, r_hill_m=(20.0, 0.5, -0.4)),
-        body=BodyTable(
-            # So that three faces of the box are seen: the points of one do not tell the motion.
-            attitude_rotvec_deg=(25.0, 40.0, -30.0),
-            omega_body_deg_s=(1.5, -1.0, 1.2),
-            inertia_ratios=(0.7, 0.6, 0.05, -0.02, 0.03),
-        ),
-        camera=CameraTable(boresight_hill=(1.0, 0.0, 0.0)),
-        estimator=EstimatorTable(kind=EstimatorKind.IMAGE_MOTION),
-        image_camera=ImageCameraTable(pixel_sigma_px=sigma_px, images=images),
-        image_motion=EXACT,
-        features=FeaturesTable(count=80, half_extent_m=2.0, max_view_angle_deg=84.0),
-    )
-
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("one_camera") / "recording"
-    simulate(pipeline()).write(folder)
-    return folder
+def made(made_of: Callable[[str], Made]) -> Made:
+    return made_of("image_motion")
+
+
+@pytest.fixture
+def recording(made: Made) -> Path:
+    return made.recording
 
 
 def states(folder: Path) -> dict[str, Any]:
@@ -76,22 +50,15 @@ def states(folder: Path) -> dict[str, Any]:
     return {**numbers, **{name: table.words(name) for name in words}}
 
 
-def test_exact_tracks_give_the_true_motion(recording: Path, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    summary = run(recording, out, pipeline())
-    names = {"states.csv", "metrics.json", "report.html", "pipeline.toml"}
-    names |= {"covariances.npz", "segments.csv"}
-    assert {path.name for path in out.iterdir()} == names
-    errors = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["errors"]
-    assert set(errors) == {"attitude_deg", "omega_body_deg_s"}
-    attitude, rate = summary.metrics.quantities
+def test_exact_tracks_give_the_true_motion(made: Made) -> None:
+    attitude, rate = made.summary.metrics.quantities
     assert attitude.whole.maximum < 1e-6
     assert attitude.whole.frames == 13
     # What the polynomial leaves of a rate that changes.
     assert rate.whole.maximum < 2e-2
 
     # The same from the files alone: angles between frames do not know the axes.
-    found, truth = states(out), read_truth(recording)
+    found, truth = states(made.result), read_truth(made.recording)
     assert truth is not None and ATTITUDE in truth
     R = rotation_from_xyzw(np.column_stack([found[f"q_{k}"] for k in "xyzw"]))
     turned = rotation_angle(R[0].T @ R)
@@ -99,17 +66,8 @@ def test_exact_tracks_give_the_true_motion(recording: Path, tmp_path: Path) -> N
     np.testing.assert_allclose(turned, true, atol=1e-6)
     assert found["status"] == ("acquiring", *["locked"] * 13)
     assert found["outcome"][:2] == ("first frame of a segment", "measured")
-
-    page = (out / "report.html").read_text(encoding="utf-8")
-    for text in ("Attitude error", "Angular rate error", "Outcomes", "first frame of a segment"):
-        assert text in page
-    assert read_pipeline(out / "pipeline.toml").image_motion == EXACT
-
-
-def test_the_same_pipeline_writes_the_same_recording(recording: Path, tmp_path: Path) -> None:
-    simulate(pipeline()).write(tmp_path / "again")
-    for name in (TRACKS_FILE, CAMERA_FILE, "truth.csv", "camera_attitude.csv"):
-        assert (tmp_path / "again" / name).read_bytes() == (recording / name).read_bytes()
+    assert "first frame of a segment" in made.summary.report.read_text()
+    assert read_pipeline(made.result / "pipeline.toml").image_motion == EXACT
 
 
 def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
@@ -125,7 +83,7 @@ def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
     for k in range(9, 14):
         frames[k] = replace(frames[k], features=frames[k].features + 10**6)
     write_monocular_tracks(tmp_path / "gaps", replace(tracks, frames=tuple(frames)))
-    summary = run(tmp_path / "gaps", tmp_path / "run", pipeline())
+    summary = run(tmp_path / "gaps", tmp_path / "run", one_camera())
     found = states(tmp_path / "run")
     assert found["status"][5:7] == ("coasting", "coasting")
     assert found["outcome"][5:7] == ("fewer than 12 matches",) * 2
@@ -141,7 +99,7 @@ def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
 
 def test_a_single_face_is_told_and_not_measured(tmp_path: Path) -> None:
     pytest.importorskip("poselib")
-    ahead = pipeline(frames=6)
+    ahead = one_camera(frames=6)
     body = ahead.body.model_copy(update={"attitude_rotvec_deg": (0.0, 0.0, 0.0)})
     robust = ahead.model_copy(update={"body": body, "image_motion": ImageMotionTable()})
     simulate(robust).write(tmp_path / "plane")
@@ -159,16 +117,16 @@ def test_a_truth_is_compared_segment_by_segment(recording: Path, tmp_path: Path)
     ]
     write_monocular_tracks(tmp_path / "two", replace(tracks, frames=tuple(frames)))
     (tmp_path / "two" / "truth.csv").write_bytes((recording / "truth.csv").read_bytes())
-    summary = run(tmp_path / "two", tmp_path / "run", pipeline())
+    summary = run(tmp_path / "two", tmp_path / "run", one_camera())
     assert summary.metrics.frames_compared == 12
     assert summary.metrics.quantities[0].whole.maximum < 1e-6
 
 
 def test_blackouts_and_noise_are_simulated(tmp_path: Path) -> None:
-    noisy = pipeline(frames=12, sigma_px=0.5)
+    noisy = one_camera(frames=12, sigma_px=0.5)
     table = noisy.features.model_copy(update={"blackouts_s": ((3.0, 5.0),)})
     simulate(noisy.model_copy(update={"features": table})).write(tmp_path / "noisy")
-    simulate(pipeline(frames=12)).write(tmp_path / "exact")
+    simulate(one_camera(frames=12)).write(tmp_path / "exact")
     first, second = (
         read_monocular_tracks(tmp_path / "noisy"),
         read_monocular_tracks(tmp_path / "exact"),
@@ -186,50 +144,31 @@ def test_blackouts_and_noise_are_simulated(tmp_path: Path) -> None:
     assert np.std(apart) == pytest.approx(0.5, rel=0.1)
 
 
-def test_box_of_an_inertia() -> None:
-    inertia = inertia_from_ratios(np.array([0.7, 0.6, 0.05, -0.02, 0.03]))
-    half, R = box_of_inertia(inertia, 1.5)
-    assert half.max() == pytest.approx(1.5)
-    # By integration: second moments of points spread evenly over the box.
-    grid = np.linspace(-1.0, 1.0, 81)
-    points = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3) * half @ R.T
-    second = points.T @ points
-    found = np.trace(second) * np.eye(3) - second
-    np.testing.assert_allclose(found / found[0, 0], inertia / inertia[0, 0], atol=1e-9)
-
-
 def test_bad_input_is_one_line_and_leaves_nothing(recording: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     bare.mkdir()
     (bare / TRACKS_FILE).write_bytes((recording / TRACKS_FILE).read_bytes())
     with pytest.raises(InputError) as caught:
-        run(bare, tmp_path / "run", pipeline())
+        run(bare, tmp_path / "run", one_camera())
     assert CAMERA_FILE in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(InputError, match="images or a video"):
-        run(recording / "truth.csv", tmp_path / "run", pipeline())
+        run(recording / "truth.csv", tmp_path / "run", one_camera())
     with pytest.raises(InputError, match="does not hold"):
-        run(recording, recording, pipeline(), overwrite=True)
+        run(recording, recording, one_camera(), overwrite=True)
     late = tmp_path / "late"
-    simulate(pipeline(frames=3)).write(late)
+    simulate(one_camera(frames=3)).write(late)
     rows = (late / "truth.csv").read_text(encoding="utf-8").splitlines()
     later = ",".join(["900.0", *rows[1].split(",")[1:]])
     (late / "truth.csv").write_text(f"{rows[0]}\n{later}\n", encoding="utf-8")
     with pytest.raises(InputError, match="none match"):
-        run(late, tmp_path / "run", pipeline())
+        run(late, tmp_path / "run", one_camera())
     assert not (tmp_path / "run").exists()
 
 
 def test_images_need_a_mesh(tmp_path: Path) -> None:
-    wanted = pipeline(images=True)
+    wanted = one_camera(images=True)
     with pytest.raises(InputError, match="mesh"):
         simulate(wanted).write(tmp_path / "images")
-
-
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr("sys.argv", ["pcnav", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
 
 
 def test_the_shipped_scenario_by_command(
@@ -262,19 +201,10 @@ def test_the_shipped_scenario_by_command(
 def test_images_are_followed_and_leave_their_tracks(tmp_path: Path) -> None:
     pytest.importorskip("cv2")
     pytest.importorskip("poselib")
-    path, mesh = shipped_pipeline("images"), shipped_mesh("boxsat")
-    assert path is not None
-    shipped = read_pipeline(path)
     # A coarser look at the shipped scenario.
-    small = shipped.model_copy(
-        update={
-            "scenario": ScenarioTable(frames=4, frame_rate_hz=1.0),
-            "image_camera": ImageCameraTable(
-                images=True, width_px=320, height_px=320, focal_px=800.0
-            ),
-            "shading": ShadingTable(supersampling=1),
-        }
-    )
+    camera = ImageCameraTable(images=True, width_px=320, height_px=320, focal_px=800.0)
+    coarse = {"image_camera": camera, "shading": ShadingTable(supersampling=1)}
+    small, mesh = shipped("images", 4, **coarse), shipped_mesh("boxsat")
     summary = simulate(small, target_mesh=mesh).write(tmp_path / "images")
     assert summary.endswith("(4 frames)")
     out = tmp_path / "run"
