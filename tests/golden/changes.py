@@ -47,22 +47,6 @@ REWORDED: Mapping[str, str] = {}
 """Old words to new words in cells and in what is printed."""
 
 EXPLAINED: Mapping[str, Explained] = {
-    **{
-        pattern: Explained("what every estimator writes now", relative=math.inf)
-        for pattern in (
-            "*/points.csv*",
-            "*/segments.csv*",
-            "applsci2022/*/covariances.npz.csv*",
-            "deng2024/*/covariances.npz.csv*",
-            "images/*/covariances.npz.csv*",
-            "*/states.csv/window_nis",
-            "*/states.csv.totals.json/window_nis.*",
-            "applsci2022/attitudes/states.csv/outcome",
-        )
-    },
-    "*/attitudes/metrics.json/errors.attitude_deg.title": Explained(
-        "axes that are the run's own are said to be", relative=math.inf
-    ),
     "observability/hu2024.txt/line": Explained(
         "what the prior leaves of a motion, some 1e-5 of its deviation, was rounding error; it is "
         "now what extended precision finds",
