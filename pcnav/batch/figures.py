@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, StrMethodFormatter
 
 from pcnav.batch.axes import (
     ESTIMATOR_AXIS,
@@ -32,19 +30,19 @@ from pcnav.batch.tables import (
     shown_unit,
     varying_axes,
 )
-from pcnav.report.figures import CATEGORIES, add_legend, drawing, new_figure, style_axes
+from pcnav.core.arrays import FloatArray
+from pcnav.report.figures import CATEGORIES, drawing
 from pcnav.report.page import Drawing
+from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 
 FACET_AXIS = SATELLITE_AXIS
 """Never pooled in a figure: errors in metres follow the size of the target."""
-_HEIGHT_IN = 2.9
+_HEIGHT_IN = 2.2
 _MARKERS = ("o", "s", "^", "D", "v")
 _LOG_FROM = 2.5
 """Values that span this factor get a logarithmic axis."""
 _APART = 0.018
 """By how much of the axis the points of two estimators are drawn apart: bars stay visible."""
-_LABELS_APART = 0.07
-"""Of the axis: values closer than this share a label."""
 
 
 @dataclass(frozen=True)
@@ -130,13 +128,19 @@ def _figure(
     who = (ESTIMATOR_AXIS,) if ESTIMATOR_AXIS in sweep.runs else ()
     layout = TableLayout(sweep.key, sweep.key, (sweep.axis,), who, tuple(metrics))
     cells = pivot(layout, sweep.runs, read, window)
-    figure = new_figure(_HEIGHT_IN)
-    panels: list[Axes] = list(figure.subplots(1, len(metrics), squeeze=False)[0])
-    for axes, metric in zip(panels, metrics, strict=True):
-        style_axes(axes)
-        _draw(axes, cells, metric, _estimators(sweep.runs))
-        axes.set_xlabel(axis_label(sweep.axis))
-    add_legend(figure, panels[0])
+    # All of the batch, in order: the same colour and mark in all its figures.
+    estimators = list(sweep.runs[ESTIMATOR_AXIS].cat.categories) if who else []
+    at = np.unique(cells.index.get_level_values(0).to_numpy(dtype=float))
+    log_at = bool(at[0] > 0.0 and at[-1] >= _LOG_FROM * at[0])
+    figure = panels_figure(
+        at,
+        [_panel(at, log_at, cells, metric, estimators) for metric in metrics],
+        columns=len(metrics),
+        row_in=_HEIGHT_IN,
+        at_label=axis_label(sweep.axis),
+        log_at=log_at,
+        ticks=True,
+    )
     title = f"Error against {axis_label(sweep.axis).partition(',')[0]}"
     if sweep.facet is not None:
         title += f": {shown_value(sweep.facet)}"
@@ -144,78 +148,41 @@ def _figure(
     return SweepFigure(sweep.key, drawing(title, _caption(sweep, failed, window), figure))
 
 
-def _estimators(runs: pd.DataFrame) -> list[AxisValue]:
-    """All of the batch, in order: the same colour and mark in all its figures."""
-    return list(runs[ESTIMATOR_AXIS].cat.categories) if ESTIMATOR_AXIS in runs else []
-
-
-def _draw(axes: Axes, cells: pd.Series, metric: Metric, estimators: list[AxisValue]) -> None:
+def _panel(
+    at: FloatArray, log_at: bool, cells: pd.Series, metric: Metric, estimators: list[AxisValue]
+) -> Panel:
+    """A line an estimator, over the values (n,) of the axis."""
     scale, unit = shown_unit(metric, cells)
-    found = cells.map(lambda cell: _shown(cell.values[metric.name]))
+    found = cells.map(lambda cell: cell.values[metric.name])
     lines = found.unstack(1) if estimators else found.to_frame(metric.title)
-    places = lines.index.get_level_values(0).to_numpy(dtype=float)
-    logarithmic = bool(places.min() > 0.0 and places.max() >= _LOG_FROM * places.min())
-    coordinate = np.log(places) if logarithmic else places
-    span = float(np.ptp(coordinate))
+    coordinate = np.log(at) if log_at else at
+    curves, shown = [], []
     for k, name in enumerate(lines.columns.tolist()):
-        shifted = coordinate + _APART * span * (k - 0.5 * (lines.shape[1] - 1))
-        known = [each if isinstance(each, tuple) else (np.nan,) * 3 for each in lines[name]]
-        value, low, high = scale * np.array(known).T
-        bars = np.nan_to_num(np.stack([value - low, high - value]))
+        shift = _APART * np.ptp(coordinate) * (k - 0.5 * (lines.shape[1] - 1))
+        values, low, high = scale * np.array([_numbers(each) for each in lines[name]]).T
         place = estimators.index(name) if estimators else 0
-        axes.errorbar(
-            np.exp(shifted) if logarithmic else shifted,
-            value,
-            np.maximum(bars, 0.0),
-            color=CATEGORIES[place % len(CATEGORIES)],
-            marker=_MARKERS[place % len(_MARKERS)],
-            linestyle="-" if place < len(CATEGORIES) else "--",
-            markersize=3.5,
-            linewidth=1.1,
-            elinewidth=0.9,
-            capsize=2,
-            label=shown_value(name),
+        curves.append(
+            Curve(
+                shown_value(name),
+                values,
+                np.exp(coordinate + shift) if log_at else coordinate + shift,
+                _MARKERS[place % len(_MARKERS)] + ("-" if place < len(CATEGORIES) else "--"),
+                CATEGORIES[place % len(CATEGORIES)],
+                bars=(low, high),
+            )
         )
-    _scale_horizontal(axes, places, coordinate, logarithmic)
-    _scale_vertical(axes)
-    axes.set_ylabel(metric_label(metric, unit))
+        shown += [values, low, high]
+    is_positive = bool(np.nanmin(np.concatenate(shown), initial=np.inf) > 0.0)
+    vertical = Scale.LOG if is_positive else Scale.FROM_ZERO
+    return Panel(metric_label(metric, unit), curves, vertical)
 
 
-def _shown(found: MetricValue) -> tuple[float, float, float]:
-    """Value and interval; an interval that tells nothing would make the axis tell nothing."""
-    value = found.value
-    return (value, value, value) if is_wide(found) else (value, found.low, found.high)
-
-
-def _scale_horizontal(
-    axes: Axes, places: np.ndarray, coordinate: np.ndarray, logarithmic: bool
-) -> None:
-    if logarithmic:
-        axes.set_xscale("log")
-    # The values that were run are the ones to read off, where their labels do not touch.
-    shown = [0]
-    for k in range(1, len(places)):
-        if coordinate[k] - coordinate[shown[-1]] > _LABELS_APART * np.ptp(coordinate):
-            shown.append(k)
-    axes.xaxis.set_major_locator(FixedLocator(places[shown].tolist()))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-
-
-def _scale_vertical(axes: Axes) -> None:
-    drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
-    known = drawn[np.isfinite(drawn)]
-    if not known.size:
-        return
-    if known.min() <= 0.0:
-        axes.set_ylim(bottom=0.0)
-        return
-    axes.set_yscale("log")
-    if known.max() < 100.0 * known.min():
-        # Two decades may hold one power of ten alone, and one of them none.
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+def _numbers(found: object) -> tuple[float, float, float]:
+    """Value and interval, nan where there is none or where it says nothing."""
+    if not isinstance(found, MetricValue):
+        return (np.nan, np.nan, np.nan)
+    wide = is_wide(found)
+    return (found.value, np.nan if wide else found.low, np.nan if wide else found.high)
 
 
 def _caption(sweep: Sweep, failed: int, window: EvaluationWindow) -> str:

@@ -41,6 +41,8 @@ _LOG_FROM = 20.0
 does a band that shrinks by this factor."""
 _SETTLED_FROM = 0.1
 """Share of a curve after which its start-up transient is over."""
+_LABELS_APART = 0.07
+"""Of the axis: abscissae closer than this share a label."""
 _TRANSIENT_FROM = 2.0
 """Times the range of the rest that a start-up transient takes at least."""
 
@@ -77,6 +79,8 @@ class Curve:
     width: float = 0.9
     steps: bool = False
     """Level from each point to the next."""
+    bars: tuple[FloatArray, FloatArray] | None = None
+    """Ends (n,) of an interval about each value; nan without one."""
 
 
 @dataclass(frozen=True)
@@ -108,12 +112,14 @@ def panels_figure(
     row_in: float = ROW_IN,
     at_label: str = "time, s",
     log_at: bool = False,
+    ticks: bool = False,
     dark: Sequence[tuple[float, float]] = (),
     marked: Sequence[float] = (),
 ) -> Figure:
     """Panels in rows of so many columns, over the same abscissae (n,) for all.
 
     Spans of ``dark`` are shaded: nothing is seen there. Dashed lines stand where ``marked``.
+    ``ticks`` labels the abscissae themselves, as far as their labels do not touch.
     """
     rows = -(-len(panels) // columns)
     figure = new_figure(0.7 + row_in * rows)
@@ -131,8 +137,12 @@ def panels_figure(
             axes.set_xscale("log")
             axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             _plain_numbers(axes)
-        elif len(at) > 1:
+        elif len(at) > 1 and not ticks:
             axes.set_xlim(float(at[0]), float(at[-1]))
+        if ticks:
+            axes.xaxis.set_major_locator(FixedLocator(_apart(at, log_at)))
+            axes.xaxis.set_minor_locator(NullLocator())
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     for axes in grid.ravel()[len(panels) :]:
         axes.set_visible(False)
     for axes in grid[-1]:
@@ -148,6 +158,16 @@ def panels_figure(
     longest = max(1, *(len(name) for name in named))
     add_legend(figure, drawn[0], max_columns=min(5, max(2, _LEGEND_LETTERS // longest)))
     return figure
+
+
+def _apart(at: FloatArray, logarithmic: bool) -> list[float]:
+    """Those of the abscissae (n,), rising, whose labels do not touch."""
+    coordinate = np.log(at) if logarithmic else at
+    shown = [0]
+    for k in range(1, len(at)):
+        if coordinate[k] - coordinate[shown[-1]] > _LABELS_APART * np.ptp(coordinate):
+            shown.append(k)
+    return [float(at[k]) for k in shown]
 
 
 def draw_panel(axes: Axes, at: FloatArray, panel: Panel, same: Sequence[Panel] = ()) -> None:
@@ -196,6 +216,11 @@ def _draw_curve(axes: Axes, x: FloatArray, curve: Curve, colour: str) -> None:
         drawstyle="steps-post" if curve.steps else "default",
         label=curve.name,
     )
+    if curve.bars is not None:
+        ends = np.nan_to_num(np.abs(np.stack(curve.bars)[:, shown] - values))
+        axes.errorbar(
+            x[shown], values, ends, fmt="none", ecolor=colour, elinewidth=curve.width, capsize=2
+        )
     if dots_alone:
         # As pixels, thousands of dots cost no more than a few, and none has to be left out.
         lines[0].set_rasterized(len(x) > BUCKETS)
@@ -215,10 +240,11 @@ def _limit(axes: Axes, panel: Panel, same: Sequence[Panel]) -> None:
     """Limits that hold for all panels of the same label."""
     curves = [curve.values for each in same for curve in each.curves]
     bounds = [bound for each in same for pair in each.bands.values() for bound in pair]
+    bars = [end for each in same for curve in each.curves for end in curve.bars or ()]
     levels = [np.array(list(each.levels.values())) for each in same]
     everything, drawn, band = (
         finite(np.concatenate([*parts, np.zeros(0)]))
-        for parts in ([*curves, *bounds, *levels], curves, bounds)
+        for parts in ([*curves, *bounds, *bars, *levels], curves, bounds)
     )
     if panel.scale is Scale.ABOUT_ZERO:
         axes.axhline(0.0, color=MUTED, linewidth=0.6)

@@ -95,6 +95,19 @@ def test_what_leaves_its_band_far_behind_gets_a_logarithmic_axis(largest: float)
     assert figure.axes[0].get_yscale() == ("log" if largest > 20.0 else "linear")
 
 
+def test_intervals_are_drawn_and_stay_in_view() -> None:
+    at, values = np.array([1.0, 1.01, 10.0]), np.array([2.0, 3.0, 4.0])
+    bars = (np.array([1.0, np.nan, 3.0]), np.array([9.0, np.nan, 5.0]))
+    panel = Panel("x", [Curve("a", values, style="o-", bars=bars)], Scale.LOG)
+    axes = panels_figure(at, [panel], ticks=True, log_at=True).axes[0]
+    [drawn] = [each for each in axes.collections if isinstance(each, LineCollection)]
+    np.testing.assert_allclose(drawn.get_segments()[2], [[10.0, 3.0], [10.0, 5.0]])
+    low, high = axes.get_ylim()
+    assert low < 1.0 and high > 9.0
+    # Labels that would touch are left out.
+    assert axes.get_xticks().tolist() == [1.0, 10.0]
+
+
 def test_spans_hold_every_frame_once() -> None:
     spans = Spans(np.linspace(0.0, 500.0, 1001))
     values = np.random.default_rng(0).integers(0, 9, 1001).astype(np.float64)
