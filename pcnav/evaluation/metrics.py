@@ -15,7 +15,6 @@ from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.blocks import (
     ATTITUDE,
     CENTRE,
-    MASS_CENTRE_LAYOUT,
     POSITION,
     RATE,
     RATIOS,
@@ -33,10 +32,6 @@ from pcnav.evaluation.errors import Errors, errors
 from pcnav.runs.run import Run
 
 PERCENTILES = (50, 70, 90, 95, 99)
-BLOCKS = {block.name: MASS_CENTRE_LAYOUT.slice_of(block) for block in MASS_CENTRE_LAYOUT.blocks}
-BLOCKS |= {"all": slice(0, MASS_CENTRE_LAYOUT.size)}
-"""Blocks of the error state of a target with a model, whose NEES is told apart."""
-
 UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
 _PARTS = {"whole": 0.0, "second_half": 1 / 2, "last_third": 2 / 3}
 """Of a run, and the share of its duration at which they begin."""
