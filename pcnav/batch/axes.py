@@ -11,7 +11,7 @@ from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationE
 
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.pipeline_file import Pipeline
-from pcnav.config.table import Fraction, NonNegative, Positive
+from pcnav.config.table import Fraction, NonNegative, Pixels, Positive
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.files.toml_file import checked
 
@@ -88,7 +88,7 @@ _ALL = (
         *("frame_rate_hz", "frame rate", "Hz", Positive, "scenario.frame_rate_hz"),
         only_depth=False,
     ),
-    Axis(RESOLUTION_AXIS, "image width", "px", Annotated[int, Field(gt=0)]),
+    Axis(RESOLUTION_AXIS, "image width", "px", Pixels),
     Axis("range_sigma_m", "range noise", "m", NonNegative, "noise.range_sigma_m"),
     Axis("dropout_share", "lost returns", "1", Fraction, "noise.dropout_fraction"),
     Axis("outlier_share", "outliers", "1", Fraction, "noise.outlier_fraction"),

@@ -303,7 +303,7 @@ def _changes(
     """Of one case, as far as runs have numbers; in pairs where there are two."""
     old, new = (each[(each["case"] == case) & ~each["failed"]] for each in (old, new))
     both = old[_SAME_RUN].merge(new[_SAME_RUN])
-    # One pair tells nothing of its spread: all runs then tell more, unpaired.
+    # One pair says nothing of its spread: all runs then say more, unpaired.
     paired = len(both) > 1
     if paired:
         old, new = both.merge(old), both.merge(new)

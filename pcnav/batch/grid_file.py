@@ -29,7 +29,7 @@ from pcnav.core.errors import InputError
 from pcnav.files.toml_file import checked, read_toml
 
 BATCH_TABLE = "batch"
-"""The table that tells a grid file from a pipeline file."""
+"""The table that a grid file has and a pipeline file has not."""
 
 _Axes = dict[str, Any]
 """Axis to list of values, or to a value in [base]; checked in `cases_of`, which names the block.

@@ -20,7 +20,7 @@ from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
 class EvaluationWindow:
     """Which frames of a run the errors are taken over.
 
-    A filter's beginning is another question than what it settles at: unless told otherwise the
+    A filter's beginning is another question than what it settles at: unless asked otherwise the
     first half of a run is left out.
     """
 
@@ -323,7 +323,7 @@ METRICS = {metric.name: metric for metric in _all_metrics()}
 
 
 def named_metrics(names: Sequence[str]) -> tuple[Metric, ...]:
-    """The metrics of these names. Raises `InputError`, which tells all, for an unknown one."""
+    """The metrics of these names. Raises `InputError`, which lists all, for an unknown one."""
     for name in names:
         if name not in METRICS:
             raise InputError("--metrics", name, f"expected some of: {_all_names()}")
@@ -333,7 +333,7 @@ def named_metrics(names: Sequence[str]) -> tuple[Metric, ...]:
 
 
 def _all_names() -> str:
-    """Every name; those that differ in their statistic alone are told together."""
+    """Every name; those that differ in their statistic alone stand together."""
     together = [f"{quantity.name}_STAT{_SUFFIX[quantity.unit]}" for quantity in _ERRORS]
     others = [name for name, metric in METRICS.items() if metric.quantity not in _ERRORS]
     return f"{', '.join([*together, *others])}; STAT is one of {', '.join(_OF_ERRORS)}"

@@ -140,7 +140,7 @@ def _trajectory(truth: Trajectory, run: Trajectory) -> dict[str, float]:
 def _locking(run: Run, found: Errors, target: Target | None) -> dict[str, float]:
     claims: BoolArray = np.array([word in CLAIMS for word in run.status])
     attitude = next(quantity.of(found) for quantity in QUANTITIES if quantity.name == "attitude")
-    assert attitude is not None, "all estimators tell it"
+    assert attitude is not None, "all estimators have one"
     # Comparisons with nan are false: a claim without a pose is wrong.
     near = _norm(attitude) <= RIGHT_DEG
     if target is not None:

@@ -25,7 +25,7 @@ _ENTRIES_AT_ONCE = 4_000_000
 _ROUNDING = 1e-9
 """Ends of an interval that differ by less than this share of them do not differ."""
 _MAX_LOGARITHM = 100.0
-"""Two runs tell so little of their spread that the factor may be beyond any number."""
+"""Two runs say so little of their spread that the factor may be beyond any number."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def interval(
     cover it in 90 to 96 % (tests/batch/test_statistics.py).
 
     nan with fewer than two runs, and where all runs agree: that five of five runs never failed
-    does not tell the share to be zero.
+    does not show the share to be zero.
     """
     kept = replicates[np.isfinite(replicates)]
     if spread.degrees < 1 or not len(kept):

@@ -52,7 +52,7 @@ class RunStore:
     keys: tuple[str, ...]
     """`Run.key` of every run, in the order of the grid."""
     identity: str = field(compare=False)
-    """Drawn when the folder was made: tells it from one of the same name on another machine."""
+    """Drawn when the folder was made: differs from that of the same name on another machine."""
 
     @property
     def runs_folder(self) -> Path:
@@ -199,7 +199,7 @@ def _remove_unfinished(folder: Path) -> None:
 
 
 OnBatchProgress = Callable[[int, int, int], None]
-"""Told how many runs are done, of how many, and how many of those done failed."""
+"""Called with how many runs are done, of how many, and how many of those done failed."""
 
 
 def run_stored(
@@ -219,7 +219,7 @@ def run_stored(
         store: the folder of the batch, to be seen by every worker.
         workers: what to spread over.
         command: what repeats a run alone, for the record of a failure; to be found likewise.
-        on_progress: told in this process at the beginning and after every run.
+        on_progress: called in this process at the beginning and after every run.
 
     May be interrupted at any time and called again: finished runs are not repeated. Raises
     ``OSError`` when a record cannot be written, and `InputError` when a cluster cannot be used.

@@ -30,7 +30,7 @@ RUN, SCENARIO = "run", "scenario"
 _MAX_AXES = 4
 """More columns of axes, most of them the same from row to row, would hide what a row is about."""
 _MAX_FACTOR = 1000.0
-"""An interval whose ends lie farther apart, as a factor, tells nothing in a table."""
+"""An interval whose ends lie farther apart, as a factor, says nothing in a table."""
 
 ReadRun = Callable[[GridRun], RunRecord]
 """Reads the record of a run."""
@@ -163,7 +163,7 @@ def _side_by_side(layout: TableLayout, cells: pd.Series, window: EvaluationWindo
         scale, unit = shown_unit(metric, cells)
         values = [cell.values[metric.name] for cell in cells]
         bounds = {each.bounds for each in values if each.bounds is not None}
-        # Bounds that all cells share are told once.
+        # Bounds that all cells share stand in the header.
         shared = f" in {_bounds_text(*bounds)}" if len(bounds) == 1 else ""
         texts = [value_text(each, scale, not shared) for each in values]
         columns[metric_label(metric, unit) + shared] = texts
@@ -250,7 +250,7 @@ def _place(values: Any) -> tuple[AxisValue, ...]:
 
 
 def is_wide(found: MetricValue) -> bool:
-    """Whether the ends of an interval lie so far apart that they tell nothing."""
+    """Whether the ends of an interval lie so far apart that they say nothing."""
     return found.low > 0.0 and found.high > _MAX_FACTOR * found.low
 
 

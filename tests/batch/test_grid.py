@@ -251,7 +251,7 @@ BAD = {
     ),
     "a value that the key cannot have": (
         '[[grid]]\ncross = { "features.count" = [5, 0], estimator = ["pcnav"] }',
-        "grid.1.cross.features.count: Input should be greater than or equal to 1, got 0",
+        "grid.1.cross.features.count: Input should be greater than 0, got 0",
     ),
     "a key that holds no single value": (
         '[[grid]]\ncross = { orbit.r_hill_m = [[1, 2, 3]], estimator = ["pcnav"] }',

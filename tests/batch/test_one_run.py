@@ -168,6 +168,9 @@ def test_a_run_says_what_pcnav_run_says(
     assert columns["status"] == list(track.status)
     assert record.failure is None
     assert record.values["frames"] == record.frames == FRAMES
+    layout = MASS_CENTRE_LAYOUT
+    parts = {block.name: layout.slice_of(block) for block in layout.blocks}
+    parts["all"] = slice(0, layout.size)
     expected = {
         "position_sym_error_m": np.linalg.norm(found.p_cam_m, axis=1),
         "attitude_sym_error_deg": np.rad2deg(np.linalg.norm(found.theta_model_rad, axis=1)),
