@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pcnav.batch.process import one_thread_each
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
 from pcnav.core.errors import InputError
@@ -13,6 +14,7 @@ from pcnav.core.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from pcnav.batch.grid import GridPlan
     from pcnav.batch.metrics import EvaluationWindow
     from pcnav.batch.standard_tables import Wanted
     from pcnav.batch.tabulate import TableSummary
@@ -58,38 +60,38 @@ def table(
     `pcnav table runs/accuracy --rows range_m --columns estimator --metrics attitude_rms_deg`,
     `pcnav table --compare runs/old runs/new`
     """
-    from pcnav.batch.metrics import EvaluationWindow
-    from pcnav.batch.standard_tables import Wanted
+    # Before the libraries are loaded: one process then sums in the same order as many.
+    with one_thread_each():
+        from pcnav.batch.metrics import EvaluationWindow
+        from pcnav.batch.standard_tables import Wanted
 
-    wanted = Wanted(_names(rows), _names(columns), _names(metrics))
-    window = EvaluationWindow(from_s)
-    running: dict[str, object] = {
-        "--jobs": jobs,
-        "--scheduler": scheduler,
-        "--case": case,
-        "--run": run,
-    }
-    if compare is not None:
-        pivot = {"GRID": source, "--out": out, "--rows": rows, "--columns": columns}
-        _refuse("--compare", {**pivot, **running})
-        _compare(*compare, wanted.metrics, window)
-    elif source is None:
-        raise InputError("pcnav table", "argument", "expected a grid, a batch or --compare OLD NEW")
-    elif Path(source).is_dir():
-        _refuse(f"{source} (a finished batch)", running)
-        _tabulate(Path(source), out, wanted, window, overwrite)
-    elif out is None:
-        from pcnav.batch.grid import named_grid
+        wanted = Wanted(_names(rows), _names(columns), _names(metrics))
+        window = EvaluationWindow(from_s)
+        where: dict[str, object] = {"--jobs": jobs, "--scheduler": scheduler}
+        alone: dict[str, object] = {"--case": case, "--run": run}
+        if compare is not None:
+            pivot = {"GRID": source, "--out": out, "--rows": rows, "--columns": columns}
+            _refuse("--compare", {**pivot, **where, **alone})
+            _compare(*compare, wanted.metrics, window)
+        elif source is None:
+            expected = "expected a grid, a batch or --compare OLD NEW"
+            raise InputError("pcnav table", "argument", expected)
+        elif Path(source).is_dir():
+            _refuse(f"{source} (a finished batch)", where | alone)
+            _tabulate(Path(source), out, wanted, window, overwrite)
+        else:
+            from pcnav.batch.grid import named_grid
 
-        # A name that nobody knows is the more likely mistake.
-        named_grid(source)
-        raise InputError(source, "--out", "expected a folder for the batch: -o OUT")
-    elif case is not None:
-        _refuse("--case", {"--jobs": jobs, "--scheduler": scheduler})
-        _run_alone(source, case, run or 0, out)
-    else:
-        _refuse(source, {"--run": run})
-        _run(source, out, (jobs, scheduler), wanted, window)
+            # A name that nobody knows is a more likely mistake than a folder left out.
+            plan = named_grid(source)
+            if out is None:
+                raise InputError(source, "--out", "expected a folder for the batch: -o OUT")
+            if case is not None:
+                _refuse("--case", where)
+                _run_alone(plan, case, run or 0, out)
+            else:
+                _refuse(source, {"--run": run})
+                _run(plan, out, (jobs, scheduler), wanted, window)
 
 
 def _refuse(what: str, options: Mapping[str, object]) -> None:
@@ -100,37 +102,28 @@ def _refuse(what: str, options: Mapping[str, object]) -> None:
 
 
 def _run(
-    name: str,
+    plan: "GridPlan",
     out: Path,
     where: tuple[int | None, str | None],
     wanted: "Wanted",
     window: "EvaluationWindow",
 ) -> None:
     """Run a grid, or go on with it, and tabulate."""
-    from pcnav.batch.process import one_thread_each
+    from pcnav.batch.cluster import Workers
+    from pcnav.batch.run_batch import run_batch
 
-    # Before the libraries are loaded: one process then sums in the same order as many.
-    with one_thread_each():
-        from pcnav.batch.cluster import Workers
-        from pcnav.batch.grid import named_grid
-        from pcnav.batch.run_batch import run_batch
-
-        workers = Workers(*where)
-        with progress(f"table {name}") as advance:
-            summary = run_batch(named_grid(name), out, workers, wanted, window, advance)
+    workers = Workers(*where)
+    with progress(f"table {plan.basis.source}") as advance:
+        summary = run_batch(plan, out, workers, wanted, window, advance)
     _print_summary(summary)
 
 
-def _run_alone(name: str, case: str, index: int, out: Path) -> None:
+def _run_alone(plan: "GridPlan", case: str, index: int, out: Path) -> None:
     """One run of a grid, and its numbers."""
-    from pcnav.batch.process import one_thread_each
+    from pcnav.batch.run_batch import run_alone
+    from pcnav.batch.tabulate import single_run_table
 
-    with one_thread_each():
-        from pcnav.batch.grid import named_grid
-        from pcnav.batch.run_batch import run_alone
-        from pcnav.batch.tabulate import single_run_table
-
-        record = run_alone(named_grid(name), case, index, out)
+    record = run_alone(plan, case, index, out)
     if record.failure is not None:
         typer.echo(f"failed: {record.run}: {record.failure}")
         raise typer.Exit(1)

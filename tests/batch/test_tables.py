@@ -2,6 +2,7 @@
 
 import csv
 import io
+import os
 import re
 import shutil
 import signal
@@ -451,6 +452,31 @@ def test_the_command_tabulates_again_without_running(
     rows = rows_of((tmp_path / "t" / "pivot.csv").read_text())
     assert len(rows) == 12
     assert {path: path.stat().st_mtime_ns for path in store.runs_folder.iterdir()} == before
+
+
+THREADS = """
+import os, sys
+from importlib.abc import MetaPathFinder
+class Watch(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == "numpy":
+            print("numpy with", os.environ.get("OPENBLAS_NUM_THREADS"))
+sys.meta_path.insert(0, Watch())
+sys.argv = ["pcnav", "table", "nosuchgrid"]
+from pcnav.cli import main
+main()
+"""
+
+
+def test_the_libraries_are_loaded_for_one_thread(repository: Path) -> None:
+    """As in the processes of a batch: sums over several threads depend on their number."""
+    variables = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", THREADS]
+    done = subprocess.run(
+        command, env=variables, cwd=repository, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.splitlines()[0] == "numpy with 1"
+    assert "nosuchgrid: grid: expected a TOML file" in done.stderr
 
 
 def test_bad_commands_are_one_line_each(pcnav: Pcnav, store: RunStore, tmp_path: Path) -> None:
