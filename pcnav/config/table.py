@@ -1,6 +1,7 @@
 """What the tables of a pipeline file are made of: the frozen base model and bounded numbers."""
 
 import logging
+import math
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
@@ -12,8 +13,9 @@ Vector5 = Annotated[tuple[float, float, float, float, float], Strict(False)]
 
 
 def _direction(values: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(values):
-        raise ValueError("expected a direction, got 0, 0, 0")
+    length = math.sqrt(sum(value * value for value in values))
+    if not 0.0 < length < math.inf:
+        raise ValueError(f"expected a direction, got {', '.join(f'{x:g}' for x in values)}")
     return values
 
 

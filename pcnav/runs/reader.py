@@ -53,6 +53,15 @@ from pcnav.runs.result_files import (
 )
 from pcnav.runs.run import FeatureTable, PointTable, Run, Segment
 
+# NumPy and zipfile raise the last for a compression they do not know.
+_DAMAGED_ARCHIVE = (
+    OSError,
+    KeyError,
+    ValueError,
+    EOFError,
+    zipfile.BadZipFile,
+    NotImplementedError,
+)
 _OWN_WORDS = ("outcome",)
 """Columns of an estimator's own that hold words."""
 _RENAMED = {"explained": "inlier_ratio"}
@@ -326,9 +335,9 @@ def _read_covariances(folder: Path, trajectory: Trajectory) -> FloatArray | None
                 raise InputError(path, "P", expected)
     except FileNotFoundError as error:
         raise InputError(path, "file", "expected a readable file") from error
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        if isinstance(error, InputError):
-            raise
+    except InputError:
+        raise
+    except _DAMAGED_ARCHIVE as error:
         raise InputError(path, "file", f"expected the arrays P and time_s ({error})") from error
     return covariance
 

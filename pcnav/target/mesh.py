@@ -8,6 +8,7 @@ import trimesh
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.errors import InputError
 
+_MAX_COORDINATE_M = 1e6
 SHARP_EDGE_RAD = np.radians(20.0)
 """Faces that meet at less than this belong to one gently bending surface."""
 
@@ -36,6 +37,10 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         raise InputError(path, "faces", "expected at least one face, found none")
     if not np.all(np.isfinite(loaded.vertices)):
         raise InputError(path, "vertices", "expected finite coordinates, found nan or inf")
+    # Vertices are merged on a grid of integers, which ends somewhere.
+    if np.abs(loaded.vertices).max() > _MAX_COORDINATE_M:
+        expected = f"expected coordinates in metres, within {_MAX_COORDINATE_M:g} of the origin"
+        raise InputError(path, "vertices", expected)
     mesh = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())

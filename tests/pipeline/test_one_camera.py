@@ -17,6 +17,7 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle, rotation_from_xyzw
 from pcnav.dynamics.blocks import ATTITUDE
 from pcnav.estimators.image_motion.estimator import ImageMotionEstimator
+from pcnav.evaluation.observability.sources import observability_of_run
 from pcnav.files.csv_table import read_csv
 from pcnav.pipeline import run
 from pcnav.recordings.monocular_tracks import (
@@ -215,6 +216,9 @@ def test_images_are_followed_and_leave_their_tracks(tmp_path: Path) -> None:
     found = states(out)
     assert found["features"].tolist() == [len(frame.features) for frame in tracks.frames]
     assert (out / "metrics.json").is_file()
+    # A run on images keeps the mesh they were simulated of in its pipeline: not to be opened with.
+    with pytest.raises(InputError, match=r"states\.csv: rows"):
+        observability_of_run(out)
     # The result is a recording: it gives the same attitudes again.
     run(out, tmp_path / "again", small)
     assert states(tmp_path / "again")["outcome"] == found["outcome"]

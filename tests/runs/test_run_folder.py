@@ -484,6 +484,18 @@ def test_a_missing_or_broken_file_is_told(
         read_records(tmp_path / "run")
 
 
+def test_an_unknown_compression_is_told(tmp_path: Path, frames: list[Estimate]) -> None:
+    write(tmp_path / "run", frames)
+    path = tmp_path / "run" / "covariances.npz"
+    content = bytearray(path.read_bytes())
+    entry = content.index(b"PK\x01\x02")
+    content[entry + 10] = 99
+    content[content.index(b"PK\x01\x02", entry + 1) + 10] = 99
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="arrays P and time_s"):
+        read_run(tmp_path / "run", with_covariance=True)
+
+
 def test_covariances_of_another_run_are_refused(tmp_path: Path, frames: list[Estimate]) -> None:
     write(tmp_path / "run", frames)
     write(tmp_path / "other", frames[:4])

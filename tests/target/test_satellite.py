@@ -93,6 +93,7 @@ BAD_FILES = {
     "empty.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "faces"),
     "unknown.xyzq": (b"hello\n", "file"),
     "nan.obj": (b"v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "vertices"),
+    "huge.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3\n", "vertices"),
     "flat.obj": (b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "faces"),
     "triangle.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "faces"),
     "points.ply": (

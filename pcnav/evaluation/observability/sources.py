@@ -68,8 +68,11 @@ def observability_of_run(
     if pipeline is None or pipeline.sequence is None:
         expected = "expected the recording that the run was made from"
         raise InputError(folder / PIPELINE_FILE, "sequence", expected)
-    mesh = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
-    recording = open_recording(Path(pipeline.sequence), mesh, ESTIMATORS[run.estimator].takes)
+    takes = ESTIMATORS[run.estimator].takes
+    # The mesh that images were simulated of is none that their estimator knows.
+    named = pipeline.target_mesh if RecordingKind.DEPTH in takes else None
+    mesh = None if named is None else Path(named)
+    recording = open_recording(Path(pipeline.sequence), mesh, takes)
     target = None
     if isinstance(recording, Sequence):
         mesh = mesh or recording.info.target_mesh
