@@ -1,14 +1,11 @@
 """``pcnav observability``: what a motion lets one know."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
-
-if TYPE_CHECKING:
-    pass
 
 
 def observability(

@@ -129,8 +129,8 @@ def read_camera_attitudes(folder: Path, times_s: FloatArray) -> FloatArray:
     if path is None:
         return np.broadcast_to(np.eye(3), (len(times_s), 3, 3))
     if path.name == _OLD_CAMERA_ATTITUDE_FILE:
-        told = "%s is called %s now; the old name is read for one release"
-        _LOG.warning(told, path, CAMERA_ATTITUDE_FILE)
+        warning = "%s is called %s now; the old name is read for one release"
+        _LOG.warning(warning, path, CAMERA_ATTITUDE_FILE)
     table = read_csv(path, _COLUMNS)
     recorded, _, known = _attitudes(table)
     table.require(known, "expected a unit quaternion in q_x to q_w")

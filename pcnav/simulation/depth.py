@@ -110,8 +110,8 @@ class Scene:
         write_sequence(out, info, step_m, frames(), self.truth, overwrite)
         empty, total = returns.count(0), len(returns)
         if empty:
-            told = "%s: the target is outside the image in %d of %d frames"
-            _LOG.warning(told, out, empty, total)
+            warning = "%s: the target is outside the image in %d of %d frames"
+            _LOG.warning(warning, out, empty, total)
         return f"sequence: {out} ({total} frames, {int(np.median(returns))} returns each)"
 
 
