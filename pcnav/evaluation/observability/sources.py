@@ -91,7 +91,7 @@ def tables_of_run(run: Run, recording: Recording, target: Target | None) -> tupl
 
     A run must not be lost to it: what else stands in the way is said in a warning.
     """
-    if not run.has_estimate.any():
+    if not run.has_estimate.any() or RATE not in run.trajectory:
         return ()
     if run.estimator == EstimatorKind.IMAGE_MOTION and _attitudes(run).sum() < _MIN_ATTITUDES:
         return ()
@@ -165,7 +165,7 @@ def _subject_of_run(
         rows = zip(features.feature[found].tolist(), features.p_body[found], strict=True)
         return _stereo_subject(title, pipeline, recording, replace(motion, points=dict(rows)))
     if not isinstance(recording, Sequence) or target is None or POSITION not in run.trajectory:
-        raise ValueError(f"expected motion and inertia of a target, {run.estimator} tells none")
+        raise ValueError(f"expected motion and inertia of a target, {run.estimator} reports none")
     info = recording.info
     hill = R_hill_world(motion.time_s, info.mean_motion_rad_s)
     # The pose is that of the model in the camera; the camera's own attitude is what is left.
@@ -189,7 +189,7 @@ def _state(run: Run, k: int) -> NavigationState:
     """
     found = run.trajectory
     if not all(block in found for block in (ATTITUDE, RATE, RATIOS)):
-        raise ValueError(f"expected motion and inertia of a target, {run.estimator} tells none")
+        raise ValueError(f"expected motion and inertia of a target, {run.estimator} reports none")
     value = {block: found[block][k] if block in found else np.zeros(3) for block in _BLOCKS}
     return NavigationState(**{name: value[block] for block, name in _BLOCKS.items()})
 
