@@ -135,7 +135,9 @@ def test_the_mesh_is_the_sequences_before_the_pipelines(
 
 @pytest.mark.usefixtures("quick_drawings")
 @pytest.mark.parametrize("name", ["open3d_icp", "small_gicp", "kiss_icp", "pcnav_single_frame"])
-def test_peers_run_like_any_estimator(made: Made, tmp_path: Path, name: str) -> None:
+def test_peers_run_like_any_estimator(
+    made: Made, tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
     """From the pose that pcnav acquires: the truth tells them nothing."""
     if name == "small_gicp":
         pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
@@ -147,6 +149,8 @@ def test_peers_run_like_any_estimator(made: Made, tmp_path: Path, name: str) -> 
     locked = ("locked",) * (FRAMES - acquired)
     assert found.status == ("acquiring",) * acquired + locked
     assert found.estimator == name and found.pipeline is not None
+    # Poses alone have no observability, which is nothing to warn about.
+    assert "observability" not in caplog.text
     names = ("metrics.json", "pipeline.toml", "poses.tum", "report.html", "states.csv")
     assert sorted(path.name for path in (tmp_path / "one").iterdir()) == list(names)
     quantities = {each.key: each for each in summary.metrics.quantities}
