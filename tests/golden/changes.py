@@ -75,7 +75,7 @@ EXPLAINED: Mapping[str, Explained] = {
         "promises some hundred times more than it holds",
         relative=1e-4,
     ),
-    "study-*/study/pipelines/*/perception.modalities.*": Explained(
+    "*/study/pipelines/*/perception.modalities.*": Explained(
         "a list in the settings now", relative=math.inf
     ),
     "study-tracking/study/tables/faults.csv/inlier_ratio": Explained(
