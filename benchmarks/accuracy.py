@@ -8,6 +8,7 @@ from benchmarks.peers import METHODS, Method, Poses
 from benchmarks.scenes import Case
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import rotation_angle
+from pcnav.recordings.sequence import stated_or_default_sigma
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def score_case(case: Case, methods: tuple[Method, ...] = METHODS) -> CaseScores:
     compared = np.logical_and.reduce([second_half, *has_pose])
     return CaseScores(
         satellite=case.scene.name,
-        range_sigma_m=case.info.range_sigma_m,
+        range_sigma_m=stated_or_default_sigma(case.info),
         first_frame=count // 2,
         last_frame=count - 1,
         compared=int(compared.sum()),

@@ -7,7 +7,7 @@ from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.recordings.opening import open_sequence
-from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
 from pcnav.recordings.truth import read_truth
 from pcnav.simulation.depth import Scene as SimulatedScene
 from pcnav.target.satellite import Target, load_target
@@ -36,7 +36,7 @@ class Case:
     @property
     def title(self) -> str:
         """Satellite, noise and number of frames."""
-        sigma_m = self.info.range_sigma_m
+        sigma_m = stated_or_default_sigma(self.info)
         return f"{self.scene.name}, range noise {sigma_m:g} m, {len(self.frames)} frames"
 
 

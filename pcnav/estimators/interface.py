@@ -10,6 +10,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.recordings.recording import RecordingKind
+from pcnav.recordings.sequence import stated_or_default_sigma
 from pcnav.runs.estimate import Estimate, Output
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class Given:
     @property
     def range_sigma_m(self) -> float:
         """Noise along the ray as everyone is told it."""
-        return float(self.pipeline.perception.range_sigma_m or self.about.range_sigma_m)
+        return stated_or_default_sigma(self.about, self.pipeline.perception.range_sigma_m)
 
     @property
     def first_pose(self) -> FloatArray:

@@ -27,7 +27,7 @@ from pcnav.dynamics.state import (
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.filtering.error_state import MotionModel
 from pcnav.perception.render_compare import RenderComparer
-from pcnav.recordings.sequence import Frame
+from pcnav.recordings.sequence import Frame, stated_or_default_sigma
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion
 from pcnav.target.satellite import Target
@@ -104,7 +104,7 @@ class SceneBound:
         """``target`` as pcnav knows it; its prior of the mass properties is the bound's."""
         pipeline, self._motion = scene.pipeline, scene.motion
         camera = pipeline.camera.pinhole
-        sigma_m, modalities = scene.info.range_sigma_m, pipeline.perception.modalities
+        sigma_m, modalities = stated_or_default_sigma(scene.info), pipeline.perception.modalities
         self._comparer = RenderComparer(target, camera, sigma_m, modalities=modalities)
         model = MassCentreModel(
             pipeline.orbit.mean_motion_rad_s,

@@ -5,13 +5,12 @@ from pathlib import Path
 
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, read_scene_camera
+from pcnav.recordings.depth_form import PLAIN
 from pcnav.recordings.depth_png import depth_png_size
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file
 
 DEPTH_FOLDER = "depth"
-DEFAULT_RANGE_SIGMA_M = 0.005
-"""Assumed where a recording does not state its noise: a structured-light camera at 2 m."""
 
 _LOG = logging.getLogger("pcnav")
 
@@ -24,20 +23,21 @@ def depth_file_name(number: int) -> str:
 def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
     """A BOP scene folder; sequence.toml is read where there is one.
 
-    Without sequence.toml the sequence is a laboratory recording of `DEFAULT_RANGE_SIGMA_M`; what
-    the files leave out is said in one warning. ``target_mesh`` replaces the mesh that
+    Without sequence.toml the sequence is a laboratory recording of unknown noise; what the files
+    leave out is said in one warning. ``target_mesh`` replaces the mesh that
     sequence.toml names. Everything but the pixels is checked here. Raises `InputError`.
     """
     if not path.is_dir():
         raise InputError(path, "folder", f"expected a folder with {SCENE_CAMERA_FILE}")
     scene = read_scene_camera(path / SCENE_CAMERA_FILE)
-    assumed, invalid_units = list(scene.assumed), None
+    assumed, form = list(scene.assumed), PLAIN
     if (path / SEQUENCE_FILE).exists():
-        info, invalid_units = read_sequence_file(path / SEQUENCE_FILE, target_mesh)
+        info, form = read_sequence_file(path / SEQUENCE_FILE, target_mesh)
     else:
-        info = SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh)
-        noise = f"range noise of {DEFAULT_RANGE_SIGMA_M:g} m"
-        assumed.append(f"no {SEQUENCE_FILE}: a laboratory and {noise} assumed")
+        info = SequenceInfo(path.absolute().name, 0.0, None, target_mesh)
+        assumed.append(f"no {SEQUENCE_FILE}: a laboratory assumed")
+    if info.range_sigma_m is None:
+        assumed.append("no range_sigma_m: the range noise is unknown")
     images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()
     files = tuple(depth_file_name(number) for number in numbers)
     _require_images(images, numbers, files)
@@ -53,7 +53,7 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
         intrinsics=scene.intrinsics,
         depth_step_m=scene.depth_step_m,
         T_cam_world=scene.T_cam_world,
-        invalid_units=invalid_units,
+        form=form,
     )
 
 

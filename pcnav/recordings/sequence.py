@@ -10,13 +10,17 @@ from pydantic import Strict
 
 from pcnav.config.scenario import InertiaRatios
 from pcnav.config.table import Positive, StrictTable, Vector3
-from pcnav.core.arrays import DepthImage, FloatArray
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
+from pcnav.recordings.depth_form import PLAIN, DepthForm
 from pcnav.recordings.depth_png import ImageSize, read_depth_png
 from pcnav.recordings.recording import RecordingKind
 
 _ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
 _FivePositive = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(False)]
+
+DEFAULT_RANGE_SIGMA_M = 0.005
+"""Assumed where nothing states the noise of a recording: a structured-light camera at 2 m."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +35,20 @@ class Frame:
     camera: PinholeCamera
     T_cam_world: FloatArray
     """(4, 4) camera pose; `world` is inertial and equals `hill` at time 0."""
+    unseen: BoolArray | None = None
+    """(height, width) pixels of which nothing is known, not even that nothing is there: outside a
+    region of interest, or nearer than the near gate. None where there is no such pixel."""
 
     def strided(self, stride: int) -> "Frame":
         """Every so many pixels of it only, as a smaller camera in the same place would see them."""
         if stride == 1:
             return self
         depth_m = np.ascontiguousarray(self.depth_m[::stride, ::stride])
-        return replace(self, depth_m=depth_m, camera=self.camera.strided(stride))
+        unseen = None
+        if self.unseen is not None:
+            unseen = np.ascontiguousarray(self.unseen[::stride, ::stride])
+        camera = self.camera.strided(stride)
+        return replace(self, depth_m=depth_m, camera=camera, unseen=unseen)
 
 
 class InitialPrior(StrictTable):
@@ -52,17 +63,43 @@ class InitialPrior(StrictTable):
 
 
 @dataclass(frozen=True)
+class FirstPosePrior:
+    """Where the target is believed to be in the first frame."""
+
+    T_cam_model: FloatArray
+    """(4, 4) pose of the model."""
+    position_sd_m: float
+    """Standard deviation of each component of its position."""
+    attitude_sd_rad: float
+    """Standard deviation of its attitude about each axis."""
+
+
+@dataclass(frozen=True)
 class SequenceInfo:
     """What holds for the whole sequence."""
 
     name: str
     mean_motion_rad_s: float
     """Of the chaser's circular orbit; 0 means a laboratory (straight-line relative motion)."""
-    range_sigma_m: float
-    """Standard deviation of the noise along the ray."""
+    range_sigma_m: float | None
+    """Standard deviation of the noise along the ray; None where it is not known."""
     target_mesh: Path | None
     """The mesh the sequence says it shows, resolved to a path, when it says so."""
     initial: InitialPrior | None = None
+    camera_position_sd_m: float = 0.0
+    """Standard deviation of each component of the camera's position in `T_cam_world`, camera
+    axes, white from frame to frame."""
+    camera_attitude_sd_rad: float = 0.0
+    """Standard deviation of the camera's attitude about each of its axes, likewise."""
+    row_readout_s: float = 0.0
+    """Time from the exposure of the first row to that of the last; 0 of a global shutter. The
+    time of a frame is that of its middle row."""
+    first_pose: FirstPosePrior | None = None
+
+
+def stated_or_default_sigma(info: SequenceInfo, chosen_m: float | None = None) -> float:
+    """Noise along the ray, m: the one chosen, else the one stated, else the default."""
+    return chosen_m or info.range_sigma_m or DEFAULT_RANGE_SIGMA_M
 
 
 @dataclass(frozen=True)
@@ -89,8 +126,8 @@ class Sequence:
     """(n,) metres per stored unit."""
     T_cam_world: FloatArray
     """(n, 4, 4)"""
-    invalid_units: int | None = None
-    """The stored unit that means no return besides 0."""
+    form: DepthForm = PLAIN
+    """What a stored pixel means."""
 
     @property
     def name(self) -> str:
@@ -106,8 +143,8 @@ class Sequence:
             raise IndexError(f"frame {index} of {len(self)}")
         units = read_depth_png(self.images / self.files[index], self.size)
         depth_m = units * np.float32(self.depth_step_m[index])
-        if self.invalid_units is not None:
-            depth_m[units == self.invalid_units] = 0.0
+        if self.form.invalid_units is not None:
+            depth_m[units == self.form.invalid_units] = 0.0
         camera = PinholeCamera(*self.size, *self.intrinsics[index].tolist())
         time_s = float(self.times_s[index])
         return Frame(index, time_s, depth_m, camera, self.T_cam_world[index])

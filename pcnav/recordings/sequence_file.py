@@ -1,18 +1,21 @@
 """sequence.toml: what holds for a whole sequence of our own format."""
 
+import math
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Self
 
 import tomli_w
-from pydantic import Field
+from pydantic import Field, Strict, model_validator
 
-from pcnav.config.table import Positive, StrictTable
+from pcnav.config.table import NonNegative, Positive, StrictTable
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import read_toml_model
+from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs, DistortionModel
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
 
 SEQUENCE_FILE = "sequence.toml"
+_COEFFICIENTS = {DistortionModel.OPENCV: (4, 5, 8), DistortionModel.FISHEYE: (4,)}
 
 
 class _SequenceTable(StrictTable):
@@ -25,8 +28,28 @@ class _OrbitTable(StrictTable):
 
 
 class _SensorTable(StrictTable):
-    range_sigma_m: Positive
+    range_sigma_m: Positive | None = None
     invalid_depth: Annotated[int, Field(ge=0, le=65535)] | None = None
+    depth_is: Annotated[DepthIs, Strict(False)] = DepthIs.Z
+    camera_position_sd_m: NonNegative = 0.0
+    camera_attitude_sd_deg: NonNegative = 0.0
+    row_readout_s: NonNegative = 0.0
+    distortion_model: Annotated[DistortionModel, Strict(False)] = DistortionModel.OPENCV
+    distortion: Annotated[tuple[float, ...], Strict(False)] = ()
+
+    @model_validator(mode="after")
+    def _coefficients_fit_the_model(self) -> Self:
+        counts = _COEFFICIENTS[self.distortion_model]
+        if self.distortion and len(self.distortion) not in counts:
+            expected = " or ".join(str(count) for count in counts)
+            raise ValueError(f"distortion: expected {expected} numbers, got {len(self.distortion)}")
+        return self
+
+    @property
+    def form(self) -> DepthForm:
+        """What it says of the images."""
+        model = self.distortion_model
+        return DepthForm(self.invalid_depth, self.depth_is, model, self.distortion)
 
 
 class SequenceFile(StrictTable):
@@ -34,14 +57,14 @@ class SequenceFile(StrictTable):
 
     sequence: _SequenceTable = _SequenceTable()
     orbit: _OrbitTable = _OrbitTable()
-    sensor: _SensorTable
+    sensor: _SensorTable = _SensorTable()
     initial: InitialPrior | None = None
 
 
 def read_sequence_file(
     path: Path, target_mesh: Path | None = None
-) -> tuple[SequenceInfo, int | None]:
-    """What sequence.toml says, and the stored unit that means no return besides 0.
+) -> tuple[SequenceInfo, DepthForm]:
+    """What sequence.toml says, of the recording and of the form of its images.
 
     ``target_mesh`` replaces the mesh the file names, which then need not exist. Raises
     `InputError`.
@@ -53,17 +76,21 @@ def read_sequence_file(
         if not target_mesh.is_file():
             expected = "expected a mesh file (path relative to this folder)"
             raise InputError(path, "sequence.target_mesh", f"{expected}, {target_mesh} is none")
+    sensor = content.sensor
     info = SequenceInfo(
         name=content.sequence.name or path.absolute().parent.name,
         mean_motion_rad_s=content.orbit.mean_motion_rad_s,
-        range_sigma_m=content.sensor.range_sigma_m,
+        range_sigma_m=sensor.range_sigma_m,
         target_mesh=target_mesh,
         initial=content.initial,
+        camera_position_sd_m=sensor.camera_position_sd_m,
+        camera_attitude_sd_rad=math.radians(sensor.camera_attitude_sd_deg),
+        row_readout_s=sensor.row_readout_s,
     )
-    return info, content.sensor.invalid_depth
+    return info, sensor.form
 
 
-def write_sequence_file(path: Path, info: SequenceInfo) -> None:
+def write_sequence_file(path: Path, info: SequenceInfo, form: DepthForm = PLAIN) -> None:
     """Write sequence.toml; the target's mesh becomes a path relative to its folder."""
     sequence = {"name": info.name}
     if info.target_mesh is not None:
@@ -71,11 +98,26 @@ def write_sequence_file(path: Path, info: SequenceInfo) -> None:
     tables: dict[str, object] = {
         "sequence": sequence,
         "orbit": {"mean_motion_rad_s": info.mean_motion_rad_s},
-        "sensor": {"range_sigma_m": info.range_sigma_m},
+        "sensor": _sensor_table(info, form),
     }
     if info.initial is not None:
         tables["initial"] = info.initial.model_dump(exclude_none=True)
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+
+
+def _sensor_table(info: SequenceInfo, form: DepthForm) -> dict[str, Any]:
+    """What [sensor] has to say: only what is known, and is not the default."""
+    stated = _SensorTable(
+        range_sigma_m=info.range_sigma_m,
+        invalid_depth=form.invalid_units,
+        depth_is=form.depth_is,
+        camera_position_sd_m=info.camera_position_sd_m,
+        camera_attitude_sd_deg=math.degrees(info.camera_attitude_sd_rad),
+        row_readout_s=info.row_readout_s,
+        distortion_model=form.distortion_model,
+        distortion=form.distortion,
+    )
+    return stated.model_dump(mode="json", exclude_defaults=True)
 
 
 def _relative(target: Path, folder: Path) -> str:

@@ -14,7 +14,7 @@ from pcnav.core.spatial import (
     nearest_orthogonal,
     orthonormality_error,
 )
-from pcnav.recordings.bop import DEFAULT_RANGE_SIGMA_M
+from pcnav.recordings.depth_form import DepthForm
 from pcnav.recordings.depth_png import MAXIMUM_UNITS, depth_png_size
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 
@@ -31,8 +31,8 @@ def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
     """frame-000000.depth.png (mm), frame-000000.pose.txt (camera to world), camera-intrinsics.txt.
 
     Depth 0 and 65535 mean no return. The format has no times and no noise figure: 0, 1, 2, ... s
-    and `DEFAULT_RANGE_SIGMA_M` are assumed, and poses are turned into the nearest rotation, all
-    said in one warning. Raises `InputError`.
+    are assumed and the noise is unknown; poses are turned into the nearest rotation, all said in
+    one warning. Raises `InputError`.
     """
     if not path.is_dir():
         raise InputError(path, "folder", f"expected a folder with {INTRINSICS_FILE}")
@@ -46,13 +46,13 @@ def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
     _require_pinhole(path / INTRINSICS_FILE, K)
     poses = [_pose(path / f"frame-{match[1]}.pose.txt") for match in names]
     worst = max(error for _, error in poses)
-    assumed = f"0, 1, 2, ... s and range noise of {DEFAULT_RANGE_SIGMA_M:g} m assumed"
+    assumed = "0, 1, 2, ... s assumed; the range noise is unknown"
     if worst > _EXACT:
         assumed += f"; poses replaced by the nearest rotation (off by up to {worst:.1e})"
     _LOG.warning("%s: %s", path, assumed)
     return Sequence(
         path=path,
-        info=SequenceInfo(path.absolute().name, 0.0, DEFAULT_RANGE_SIGMA_M, target_mesh),
+        info=SequenceInfo(path.absolute().name, 0.0, None, target_mesh),
         images=path,
         files=tuple(match[0] for match in names),
         size=size,
@@ -60,7 +60,7 @@ def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
         intrinsics=np.tile([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], (n, 1)),
         depth_step_m=np.full(n, 0.001),
         T_cam_world=invert_transform(np.stack([T for T, _ in poses])),
-        invalid_units=MAXIMUM_UNITS,
+        form=DepthForm(invalid_units=MAXIMUM_UNITS),
     )
 
 

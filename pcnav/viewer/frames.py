@@ -12,7 +12,7 @@ from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
-from pcnav.recordings.sequence import Frame, Sequence
+from pcnav.recordings.sequence import Frame, Sequence, stated_or_default_sigma
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 from pcnav.viewer.colouring import (
@@ -100,7 +100,7 @@ class FrameStore:
     ) -> None:
         self._sequence, self._target = sequence, target
         self._settings, self._seed = settings, seed
-        self.sigma_m = settings.range_sigma_m or sequence.info.range_sigma_m
+        self.sigma_m = stated_or_default_sigma(sequence.info, settings.range_sigma_m)
         self.scale_m = residual_scale(self.sigma_m)
         self._names = face_names(target.mesh, target.rectangles)
         self._renderers: dict[PinholeCamera, DepthRenderer] = {}

@@ -14,6 +14,7 @@ from PIL import Image
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop import read_bop
+from pcnav.recordings.sequence import DEFAULT_RANGE_SIGMA_M, stated_or_default_sigma
 
 MakeScene = Callable[..., Path]
 
@@ -69,6 +70,24 @@ def test_invalid_depth_when_the_sequence_says_so(tmp_path: Path, make_scene: Mak
     assert sequence.info.name == "folder"
 
 
+def test_sensor_of_the_sequence(tmp_path: Path, make_scene: MakeScene) -> None:
+    toml = (
+        '[sensor]\ndepth_is = "range"\ncamera_position_sd_m = 0.001\n'
+        "camera_attitude_sd_deg = 0.5\nrow_readout_s = 0.02\n"
+        'distortion_model = "fisheye"\ndistortion = [0.1, 0, -0.2, 0]\n'
+    )
+    sequence = read_bop(make_scene(tmp_path / "folder", toml=toml))
+    assert sequence.info.range_sigma_m is None
+    assert sequence.info.camera_position_sd_m == 0.001
+    assert sequence.info.camera_attitude_sd_rad == pytest.approx(0.008726646, rel=1e-6)
+    assert sequence.info.row_readout_s == 0.02
+    assert sequence.form.depth_is == "range"
+    assert sequence.form.distortion_model == "fisheye"
+    assert sequence.form.distortion == (0.1, 0.0, -0.2, 0.0)
+    assert stated_or_default_sigma(sequence.info) == DEFAULT_RANGE_SIGMA_M
+    assert stated_or_default_sigma(sequence.info, 0.1) == 0.1
+
+
 def test_numbers_need_not_follow_one_another(tmp_path: Path, make_scene: MakeScene) -> None:
     numbers = (4, 9, 10, 123)
     folder = make_scene(tmp_path / "s", numbers)
@@ -96,7 +115,7 @@ def test_plain_scene_is_read_with_one_warning(
         sequence = read_bop(folder)
     assert len(caplog.records) == 1
     message = caplog.records[0].getMessage()
-    for words in ("sequence.toml", "timestamp_s", "at rest", "0.005 m"):
+    for words in ("sequence.toml", "timestamp_s", "at rest", "noise is unknown"):
         assert words in message
     assert [frame.time_s for frame in sequence] == [0.0, 1.0]
     np.testing.assert_array_equal(sequence.frame(1).T_cam_world, np.eye(4))
@@ -140,7 +159,10 @@ def test_initial_priors(tmp_path: Path, make_scene: MakeScene) -> None:
         ("[sensor]\nrange_sigma_m = -0.1\n", "sensor.range_sigma_m"),
         ("[sensor]\nrange_sigma_m = nan\n", "sensor.range_sigma_m"),
         ('[sensor]\nrange_sigma_m = "0.02"\n', "sensor.range_sigma_m"),
-        ("[sensor]\n", "sensor.range_sigma_m"),
+        ('[sensor]\ndepth_is = "depth"\n', "sensor.depth_is"),
+        ("[sensor]\nrow_readout_s = -1\n", "sensor.row_readout_s"),
+        ("[sensor]\ncamera_attitude_sd_deg = -1\n", "sensor.camera_attitude_sd_deg"),
+        ("[sensor]\ndistortion = [0.1]\n", "sensor"),
         ("[sensor]\nrange_sigma_m = 0.02\nsigma = 1\n", "sensor.sigma"),
         ("[sensor]\nrange_sigma_m = 0.02\ninvalid_depth = 65536\n", "sensor.invalid_depth"),
         ("[orbits]\n[sensor]\nrange_sigma_m = 0.02\n", "orbits"),
@@ -149,7 +171,6 @@ def test_initial_priors(tmp_path: Path, make_scene: MakeScene) -> None:
             "orbit.mean_motion_rad_s",
         ),
         ("[sequence]\nname = 3\n[sensor]\nrange_sigma_m = 0.02\n", "sequence.name"),
-        ("[orbit]\n", "sensor"),
         ("[sensor\n", "file"),
     ],
 )

@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ from pcnav.dynamics.blocks import (
 )
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.bop import read_bop
+from pcnav.recordings.depth_form import DepthForm, DepthIs, DistortionModel
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
+from pcnav.recordings.sequence_file import read_sequence_file, write_sequence_file
 from pcnav.recordings.truth import read_truth
 from pcnav.recordings.writer import write_sequence
 
@@ -121,6 +124,31 @@ def test_files_are_a_plain_bop_scene(tmp_path: Path) -> None:
         "time_s,r_x_m,r_y_m,r_z_m,v_x_m_s,v_y_m_s,v_z_m_s,q_x,q_y,q_z,q_w,"
         "w_x_rad_s,w_y_rad_s,w_z_rad_s,com_x_m,com_y_m,com_z_m,i_yy,i_zz,i_xy,i_xz,i_yz"
     )
+
+
+def test_sensor_round_trip(tmp_path: Path) -> None:
+    stated = SequenceInfo(
+        *("näme", 0.0, None, None),
+        camera_position_sd_m=0.002,
+        camera_attitude_sd_rad=0.001,
+        row_readout_s=0.01,
+    )
+    form = DepthForm(65535, DepthIs.RANGE, DistortionModel.OPENCV, (0.1, 0.2, 0.0, 0.0, -0.1))
+    write_sequence_file(tmp_path / "sequence.toml", stated, form)
+    read, form_read = read_sequence_file(tmp_path / "sequence.toml")
+    assert form_read == form
+    assert read.range_sigma_m is None
+    assert (read.camera_position_sd_m, read.row_readout_s) == (0.002, 0.01)
+    assert read.camera_attitude_sd_rad == pytest.approx(0.001, rel=1e-14)
+
+
+def test_unseen_pixels_are_strided_with_their_frame() -> None:
+    unseen = np.zeros((9, 12), dtype=bool)
+    unseen[4, 6] = unseen[1, 1] = True
+    frame = replace(example_frame(0), unseen=unseen).strided(2)
+    assert frame.unseen is not None
+    assert frame.unseen.shape == frame.depth_m.shape == (5, 6)
+    assert np.argwhere(frame.unseen).tolist() == [[2, 3]]
 
 
 def test_truth_round_trip(tmp_path: Path) -> None:

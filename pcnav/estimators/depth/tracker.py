@@ -35,7 +35,7 @@ from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult, innovation_gate
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.reading import FrameReader
-from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target
@@ -91,7 +91,7 @@ class Tracker(Estimator):
         seed: int,
     ) -> None:
         self._target, self._info, self._filtering = target, info, filtering
-        sigma_m = perception.range_sigma_m or info.range_sigma_m
+        sigma_m = stated_or_default_sigma(info, perception.range_sigma_m)
         self._reader = FrameReader(target, perception, sigma_m, seed)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]

@@ -32,7 +32,7 @@ from pcnav.evaluation.observability.subjects import (
 from pcnav.files.text_table import TextTable
 from pcnav.recordings.opening import open_recording
 from pcnav.recordings.recording import Recording, RecordingKind
-from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.sequence import Sequence, stated_or_default_sigma
 from pcnav.recordings.tracks import StereoTracks
 from pcnav.runs.reader import read_features, read_run
 from pcnav.runs.result_files import PIPELINE_FILE, STATES_FILE
@@ -126,7 +126,7 @@ def observability_of_pipeline(
     if isinstance(recording, Scene):
         assert mesh is not None, "without a mesh there is no scene"
         about, camera = recording.info, pipeline.camera
-        sigma_m = pipeline.perception.range_sigma_m or about.range_sigma_m
+        sigma_m = stated_or_default_sigma(about, pipeline.perception.range_sigma_m)
         views = Views(load_target(mesh), camera.pinhole, sigma_m, pipeline.perception)
         subject = depth_subject(
             title, pipeline, about, views, motion, truth.time_s, camera.R_cam_hill
@@ -170,7 +170,7 @@ def _subject_of_run(
     hill = R_hill_world(motion.time_s, info.mean_motion_rad_s)
     # The pose is that of the model in the camera; the camera's own attitude is what is left.
     R_cam_world = run.trajectory.poses[last, :3, :3] @ motion.state.R_world_body.T
-    range_sigma_m = pipeline.perception.range_sigma_m or info.range_sigma_m
+    range_sigma_m = stated_or_default_sigma(info, pipeline.perception.range_sigma_m)
     return depth_subject(
         title,
         pipeline,
