@@ -65,7 +65,8 @@ class ViewPredictor:
         self._target = target
         self.camera = camera
         self._settings = settings
-        self._sigma_m = range_sigma_m
+        self.sigma_m = range_sigma_m
+        """Noise along the ray."""
         self._renderer = DepthRenderer(target.mesh, camera)
         self._face_of_triangle = rectangle_of_triangle(target)
 
@@ -90,7 +91,7 @@ class ViewPredictor:
         if not planes:
             return PredictedView(rendered, None, (), no_labels)
         # The frame will be segmented with this surface as a guide, so the view is, too.
-        segmenter = Segmenter(window, self._sigma_m, self._settings.minimum_plane_points)
+        segmenter = Segmenter(window, self.sigma_m, self._settings.minimum_plane_points)
         surface = self._surface(window, planes, segmenter.labels(planes)[0])
         segments, _ = replace(segmenter, expected=surface.part(part)).segments(planes, rounds=1)
         faces: list[PredictedFace] = []
@@ -101,7 +102,7 @@ class ViewPredictor:
                 continue
             rectangle = self._target.rectangles[index]
             shape = shape_of_segment(
-                frame.camera, window, segment, self._sigma_m, self._settings.mode
+                frame.camera, window, segment, self.sigma_m, self._settings.mode
             )
             image[np.unravel_index(segment.pixels, window.shape)] = len(faces)
             T_cam_rect = T_cam_model @ rectangle.T_model_rect
@@ -113,7 +114,7 @@ class ViewPredictor:
     ) -> PredictedSurface:
         """The expected surface over the whole image."""
         range_m = window.range_m.reshape(window.shape)
-        settled = settled_pixels(plane_labels, range_m, self._sigma_m)
+        settled = settled_pixels(plane_labels, range_m, self.sigma_m)
         shape = (self.camera.height, self.camera.width)
         surface = PredictedSurface(
             planes,

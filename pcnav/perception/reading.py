@@ -22,6 +22,7 @@ from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.predicted_view import PredictedView, ViewPredictor
 from pcnav.perception.render_compare import Comparison, RenderComparer
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
@@ -76,12 +77,24 @@ class FrameReader:
     """Reads the frames of one target in the way the settings say."""
 
     def __init__(
-        self, target: Target, settings: PerceptionTable, range_sigma_m: float, seed: int
+        self, target: Target, settings: PerceptionTable, noise: SensorNoise | float, seed: int
     ) -> None:
+        """``noise`` that is a number is white and of that standard deviation, m."""
         self._target, self._settings = target, settings
-        self._sigma_m, self._seed = range_sigma_m, seed
+        self._noise, self._seed = SensorNoise.of(noise), seed
         self._predictor: ViewPredictor | None = None
         self._comparers: dict[PinholeCamera, RenderComparer] = {}
+
+    @property
+    def noise(self) -> SensorNoise:
+        """Of the sensor, as far as it is known now; whoever learns more of it sets it."""
+        return self._noise
+
+    @noise.setter
+    def noise(self, noise: SensorNoise) -> None:
+        self._noise = noise
+        for comparer in self._comparers.values():
+            comparer.noise = noise
 
     @property
     def diameter_m(self) -> float:
@@ -105,13 +118,13 @@ class FrameReader:
     def look(self, frame: Frame) -> PerceivedFrame:
         """What a frame shows without any prediction."""
         catalogue = self._target.rectangles
-        return perceive(frame, catalogue, self._settings, self._sigma_m, self._seed)
+        return perceive(frame, catalogue, self._settings, self._sigma_in(frame), self._seed)
 
     def hypotheses(self, perceived: PerceivedFrame) -> tuple[PoseHypothesis, ...]:
         """Where the target may be, judging by one frame alone."""
         frame = perceived.frame
         coarse = self.comparer(frame).coarse(frame.depth_m)
-        return pose_hypotheses(perceived, self._target, coarse, self._sigma_m)
+        return pose_hypotheses(perceived, self._target, coarse, self._sigma_in(frame))
 
     def nearest_equivalent(self, T_cam_model: FloatArray, near: Sequence[FloatArray]) -> FloatArray:
         """(4, 4) of the poses that show the target alike, the one nearest in attitude to any of
@@ -152,7 +165,7 @@ class FrameReader:
             if len(self._comparers) >= _MAX_COMPARERS:
                 self._comparers.clear()
             self._comparers[frame.camera] = RenderComparer(
-                *(self._target, frame.camera, self._sigma_m), modalities=self._settings.modalities
+                *(self._target, frame.camera, self._noise), modalities=self._settings.modalities
             )
         return self._comparers[frame.camera]
 
@@ -173,7 +186,7 @@ class FrameReader:
     def score(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
         """How the target at a pose (4, 4) explains a frame, to the noise alone."""
         rendered = self._predictor_of(frame).render(T_cam_model)
-        return agreement(frame.depth_m, rendered, _INLIER_SIGMA * self._sigma_m)
+        return agreement(frame.depth_m, rendered, _INLIER_SIGMA * self._sigma_in(frame))
 
     def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
         """Segment a frame and measure its faces against the view that a pose predicts."""
@@ -185,7 +198,8 @@ class FrameReader:
         if surface is not None and trust is Trust.PLANES:
             surface = surface.planes_only()
         perceived = perceive(
-            frame, self._target.rectangles, self._settings, self._sigma_m, self._seed, surface
+            *(frame, self._target.rectangles, self._settings),
+            *(self._sigma_in(frame), self._seed, surface),
         )
         return self._compared(perceived, predicted)
 
@@ -198,7 +212,7 @@ class FrameReader:
 
     def _compared(self, perceived: PerceivedFrame, predicted: PredictedView) -> View:
         faces, unused = measure_by_prediction(perceived, predicted, self._settings.size_gate_sigma)
-        tolerance = depth_tolerance(self._target, self._sigma_m)
+        tolerance = depth_tolerance(self._target, self._sigma_in(perceived.frame))
         ratio = agreement(perceived.frame.depth_m, predicted.rendered, tolerance).inlier_ratio
         return View(perceived, faces, unused, ratio)
 
@@ -211,9 +225,13 @@ class FrameReader:
     def _predictor_of(self, frame: Frame) -> ViewPredictor:
         if self._predictor is None or self._predictor.camera != frame.camera:
             self._predictor = ViewPredictor(
-                self._target, frame.camera, self._settings, self._sigma_m
+                self._target, frame.camera, self._settings, self._sigma_in(frame)
             )
+        self._predictor.sigma_m = self._sigma_in(frame)
         return self._predictor
+
+    def _sigma_in(self, frame: Frame) -> float:
+        return self._noise.sigma_in(frame.depth_m)
 
     # Poses as pixels.
 

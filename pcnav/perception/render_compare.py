@@ -10,7 +10,7 @@ measures, so the measurement does not lean on the prediction.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import reduce
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from pcnav.perception.agreement import Agreement, agreement
 from pcnav.perception.contour import PoseDoubt, contour_runs, mesh_edges
 from pcnav.perception.modality import Evidence, Modality, RangeFit, SeenFrame
 from pcnav.perception.predicted_view import rectangle_of_triangle
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.satellite import Rectangle, Target
 
@@ -107,14 +108,15 @@ class RenderComparer:
         self,
         target: Target,
         camera: PinholeCamera,
-        range_sigma_m: float,
+        noise: SensorNoise | float,
         stride: int = 1,
         modalities: Sequence[ModalityName] = MODALITIES_BY_DEFAULT,
     ) -> None:
         """``stride`` compares on every so many pixels of the frames of ``camera`` only, by
-        ``modalities``."""
+        ``modalities``; ``noise`` that is a number is white and of that deviation, m."""
         self.camera, self._modalities = camera, tuple(modalities)
-        self._target, self._sigma_m, self._stride = target, range_sigma_m, stride
+        self._target, self._stride = target, stride
+        self._noise, self._coarser = SensorNoise.of(noise), dict[int, RenderComparer]()
         self._renderer = DepthRenderer(target.mesh, camera.strided(stride))
         self._edges = mesh_edges(target.mesh)
         self._face_of_triangle = rectangle_of_triangle(target)
@@ -129,11 +131,25 @@ class RenderComparer:
         stride = int(np.sqrt(np.count_nonzero(depth_m) / _MIN_COARSE_PIXELS))
         return self._at_stride(min(max(stride, 1), _COARSEST_STRIDE))
 
-    @lru_cache(maxsize=_COARSEST_STRIDE)  # noqa: B019 - a handful of comparers, kept like this one
     def _at_stride(self, stride: int) -> "RenderComparer":
         if stride == self._stride:
             return self
-        return RenderComparer(self._target, self.camera, self._sigma_m, stride, self._modalities)
+        if stride not in self._coarser:
+            self._coarser[stride] = RenderComparer(
+                self._target, self.camera, self._noise, stride, self._modalities
+            )
+        return self._coarser[stride]
+
+    @property
+    def noise(self) -> SensorNoise:
+        """Of the sensor; whoever learns more of it sets it."""
+        return self._noise
+
+    @noise.setter
+    def noise(self, noise: SensorNoise) -> None:
+        self._noise = noise
+        for comparer in self._coarser.values():
+            comparer.noise = noise
 
     @property
     def lever_m(self) -> float:
@@ -165,21 +181,24 @@ class RenderComparer:
         """
         rendered = self._renderer.render(T_cam_model)
         depth_m = depth_m[:: self._stride, :: self._stride]
-        pixels = _surface_pixels(rendered, self._sigma_m)
+        # What depends on the noise roughly takes that at the target's range.
+        typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
+        pixels = _surface_pixels(rendered, typical_m)
         seen_m = depth_m[rendered.window][pixels.inside] * pixels.range_per_depth
         returned = seen_m > 0.0
         residual = seen_m - pixels.range_m
-        doubt = PoseDoubt(T_cam_model, pose_covariance, self._sigma_m)
+        doubt = PoseDoubt(T_cam_model, pose_covariance, typical_m)
+        sigma_m = self._noise.sigma_at(pixels.range_m)
         # ``n . dx / (n . ray)`` at the surface point x.
         along, p_cam = pixels.m * pixels.range_m[:, None], pixels.rays * pixels.range_m[:, None]
         jacobian = doubt.by_pose(along, p_cam)
         variance = doubt.variance(jacobian)
-        agrees = returned & (residual**2 < _GATE_SIGMA**2 * (self._sigma_m**2 + variance))
+        agrees = returned & (residual**2 < _GATE_SIGMA**2 * (sigma_m**2 + variance))
         dropout = float(np.mean(~returned)) if len(returned) else 0.0
         typical = float(np.median(variance)) if len(variance) else 0.0
-        tolerance = _GATE_SIGMA * float(np.sqrt(self._sigma_m**2 + typical))
+        tolerance = _GATE_SIGMA * float(np.sqrt(typical_m**2 + typical))
         index = self._face_of_triangle[pixels.triangle]
-        ranges = self._ranges(index, agrees, residual, jacobian)
+        ranges = self._ranges(index, agrees, residual, jacobian, sigma_m)
         seen = SeenFrame(
             depth_m, rendered, doubt, self._edges, self._face_of_triangle, dropout, ranges
         )
@@ -210,7 +229,12 @@ class RenderComparer:
         return tuple(faces)
 
     def _ranges(
-        self, index: IntArray, agrees: BoolArray, residual: FloatArray, jacobian: FloatArray
+        self,
+        index: IntArray,
+        agrees: BoolArray,
+        residual: FloatArray,
+        jacobian: FloatArray,
+        sigma_m: float | FloatArray,
     ) -> dict[int, RangeFit]:
         """By face of which enough pixels agree."""
         found = {}
@@ -221,9 +245,15 @@ class RenderComparer:
             if n < _MIN_PIXELS:
                 continue
             H, r = jacobian[chosen], residual[chosen]
+            scale_m = sigma_m
+            if isinstance(scale_m, np.ndarray):
+                # Weighted about the face's own typical noise.
+                own = scale_m[chosen]
+                scale_m = float(np.sqrt(np.mean(own**2)))
+                H, r = H * (scale_m / own)[:, None], r * (scale_m / own)
             information, vector = H.T @ H, H.T @ r
-            misfit = _misfit(information, vector, float(r @ r), n, self._sigma_m)
-            weight = 1.0 / (self._sigma_m**2 * _inflation(misfit, n))
+            misfit = _misfit(information, vector, float(r @ r), n, scale_m)
+            weight = 1.0 / (scale_m**2 * _inflation(misfit, n))
             found[face] = RangeFit(Evidence(information * weight, vector * weight), n, misfit)
         return found
 

@@ -1,0 +1,61 @@
+"""The noise of a depth sensor, as far as it is known: what errs, by how much, and how it is shared.
+
+Returns err along their rays by white noise, which may grow with range. A real sensor errs in other
+ways as well, which many pixels share: over a face (wrinkles, the correlation window of a stereo
+matcher), over a frame (a common offset), and at the outline (a pixel returns from more or from less
+than half its area). Each is zero until it is known to be there.
+"""
+
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+
+from pcnav.core.arrays import DepthImage, FloatArray
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """What is known of the noise of the frames of one sensor."""
+
+    sigma_m: float
+    """Standard deviation of the white noise along a ray, at the reference range."""
+    growth: int = 0
+    """Power of the range that it grows by: 0 is constant, 1 linear, 2 quadratic."""
+    reference_m: float = 1.0
+    """The range at which ``sigma_m`` holds."""
+    face_sd_m: float = 0.0
+    """Standard deviation of the offset of a whole face along the rays, and of each of its two
+    tilts at one standard deviation of its pixels; drawn anew for every face and frame."""
+    frame_sd_m: float = 0.0
+    """Standard deviation of an offset along the rays that a whole frame shares."""
+    outline_offset_px: float = 0.0
+    """How far outward the outline before space is seen, in all frames alike."""
+    outline_offset_sd_px: float = 0.0
+    """How well that is known."""
+    outline_sd_px: float = 0.0
+    """Standard deviation by which a stretch of the outline is displaced, beyond the pixel grid."""
+
+    @staticmethod
+    def of(noise: "SensorNoise | float") -> "SensorNoise":
+        """White noise of a standard deviation in metres, or noise that is known in full."""
+        return noise if isinstance(noise, SensorNoise) else SensorNoise(float(noise))
+
+    @overload
+    def sigma_at(self, range_m: float) -> float: ...
+
+    @overload
+    def sigma_at(self, range_m: FloatArray) -> float | FloatArray: ...
+
+    def sigma_at(self, range_m: float | FloatArray) -> float | FloatArray:
+        """Standard deviation of the white noise at ranges (...), m; one number if constant."""
+        if self.growth == 0:
+            return self.sigma_m
+        return self.sigma_m * (range_m / self.reference_m) ** self.growth
+
+    def sigma_in(self, depth_m: DepthImage) -> float:
+        """At the typical depth of an image (height, width) of z-depths, 0 where none returned."""
+        if self.growth == 0:
+            return self.sigma_m
+        seen = depth_m[depth_m > 0.0]
+        return float(self.sigma_at(float(np.median(seen)))) if len(seen) else self.sigma_m
