@@ -1,4 +1,4 @@
-"""The libraries of the extras `images` and `bench`, imported when they are needed."""
+"""The libraries of the extras `images`, `formats` and `bench`, imported when they are needed."""
 
 import importlib
 from types import ModuleType
@@ -9,6 +9,11 @@ from pcnav.core.errors import InputError
 def opencv(needed_for: str) -> ModuleType:
     """The module cv2. Raises `InputError` where it is not installed."""
     return _module("cv2", "OpenCV", "images", needed_for)
+
+
+def openexr(needed_for: str) -> ModuleType:
+    """The module OpenEXR. Raises `InputError` where it is not installed."""
+    return _module("OpenEXR", "OpenEXR", "formats", needed_for)
 
 
 def poselib(needed_for: str) -> ModuleType:

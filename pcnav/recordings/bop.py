@@ -6,7 +6,7 @@ from pathlib import Path
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, read_scene_camera
 from pcnav.recordings.depth_form import PLAIN
-from pcnav.recordings.depth_png import depth_png_size
+from pcnav.recordings.depth_image import SUFFIXES, depth_image_size, image_of
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file
 
@@ -16,8 +16,8 @@ _LOG = logging.getLogger("pcnav")
 
 
 def depth_file_name(number: int) -> str:
-    """File name of a frame's depth image in a BOP scene."""
-    return f"{number:06d}.png"
+    """File name of a frame's depth image in the scenes we write."""
+    return f"{_stem(number)}.png"
 
 
 def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
@@ -39,8 +39,7 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
     if info.range_sigma_m is None:
         assumed.append("no range_sigma_m: the range noise is unknown")
     images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()
-    files = tuple(depth_file_name(number) for number in numbers)
-    _require_images(images, numbers, files)
+    files = _images(images, numbers)
     if assumed:
         _LOG.warning("%s: %s", path, "; ".join(assumed))
     return Sequence(
@@ -48,7 +47,7 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
         info=info,
         images=images,
         files=files,
-        size=depth_png_size(images / files[0]),
+        size=depth_image_size(images / files[0]),
         times_s=scene.time_s,
         intrinsics=scene.intrinsics,
         depth_step_m=scene.depth_step_m,
@@ -57,11 +56,21 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
     )
 
 
-def _require_images(folder: Path, numbers: list[int], files: tuple[str, ...]) -> None:
+def _stem(number: int) -> str:
+    return f"{number:06d}"
+
+
+def _images(folder: Path, numbers: list[int]) -> tuple[str, ...]:
+    """Names of the depth images of frames. Raises `InputError` for one that is not there."""
     if not folder.is_dir():
         raise InputError(folder, "folder", "expected a folder with the depth images")
     present = {file.name for file in folder.iterdir()}
-    for number, file in zip(numbers, files, strict=True):
-        if file not in present:
+    files = []
+    for number in numbers:
+        file = image_of(folder, _stem(number), present)
+        if file is None:
             expected = f"expected the depth image of frame {number} of {SCENE_CAMERA_FILE}"
-            raise InputError(folder / file, "file", expected)
+            kinds = ", ".join(SUFFIXES)
+            raise InputError(folder / depth_file_name(number), "file", f"{expected} ({kinds})")
+        files.append(file)
+    return tuple(files)

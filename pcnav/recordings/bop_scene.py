@@ -31,7 +31,7 @@ class _Entry(BaseModel):
 
 class _CameraEntry(_Entry):
     cam_K: _Nine
-    depth_scale: Annotated[float, Field(gt=0.0)]
+    depth_scale: Annotated[float, Field(gt=0.0)] | None = None
     timestamp_s: float | None = None
     cam_R_w2c: _Nine | None = None
     cam_t_w2c: _Three | None = None
@@ -58,7 +58,7 @@ class SceneCamera:
     intrinsics: FloatArray
     """(n, 4) fx, fy, cx, cy, px."""
     depth_step_m: FloatArray
-    """(n,) metres per stored unit."""
+    """(n,) metres per stored unit; nan where the file does not say."""
     T_cam_world: FloatArray
     """(n, 4, 4)"""
     assumed: tuple[str, ...]
@@ -92,11 +92,14 @@ def read_scene_camera(path: Path) -> SceneCamera:
         T_cam_world = _poses(path, numbers, R, p_mm, "cam_R_w2c")
     else:
         assumed.append("no cam_R_w2c and cam_t_w2c: a camera at rest assumed")
+    depth_step_m = np.full(len(numbers), np.nan)
+    if _all_or_none(path, numbers, [c.depth_scale for c in cameras], "depth_scale"):
+        depth_step_m = np.array([c.depth_scale for c in cameras], dtype=np.float64) / 1000.0
     return SceneCamera(
         numbers=np.array(numbers, dtype=np.intp),
         time_s=time_s,
         intrinsics=_intrinsics(path, numbers, np.array([c.cam_K for c in cameras])),
-        depth_step_m=np.array([c.depth_scale for c in cameras]) / 1000.0,
+        depth_step_m=depth_step_m,
         T_cam_world=T_cam_world,
         assumed=tuple(assumed),
     )

@@ -26,7 +26,7 @@ class DistortionModel(StrEnum):
 class DepthForm:
     """How the images of a recording state depth, where it is not a plain z-depth image."""
 
-    invalid_units: int | None = None
+    invalid_units: float | None = None
     """The stored unit that means no return besides 0."""
     depth_is: DepthIs = DepthIs.Z
     distortion_model: DistortionModel = DistortionModel.OPENCV

@@ -2,7 +2,6 @@
 
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,38 +23,11 @@ _PIXELS = {
 _COMPRESS_LEVEL = 1
 
 
-class ImageSize(NamedTuple):
-    """Pixels."""
+def read_depth_png(path: Path) -> RawDepth:
+    """Stored units of a depth PNG.
 
-    width: int
-    height: int
-
-
-def depth_png_size(path: Path) -> ImageSize:
-    """Size of a depth PNG. Raises `InputError` if it is damaged or not 16-bit grey."""
-    return ImageSize(*_read(path).shape[::-1])
-
-
-def read_depth_png(path: Path, size: ImageSize) -> RawDepth:
-    """Stored units of a depth PNG of a known size.
-
-    Raises `InputError` when the file is missing, cut short, damaged, of another size, or not
-    16-bit grey.
+    Raises `InputError` when the file is missing, cut short, damaged, or not 16-bit grey.
     """
-    units = _read(path)
-    if units.shape != size[::-1]:
-        expected = f"expected {size.width} x {size.height} px as in the first frame"
-        got = f"got {units.shape[1]} x {units.shape[0]}"
-        raise InputError(path, "image size", f"{expected}, {got}")
-    return units
-
-
-def write_depth_png(path: Path, units: RawDepth) -> None:
-    """Write stored units (height, width) as a 16-bit grey PNG."""
-    Image.fromarray(units).save(path, "PNG", compress_level=_COMPRESS_LEVEL)
-
-
-def _read(path: Path) -> RawDepth:
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -73,3 +45,8 @@ def _read(path: Path) -> RawDepth:
         expected = f"expected 16-bit grey depth, got {_PIXELS.get(mode, mode)}"
         raise InputError(path, "pixels", expected)
     return np.asarray(pixels, dtype=np.uint16)
+
+
+def write_depth_png(path: Path, units: RawDepth) -> None:
+    """Write stored units (height, width) as a 16-bit grey PNG."""
+    Image.fromarray(units).save(path, "PNG", compress_level=_COMPRESS_LEVEL)

@@ -1,5 +1,6 @@
 """What a depth sequence gives, whatever format it is stored in."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +13,10 @@ from pcnav.config.scenario import InertiaRatios
 from pcnav.config.table import Positive, StrictTable, Vector3
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
+from pcnav.core.errors import InputError
 from pcnav.recordings.depth_form import PLAIN, DepthForm
-from pcnav.recordings.depth_png import ImageSize, read_depth_png
+from pcnav.recordings.depth_image import ImageSize, read_depth_image, require_size
+from pcnav.recordings.depth_units import depth_in_metres
 from pcnav.recordings.recording import RecordingKind
 
 _ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
@@ -123,7 +126,7 @@ class Sequence:
     intrinsics: FloatArray
     """(n, 4) fx, fy, cx, cy, px."""
     depth_step_m: FloatArray
-    """(n,) metres per stored unit."""
+    """(n,) metres per stored unit; nan where it is not stated: floats are metres then."""
     T_cam_world: FloatArray
     """(n, 4, 4)"""
     form: DepthForm = PLAIN
@@ -141,11 +144,17 @@ class Sequence:
         """Read one frame. Raises `InputError` when its file is missing or damaged."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
-        units = read_depth_png(self.images / self.files[index], self.size)
-        depth_m = units * np.float32(self.depth_step_m[index])
-        if self.form.invalid_units is not None:
-            depth_m[units == self.form.invalid_units] = 0.0
+        path = self.images / self.files[index]
+        stored = read_depth_image(path)
+        require_size(path, stored, self.size)
+        step_m = float(self.depth_step_m[index])
+        if math.isnan(step_m):
+            if stored.dtype.kind != "f":
+                expected = "expected the mm of one unit, as integers have no unit of their own"
+                raise InputError(path, "depth_scale", expected)
+            step_m = 1.0
         camera = PinholeCamera(*self.size, *self.intrinsics[index].tolist())
+        depth_m = depth_in_metres(stored, step_m, self.form, camera)
         time_s = float(self.times_s[index])
         return Frame(index, time_s, depth_m, camera, self.T_cam_world[index])
 

@@ -29,7 +29,7 @@ class _OrbitTable(StrictTable):
 
 class _SensorTable(StrictTable):
     range_sigma_m: Positive | None = None
-    invalid_depth: Annotated[int, Field(ge=0, le=65535)] | None = None
+    invalid_depth: Annotated[int | float, Field(ge=0)] | None = None
     depth_is: Annotated[DepthIs, Strict(False)] = DepthIs.Z
     camera_position_sd_m: NonNegative = 0.0
     camera_attitude_sd_deg: NonNegative = 0.0

@@ -15,7 +15,8 @@ from pcnav.core.spatial import (
     orthonormality_error,
 )
 from pcnav.recordings.depth_form import DepthForm
-from pcnav.recordings.depth_png import MAXIMUM_UNITS, depth_png_size
+from pcnav.recordings.depth_image import depth_image_size
+from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 
 INTRINSICS_FILE = "camera-intrinsics.txt"
@@ -41,7 +42,7 @@ def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
     if not names:
         raise InputError(path, "folder", "expected images named frame-000000.depth.png")
     names.sort(key=lambda match: int(match[1]))
-    n, size = len(names), depth_png_size(path / names[0][0])
+    n, size = len(names), depth_image_size(path / names[0][0])
     K = _matrix(path / INTRINSICS_FILE, 3)
     _require_pinhole(path / INTRINSICS_FILE, K)
     poses = [_pose(path / f"frame-{match[1]}.pose.txt") for match in names]

@@ -53,20 +53,20 @@ def test_frame_values(scene: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert frame.time_s == 0.5
     assert frame.camera == PinholeCamera(8, 6, 20.0, 21.0, 3.5, 2.5)
     assert frame.depth_m.dtype == np.float32
-    # 0.5 mm per unit; 65535 is a depth like any other unless the sequence says it is not.
+    # 0.5 mm per unit; 65535 with no surface about it is a hole.
     np.testing.assert_allclose(frame.depth_m[2, 3], (19 * 100 + 1) * 0.0005, rtol=1e-7)
     assert frame.depth_m[0, 0] == 0.0
-    assert frame.depth_m[1, 1] == pytest.approx(65535 * 0.0005)
+    assert frame.depth_m[1, 1] == 0.0
     expected = np.array([[0, -1, 0, 1.0], [1, 0, 0, 0], [0, 0, 1, -0.25], [0, 0, 0, 1]])
     np.testing.assert_allclose(frame.T_cam_world, expected)
 
 
 def test_invalid_depth_when_the_sequence_says_so(tmp_path: Path, make_scene: MakeScene) -> None:
-    toml = "[sensor]\nrange_sigma_m = 0.02\ninvalid_depth = 65535\n"
+    toml = "[sensor]\nrange_sigma_m = 0.02\ninvalid_depth = 1900\n"
     sequence = read_bop(make_scene(tmp_path / "folder", toml=toml))
     depth_m = sequence.frame(0).depth_m
-    assert depth_m[1, 1] == 0.0
-    assert np.count_nonzero(depth_m) == 46
+    assert depth_m[2, 3] == 0.0
+    assert np.count_nonzero(depth_m) == 45
     assert sequence.info.name == "folder"
 
 
@@ -164,7 +164,7 @@ def test_initial_priors(tmp_path: Path, make_scene: MakeScene) -> None:
         ("[sensor]\ncamera_attitude_sd_deg = -1\n", "sensor.camera_attitude_sd_deg"),
         ("[sensor]\ndistortion = [0.1]\n", "sensor"),
         ("[sensor]\nrange_sigma_m = 0.02\nsigma = 1\n", "sensor.sigma"),
-        ("[sensor]\nrange_sigma_m = 0.02\ninvalid_depth = 65536\n", "sensor.invalid_depth"),
+        ("[sensor]\nrange_sigma_m = 0.02\ninvalid_depth = -1\n", "sensor.invalid_depth"),
         ("[orbits]\n[sensor]\nrange_sigma_m = 0.02\n", "orbits"),
         (
             "[orbit]\nmean_motion_rad_s = -1\n[sensor]\nrange_sigma_m = 1\n",
