@@ -5,12 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from pcnav.core.arrays import DepthImage
+from pcnav.core.arrays import BoolArray, DepthImage
+from pcnav.perception.continuation import continued_share
+from pcnav.perception.surroundings import Surroundings
 from pcnav.target.rendering import RenderedDepth
 
 _EMPTY_SHARE = 0.35
-"""A pixel with fewer returns about it than this looks into space; lone gaps are dropouts."""
+"""A pixel with fewer returns about it than this looks into space; lone gaps are dropouts. Where a
+frame holds other things, one with fewer at the predicted depth about it looks past the surface."""
 _ABOUT_PX = 5
+_REACH = 0.6
+"""What lies no farther than this share of the diameter from the middle of a view may be the
+target's."""
+_MAX_HIDDEN = 3
+"""With more than so many times as many pixels hidden as agree, a view is not seen."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +28,11 @@ class Agreement:
     agree: int
     """Returns at the predicted depth."""
     conflict: int
-    """Returns at another depth or where space is predicted, and space where a surface is."""
+    """Returns at another depth or where space is predicted, and space where a surface is: those
+    that can be the target's, where the frame holds other things, too."""
+    seen_through: int = 0
+    """Of the conflicts, what no other return makes good: something farther, or space, where a
+    surface is predicted."""
 
     @property
     def inlier_ratio(self) -> float:
@@ -28,13 +40,31 @@ class Agreement:
         either = self.agree + self.conflict
         return self.agree / either if either else float("nan")
 
+    @property
+    def support(self) -> int:
+        """What tells views of one frame apart: a return that a view leaves unexplained is as
+        unlikely under all of them, so each explains as much more as it has returns at its depth,
+        less what is seen through it."""
+        return self.agree - self.seen_through
 
-def agreement(depth_m: DepthImage, rendered: RenderedDepth, tolerance_m: float) -> Agreement:
+
+def agreement(
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    tolerance_m: float,
+    surroundings: Surroundings | None = None,
+) -> Agreement:
     """Compare a frame with a view; depths that differ by less than the tolerance agree.
 
     Space counts as much as returns: a return seen through a predicted surface, and none where one
     is predicted, both say no. A gap between returns is a dropout and says nothing.
+
+    ``surroundings``: the parts of the frame, where it holds more than the target can fill. What is
+    larger than the target then counts against a view only where it is seen through it, and for it
+    only where it does not go on beyond it.
     """
+    if surroundings is not None:
+        return _among_others(depth_m, rendered, tolerance_m, surroundings)
     part = rendered.window
     returned = depth_m > 0.0
     seen, predicted = depth_m[part], rendered.depth_m[part]
@@ -42,8 +72,63 @@ def agreement(depth_m: DepthImage, rendered: RenderedDepth, tolerance_m: float) 
     close = np.abs(seen - predicted) < tolerance_m
     agree = int(np.count_nonzero(surface & seen_here & close))
     gaps = surface & ~seen_here
-    empty = 0
-    if gaps.any():
-        about = ndimage.uniform_filter(seen_here.astype(np.float32), _ABOUT_PX, mode="constant")
-        empty = int(np.count_nonzero(gaps & (about < _EMPTY_SHARE)))
-    return Agreement(agree, int(np.count_nonzero(returned)) - agree + empty)
+    empty = int(np.count_nonzero(gaps & _sparse(seen_here))) if gaps.any() else 0
+    return Agreement(agree, int(np.count_nonzero(returned)) - agree + empty, empty)
+
+
+def _among_others(
+    depth_m: DepthImage, rendered: RenderedDepth, tolerance_m: float, surroundings: Surroundings
+) -> Agreement:
+    part = rendered.window
+    seen, predicted = depth_m[part], rendered.depth_m[part]
+    returned, surface = seen > 0.0, rendered.triangle[part] >= 0
+    agrees = surface & returned & (np.abs(seen - predicted) < tolerance_m)
+    agree = int(np.count_nonzero(agrees))
+    if agree == 0:
+        # Nothing speaks for the view, whatever may hide it.
+        return Agreement(0, int(np.count_nonzero(surface)))
+    about = _neighbourhood(rendered, surroundings.diameter_m)
+    outside = rendered.triangle[about] < 0
+    space_share = float(np.mean(depth_m[about][outside] <= 0.0)) if outside.any() else 0.0
+    past = surface & ~agrees & _sparse(agrees)
+    # Lone returns are false ones.
+    joined = surroundings.labels[part] > 0
+    farther = int(np.count_nonzero(past & joined & (seen > predicted)))
+    through = farther + round(space_share * np.count_nonzero(past & ~returned))
+    candidates = surroundings.candidates
+    nearer = past & returned & (seen < predicted)
+    hidden = int(np.count_nonzero(nearer & ~candidates[part]))
+    beside = candidates[about] & outside & _at_its_depth(depth_m[about], rendered, surroundings)
+    unexplained = int(np.count_nonzero(nearer & candidates[part])) + int(np.count_nonzero(beside))
+    going_on = round(agree * continued_share(depth_m, rendered, agrees, tolerance_m, space_share))
+    conflict = through + unexplained + going_on + max(hidden - _MAX_HIDDEN * agree, 0)
+    return Agreement(agree - going_on, conflict, through)
+
+
+def _neighbourhood(rendered: RenderedDepth, diameter_m: float) -> tuple[slice, slice]:
+    """Rows and columns in which the target may be, wherever in the view it is turned to."""
+    camera = rendered.camera
+    nearest_m = float(
+        rendered.depth_m[rendered.window][rendered.triangle[rendered.window] >= 0].min()
+    )
+    reach = _REACH * diameter_m * max(camera.fx, camera.fy) / nearest_m
+    found = []
+    for span, size in zip(rendered.window, rendered.depth_m.shape, strict=True):
+        middle, half = 0.5 * (span.start + span.stop), max(reach, 0.5 * (span.stop - span.start))
+        found.append(slice(max(int(middle - half), 0), min(int(np.ceil(middle + half)), size)))
+    return found[0], found[1]
+
+
+def _at_its_depth(
+    seen: DepthImage, rendered: RenderedDepth, surroundings: Surroundings
+) -> BoolArray:
+    predicted = rendered.depth_m[rendered.window][rendered.triangle[rendered.window] >= 0]
+    low, high = float(predicted.min()), float(predicted.max())
+    slack = max(_REACH * surroundings.diameter_m - 0.5 * (high - low), 0.0)
+    return np.asarray((seen > low - slack) & (seen < high + slack))
+
+
+def _sparse(mask: BoolArray) -> BoolArray:
+    """Pixels with few of a kind about them."""
+    about = ndimage.uniform_filter(mask.astype(np.float32), _ABOUT_PX, mode="constant")
+    return np.asarray(about < _EMPTY_SHARE)

@@ -23,7 +23,9 @@ from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance, po
 from pcnav.perception.predicted_view import PredictedView, ViewPredictor
 from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.perception.surroundings import SurroundingsFinder
 from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import RenderedDepth
 from pcnav.target.satellite import Target
 
 _INLIER_SIGMA = 3.0
@@ -83,6 +85,7 @@ class FrameReader:
         self._target, self._settings = target, settings
         self._noise, self._seed = SensorNoise.of(noise), seed
         self._predictor: ViewPredictor | None = None
+        self._surroundings = SurroundingsFinder(target.diameter_m)
         self._comparers: dict[PinholeCamera, RenderComparer] = {}
 
     @property
@@ -139,21 +142,27 @@ class FrameReader:
     def check_units(self, perceived: PerceivedFrame) -> bool:
         """Whether enough was seen to compare sizes; `InputError` when it cannot be the target.
 
-        A mesh in millimetres and a cloud in metres make nonsense of everything after.
+        A mesh in millimetres and a cloud in metres make nonsense of everything after. Too much is
+        seen only where one thing much larger than the target stands alone in space: a wall or a
+        table may always be there as well.
         """
-        window = perceived.window
+        window, frame = perceived.window, perceived.frame
         if window is None or np.count_nonzero(window.has_return) < _UNITS_RETURNS:
             return False
         points = window.rays[window.has_return] * window.range_m[window.has_return, None]
         low, high = np.percentile(points, [2, 98], axis=0)
         ratio = float(np.linalg.norm(high - low)) / self._target.diameter_m
-        if not _UNITS_RATIO[0] < ratio < _UNITS_RATIO[1]:
+        too_much = bool(ratio > _UNITS_RATIO[1] and not any(window.touches_border))
+        if too_much:
+            parts = self._surroundings.of(frame.depth_m, frame.camera, self._sigma_in(frame))
+            seen = 0 if parts is None else int(np.count_nonzero(parts.candidates))
+            too_much = parts is not None and seen < _UNITS_RETURNS
+        if ratio < _UNITS_RATIO[0] or too_much:
             raise InputError(
                 self._target.mesh_path,
                 "units",
-                "expected a mesh in metres of about the size of what is seen, and no background: "
-                f"its diameter is {self._target.diameter_m:.4g} m, the returns span {ratio:.3g} "
-                "times that",
+                "expected a mesh in metres of about the size of what is seen: its diameter is "
+                f"{self._target.diameter_m:.4g} m, the returns span {ratio:.3g} times that",
             )
         return True
 
@@ -186,7 +195,7 @@ class FrameReader:
     def score(self, frame: Frame, T_cam_model: FloatArray) -> Agreement:
         """How the target at a pose (4, 4) explains a frame, to the noise alone."""
         rendered = self._predictor_of(frame).render(T_cam_model)
-        return agreement(frame.depth_m, rendered, _INLIER_SIGMA * self._sigma_in(frame))
+        return self._agreement(frame, rendered, _INLIER_SIGMA * self._sigma_in(frame))
 
     def read(self, frame: Frame, T_cam_model: FloatArray, trust: Trust) -> View:
         """Segment a frame and measure its faces against the view that a pose predicts."""
@@ -212,9 +221,14 @@ class FrameReader:
 
     def _compared(self, perceived: PerceivedFrame, predicted: PredictedView) -> View:
         faces, unused = measure_by_prediction(perceived, predicted, self._settings.size_gate_sigma)
-        tolerance = depth_tolerance(self._target, self._sigma_in(perceived.frame))
-        ratio = agreement(perceived.frame.depth_m, predicted.rendered, tolerance).inlier_ratio
+        frame = perceived.frame
+        tolerance = depth_tolerance(self._target, self._sigma_in(frame))
+        ratio = self._agreement(frame, predicted.rendered, tolerance).inlier_ratio
         return View(perceived, faces, unused, ratio)
+
+    def _agreement(self, frame: Frame, rendered: RenderedDepth, tolerance_m: float) -> Agreement:
+        surroundings = self._surroundings.of(frame.depth_m, frame.camera, self._sigma_in(frame))
+        return agreement(frame.depth_m, rendered, tolerance_m, surroundings)
 
     @property
     def depends_on_pose(self) -> bool:

@@ -22,6 +22,7 @@ from pcnav.perception.contour import PoseDoubt, contour_runs, mesh_edges
 from pcnav.perception.modality import Evidence, Modality, RangeFit, SeenFrame
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.satellite import Rectangle, Target
 
@@ -121,6 +122,7 @@ class RenderComparer:
         self._edges = mesh_edges(target.mesh)
         self._face_of_triangle = rectangle_of_triangle(target)
         self._diameter_m = target.diameter_m
+        self._surroundings = SurroundingsFinder(target.diameter_m)
 
     def coarse(self, depth_m: DepthImage) -> "RenderComparer":
         """On every second to fourth pixel: for poses off by more than a comparison is linear over.
@@ -159,7 +161,13 @@ class RenderComparer:
     def score(self, depth_m: DepthImage, T_cam_model: FloatArray, tolerance_m: float) -> Agreement:
         """How well the target at a pose (4, 4) explains a frame, by depths this close."""
         rendered = self._renderer.render(T_cam_model)
-        return agreement(depth_m[:: self._stride, :: self._stride], rendered, tolerance_m)
+        surroundings = self._surroundings_of(depth_m)
+        depth_m = depth_m[:: self._stride, :: self._stride]
+        return agreement(depth_m, rendered, tolerance_m, surroundings)
+
+    def _surroundings_of(self, depth_m: DepthImage) -> Surroundings | None:
+        sigma_m = self._noise.sigma_in(depth_m)
+        return self._surroundings.of(depth_m, self.camera, sigma_m, self._stride)
 
     def doubt_px(self, T_cam_model: FloatArray, pose_covariance: FloatArray) -> float:
         """How far a point at the target's rim may be from where a pose (4, 4) shows it, pixels."""
@@ -180,6 +188,7 @@ class RenderComparer:
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
         """
         rendered = self._renderer.render(T_cam_model)
+        surroundings = self._surroundings_of(depth_m)
         depth_m = depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
         typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
@@ -212,7 +221,7 @@ class RenderComparer:
             T_cam_model,
             rendered,
             self._faces(seen),
-            agreement(depth_m, rendered, tolerance),
+            agreement(depth_m, rendered, tolerance, surroundings),
             labels,
         )
 

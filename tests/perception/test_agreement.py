@@ -6,6 +6,7 @@ import pytest
 from pcnav.core.arrays import DepthImage
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.agreement import Agreement, agreement
+from pcnav.perception.surroundings import surroundings_of
 from pcnav.target.rendering import RenderedDepth
 
 SIZE = 16
@@ -106,3 +107,83 @@ def test_share_is_nan_where_frame_and_view_are_silent() -> None:
     frame = image()
     frame[PART] = 5.0
     assert counts(frame, rendered) == (0, 100)
+
+
+# Among other things.
+
+
+def among(frame: DepthImage, rendered: RenderedDepth | None = None) -> Agreement:
+    """Judged with the parts that the frame itself shows, for a target of 3 m."""
+    rendered = view() if rendered is None else rendered
+    surroundings = surroundings_of(frame, rendered.camera, 3.0, 0.01)
+    return agreement(frame, rendered, TOLERANCE, surroundings)
+
+
+def before_wall() -> DepthImage:
+    """The surface (2.5 m wide) before a wall that fills the image."""
+    frame = np.full((SIZE, SIZE), 9.0, dtype=np.float32)
+    frame[PART] = 5.0
+    return frame
+
+
+def test_a_wall_behind_the_target_does_not_count() -> None:
+    assert agreement(before_wall(), view(), TOLERANCE).conflict == SIZE**2 - 100
+    found = among(before_wall())
+    assert (found.agree, found.conflict, found.support) == (100, 0, 100)
+
+
+def test_a_wall_seen_where_a_surface_is_predicted_counts_in_full() -> None:
+    frame = before_wall()
+    frame[3:13, 8:13] = 9.0
+    # But for the column beside what agrees: two of its five columns do, the corners apart.
+    found = among(frame)
+    assert (found.agree, found.seen_through) == (50, 44)
+    assert found.support == 6
+
+
+def test_what_stands_before_the_target_hides_it_and_no_more() -> None:
+    frame = before_wall()
+    frame[:, 9:] = 3.0
+    found = among(frame)
+    assert (found.agree, found.conflict) == (60, 0)
+    # With nearly everything hidden, nothing is known.
+    frame[:, 4:] = 3.0
+    assert among(frame).inlier_ratio < 0.35
+
+
+def test_what_may_be_the_target_itself_counts_beside_the_view() -> None:
+    frame = before_wall()
+    frame[3:13, 13:15] = 5.5
+    found = among(frame)
+    assert (found.agree, found.conflict, found.seen_through) == (100, 20, 0)
+
+
+def test_false_returns_do_not_count() -> None:
+    rng = np.random.default_rng(1)
+    frame = image()
+    frame[PART] = 5.0
+    false = rng.permutation(SIZE**2)[: SIZE**2 // 5]
+    frame.ravel()[false] = rng.uniform(20.0, 90.0, len(false))
+    found = among(frame)
+    assert found.agree == np.count_nonzero(frame == 5.0)
+    assert found.conflict == 0
+    # Those of the target still say no to a view a metre behind it.
+    behind = view()
+    behind.depth_m[PART] = 6.0
+    assert among(frame, behind).inlier_ratio == 0.0
+
+
+def test_a_stretch_of_wall_is_no_evidence_of_the_target() -> None:
+    wall = np.full((SIZE, SIZE), 5.0, dtype=np.float32)
+    small = view((slice(5, 11), slice(5, 11)))
+    small.depth_m[:], small.triangle[:] = 0.0, -1
+    small.depth_m[5:11, 5:11], small.triangle[5:11, 5:11] = 5.0, 0
+    frame = np.full((SIZE, SIZE), 9.0, dtype=np.float32)
+    frame[5:11, 5:11] = 5.0
+    tolerance = 0.05
+    surroundings = surroundings_of(wall, small.camera, 1.5, 0.01)
+    found = agreement(wall, small, tolerance, surroundings)
+    assert (found.agree, found.conflict) == (0, 36)
+    surroundings = surroundings_of(frame, small.camera, 1.5, 0.01)
+    found = agreement(frame, small, tolerance, surroundings)
+    assert (found.agree, found.conflict) == (36, 0)

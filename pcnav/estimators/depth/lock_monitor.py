@@ -97,7 +97,7 @@ class LockMonitor:
         else:
             tracked = self._reader.score(perceived.frame, T_cam_model)
         return NATS_PER_CONFLICT * (
-            min(pose.agreement.conflict for pose in others) - tracked.conflict
+            tracked.support - max(pose.agreement.support for pose in others)
         )
 
     def _same(self, a: FloatArray, b: FloatArray) -> bool:

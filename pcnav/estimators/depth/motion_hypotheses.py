@@ -82,9 +82,9 @@ class MotionHypothesis:
         return float(np.mean([observation.pose.inlier_ratio for observation in self.observations]))
 
     def log_weight(self, frames: int) -> float:
-        """Log-likelihood of the last frames, up to a constant: pixels against it weigh it down."""
-        conflicts = [s.pose.agreement.conflict for s in self.observations[-frames:]]
-        return -NATS_PER_CONFLICT * float(np.sum(conflicts))
+        """Log-likelihood of the last frames, up to a constant that depends on the frames alone."""
+        support = [s.pose.agreement.support for s in self.observations[-frames:]]
+        return NATS_PER_CONFLICT * float(np.sum(support))
 
     def predicted_attitude(self, time_s: float) -> FloatArray:
         """(3, 3) R_world_body if the last rate, seen in the body, goes on."""

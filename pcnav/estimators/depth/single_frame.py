@@ -125,14 +125,15 @@ def compared_poses(
 
 
 def _not_beaten(fits: Sequence[SingleFramePose]) -> list[SingleFramePose]:
-    """The fits that do not have clearly more pixels against them than another one."""
+    """The fits that do not explain clearly fewer pixels than another one."""
+    support = np.array([fit.agreement.support for fit in fits], dtype=np.float64)
     conflicts = np.array([fit.agreement.conflict for fit in fits], dtype=np.float64)
-    if not len(conflicts):
+    if not len(fits):
         return []
-    fewest = float(np.min(conflicts))
+    best = int(np.argmax(support))
     # Counts vary by their roots.
-    slack = _BEATEN_SD * np.sqrt(conflicts + fewest) + _BEATEN_SD
-    return [fit for fit, near in zip(fits, conflicts - fewest <= slack, strict=True) if near]
+    slack = _BEATEN_SD * np.sqrt(conflicts + conflicts[best]) + _BEATEN_SD
+    return [fit for fit, ok in zip(fits, support[best] - support <= slack, strict=True) if ok]
 
 
 def refine_pose(

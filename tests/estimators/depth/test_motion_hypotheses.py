@@ -127,7 +127,7 @@ def test_a_lead_of_nine_nats_decides(fewer_conflicts: int, decides: bool) -> Non
     assert decision is None or not decision.undecided
 
 
-def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
+def test_a_motion_weighs_by_the_pixels_it_explains_in_its_last_frames() -> None:
     shares = (0.9, 0.8, 0.95)
     observations = tuple(
         PoseObservation(0.5 * k, camera_pose(k), pose(camera_pose(k) @ true_pose(k), share))
@@ -136,7 +136,7 @@ def test_a_motion_weighs_by_the_pixels_against_it_in_its_last_frames() -> None:
     motion = MotionHypothesis(observations)
     assert motion.inlier_ratio == pytest.approx(np.mean(shares))
     weights = [motion.log_weight(frames) for frames in (1, 2, 3)]
-    assert weights == pytest.approx([-0.25 * n for n in (50, 250, 350)])
+    assert weights == pytest.approx([0.25 * n for n in (950, 1750, 2650)])
 
 
 def test_a_doubt_that_resolves_is_decided_then() -> None:

@@ -1,0 +1,211 @@
+"""What of a frame can be a target of known size, whatever its pose; the rest is its surroundings.
+
+Returns are joined to parts wherever neighbours differ by less in depth than a surface that is not
+seen at grazing incidence makes them. A part that is larger than the target, or that the border of
+the image cuts, is a wall, a table, an arm: a target may stand before it or touch it, but what is
+seen of it says nothing against a pose. Lone returns whose neighbours lie elsewhere are false ones.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, pixel_rays
+
+_NOISE_SIGMA = 6.0
+"""Neighbours on one surface differ by less than so many standard deviations of the noise ..."""
+_MAX_SLOPE = 4.0
+"""... and by what a surface inclined so steeply (76 degrees) spans from pixel to pixel."""
+_SIZE_SLACK = 0.05
+"""A part is larger than the target when it exceeds its diameter by this share, and the noise."""
+_TAIL_SIGMA = 8.0
+"""The noise of the nearest and farthest of many returns, together."""
+_MIN_PART_PIXELS = 4
+"""Fewer joined returns are false ones, or too few to tell."""
+_MAX_PIXELS = 100_000
+"""Larger images are joined on every second (third, ...) pixel."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The parts of a frame that holds more than its target."""
+
+    labels: IntArray
+    """(height, width) part of each return, from 1 on; 0 for no return and for lone ones."""
+    may_be_target: BoolArray
+    """(n + 1,) whether each part is small enough; the first, of no part, is not."""
+    diameter_m: float
+    """Of the target."""
+
+    @property
+    def candidates(self) -> BoolArray:
+        """(height, width) returns that may be the target's by the size of their part."""
+        return np.asarray(self.may_be_target[self.labels])
+
+
+def surroundings_of(
+    depth_m: DepthImage, camera: PinholeCamera, diameter_m: float, sigma_m: float
+) -> Surroundings | None:
+    """The parts of a frame; None where all its returns together are no larger than the target.
+
+    Args:
+        depth_m: (height, width), 0 where nothing returned.
+        camera: that took it.
+        diameter_m: of the target.
+        sigma_m: range noise.
+    """
+    limit_m = (1.0 + _SIZE_SLACK) * diameter_m + _TAIL_SIGMA * sigma_m
+    returned = depth_m > 0.0
+    if _extent(depth_m, returned, camera) <= limit_m:
+        return None
+    stride = int(np.ceil(np.sqrt(depth_m.size / _MAX_PIXELS)))
+    part_m, seen = depth_m[::stride, ::stride], returned[::stride, ::stride]
+    labels, n = _joined(part_m, seen, camera.strided(stride), sigma_m)
+    may_be_target = np.zeros(n + 1, dtype=np.bool_)
+    if n:
+        extent = _extents(part_m, labels, n, camera.strided(stride))
+        may_be_target[1:] = (extent <= limit_m) & ~_cut(labels, n)
+    if stride > 1:
+        labels = _spread(labels, part_m, depth_m, camera, sigma_m, stride)
+    return Surroundings(labels, may_be_target, diameter_m)
+
+
+class SurroundingsFinder:
+    """Finds the surroundings of a target; those of the last frame are kept."""
+
+    def __init__(self, diameter_m: float) -> None:
+        self._diameter_m = diameter_m
+        self._last: tuple[DepthImage, Surroundings | None] | None = None
+
+    def of(
+        self, depth_m: DepthImage, camera: PinholeCamera, sigma_m: float, stride: int = 1
+    ) -> Surroundings | None:
+        """See `surroundings_of`; of every so many pixels only.
+
+        Asked several times for one and the same array, it looks once.
+        """
+        if self._last is None or self._last[0] is not depth_m:
+            part = depth_m[::stride, ::stride]
+            found = surroundings_of(part, camera.strided(stride), self._diameter_m, sigma_m)
+            self._last = depth_m, found
+        return self._last[1]
+
+
+def _extent(depth_m: DepthImage, returned: BoolArray, camera: PinholeCamera) -> float:
+    """Largest extent along an axis of the camera of all returns, m; 0 without any."""
+    z = depth_m[returned]
+    if not len(z):
+        return 0.0
+    rays = pixel_rays(camera)
+    return max(float(np.ptp(rays[..., axis][returned] * z)) for axis in range(3))
+
+
+class _Links(NamedTuple):
+    right: BoolArray
+    """(height, width - 1)"""
+    down: BoolArray
+    """(height - 1, width)"""
+
+
+def _joined(
+    depth_m: DepthImage, returned: BoolArray, camera: PinholeCamera, sigma_m: float
+) -> tuple[IntArray, int]:
+    """(height, width) part of each pixel and the number of parts."""
+    pixel_rad = 1.0 / min(camera.fx, camera.fy)
+    near = (_NOISE_SIGMA * sigma_m + _MAX_SLOPE * pixel_rad * depth_m).astype(np.float32)
+    lone = returned & (_alike(depth_m, returned, near) < 2)
+    kept = returned & ~lone
+    right = _linked(depth_m, kept, near, 1, axis=1)
+    down = _linked(depth_m, kept, near, 1, axis=0)
+    # Pixels on the even cells of a grid twice as fine, links on the cells between them.
+    height, width = depth_m.shape
+    cells = np.zeros((2 * height - 1, 2 * width - 1), dtype=np.bool_)
+    cells[::2, ::2] = kept
+    cells[::2, 1::2], cells[1::2, ::2] = right, down
+    # A pixel without a return, or with a false one, parts nothing.
+    for axis in (0, 1):
+        bridged = _linked(depth_m, kept, 2.0 * near, 2, axis)
+        middle = (slice(1, -1), slice(None)) if axis == 0 else (slice(None), slice(1, -1))
+        bridged &= ~kept[middle]
+        i, j = np.nonzero(bridged)
+        step = np.array([1, 0]) if axis == 0 else np.array([0, 1])
+        for offset in (1, 2, 3):
+            cells[2 * i + offset * step[0], 2 * j + offset * step[1]] = True
+    labels, _ = ndimage.label(cells)
+    labels = np.where(kept, labels[::2, ::2], 0)
+    counts = np.bincount(labels.ravel())
+    counts[0] = 0
+    large = counts >= _MIN_PART_PIXELS
+    number = np.cumsum(large) * large
+    return np.asarray(number[labels], dtype=np.intp), int(large.sum())
+
+
+def _linked(
+    depth_m: DepthImage, returned: BoolArray, near: DepthImage, step: int, axis: int
+) -> BoolArray:
+    """Whether each pixel and the one so many steps on along an axis show one surface."""
+    here, there = _pair(axis, step)
+    apart = np.abs(depth_m[here] - depth_m[there])
+    alike = apart < np.minimum(near[here], near[there])
+    return np.asarray(alike & returned[here] & returned[there])
+
+
+def _pair(axis: int, step: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    first, second, whole = slice(None, -step), slice(step, None), slice(None)
+    return ((first, whole), (second, whole)) if axis == 0 else ((whole, first), (whole, second))
+
+
+def _alike(depth_m: DepthImage, returned: BoolArray, near: DepthImage) -> IntArray:
+    """(height, width) how many of the pixels up to two away along the axes lie at its depth."""
+    count = np.zeros(depth_m.shape, dtype=np.intp)
+    for axis in (0, 1):
+        for step in (1, 2):
+            here, there = _pair(axis, step)
+            linked = _linked(depth_m, returned, step * near, step, axis)
+            count[here] += linked
+            count[there] += linked
+    return count
+
+
+def _extents(depth_m: DepthImage, labels: IntArray, n: int, camera: PinholeCamera) -> FloatArray:
+    """(n,) largest extent along an axis of the camera of each part, m."""
+    seen = labels > 0
+    of = labels[seen]
+    order = np.argsort(of, kind="stable")
+    starts = np.searchsorted(of[order], np.arange(1, n + 1))
+    points = pixel_rays(camera)[seen][order] * depth_m[seen][order, None]
+    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+    return np.asarray((high - low).max(axis=1))
+
+
+def _cut(labels: IntArray, n: int) -> BoolArray:
+    """(n,) whether the border of the image cuts each part."""
+    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    cut = np.zeros(n + 1, dtype=np.bool_)
+    cut[border] = True
+    return cut[1:]
+
+
+def _spread(
+    labels: IntArray,
+    coarse_m: DepthImage,
+    depth_m: DepthImage,
+    camera: PinholeCamera,
+    sigma_m: float,
+    stride: int,
+) -> IntArray:
+    """(height, width) labels of all pixels from those of every so many: of the one before, or the
+    one after, at their depth."""
+    height, width = depth_m.shape
+    near = _NOISE_SIGMA * sigma_m + _MAX_SLOPE * stride * depth_m / min(camera.fx, camera.fy)
+    found = np.zeros(depth_m.shape, dtype=np.intp)
+    rows, columns = np.arange(height) // stride, np.arange(width) // stride
+    for down, right in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        i = np.minimum(rows + down, labels.shape[0] - 1)[:, None]
+        j = np.minimum(columns + right, labels.shape[1] - 1)[None, :]
+        alike = (found == 0) & (depth_m > 0.0) & (np.abs(coarse_m[i, j] - depth_m) < near)
+        found = np.where(alike, labels[i, j], found)
+    return found
