@@ -10,13 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, nearest_orthogonal, orthonormality_error
+from pcnav.recordings.frame_checks import ROTATION_TOLERANCE
 
 SCENE_CAMERA_FILE = "scene_camera.json"
 SCENE_GT_FILE = "scene_gt.json"
 OBJECT_ID = 1
 """obj_id of the target in the scenes we write."""
-ROTATION_TOLERANCE = 1e-4
-"""Largest orthonormality error of a stored rotation: files round to as few as five digits."""
 
 Content = TypeVar("Content")
 _Nine = Annotated[list[float], Field(min_length=9, max_length=9)]

@@ -17,6 +17,14 @@ from pcnav.core.errors import InputError
 from pcnav.recordings.depth_form import PLAIN, DepthForm
 from pcnav.recordings.depth_image import ImageSize, read_depth_image, require_size
 from pcnav.recordings.depth_units import depth_in_metres
+from pcnav.recordings.frame_checks import (
+    checked_camera,
+    checked_depth,
+    checked_time,
+    checked_transform,
+    checked_unseen,
+    required_numbers,
+)
 from pcnav.recordings.recording import RecordingKind
 
 _ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
@@ -28,7 +36,11 @@ DEFAULT_RANGE_SIGMA_M = 0.005
 
 @dataclass(frozen=True)
 class Frame:
-    """One depth image and where the camera was when it was taken."""
+    """One depth image and where the camera was when it was taken.
+
+    Its making checks it: whatever is no depth becomes a hole, and a rotation off by rounding is
+    made orthonormal. Raises `InputError`, which names the frame and the field.
+    """
 
     index: int
     """Position in the sequence, counted from 0."""
@@ -41,6 +53,16 @@ class Frame:
     unseen: BoolArray | None = None
     """(height, width) pixels of which nothing is known, not even that nothing is there: outside a
     region of interest, or nearer than the near gate. None where there is no such pixel."""
+
+    def __post_init__(self) -> None:
+        where = f"frame {self.index}"
+        checked_time(where, self.time_s)
+        checked_camera(where, self.camera)
+        checked_unseen(where, self.unseen, self.camera)
+        depth_m = checked_depth(where, self.depth_m, self.camera)
+        T_cam_world = checked_transform(where, "T_cam_world", self.T_cam_world)
+        object.__setattr__(self, "depth_m", depth_m)
+        object.__setattr__(self, "T_cam_world", T_cam_world)
 
     def strided(self, stride: int) -> "Frame":
         """Every so many pixels of it only, as a smaller camera in the same place would see them."""
@@ -98,6 +120,20 @@ class SequenceInfo:
     """Time from the exposure of the first row to that of the last; 0 of a global shutter. The
     time of a frame is that of its middle row."""
     first_pose: FirstPosePrior | None = None
+
+    def __post_init__(self) -> None:
+        where = f"recording {self.name}"
+        sigma_m = self.range_sigma_m
+        if sigma_m is not None and not 0.0 < sigma_m < math.inf:
+            expected = "expected a finite number above 0, or None where it is not known"
+            raise InputError(where, "range_sigma_m", f"{expected}, got {sigma_m}")
+        required_numbers(
+            where,
+            mean_motion_rad_s=self.mean_motion_rad_s,
+            camera_position_sd_m=self.camera_position_sd_m,
+            camera_attitude_sd_rad=self.camera_attitude_sd_rad,
+            row_readout_s=self.row_readout_s,
+        )
 
 
 def stated_or_default_sigma(info: SequenceInfo, chosen_m: float | None = None) -> float:

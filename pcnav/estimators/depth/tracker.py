@@ -35,6 +35,7 @@ from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult, innovation_gate
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.reading import FrameReader
+from pcnav.recordings.frame_guard import FrameGuard
 from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
@@ -106,6 +107,7 @@ class Tracker(Estimator):
         self._acquisition = self._new_acquisition(self._belief)
         self._best_view: tuple[Estimate, FrameView] | None = None
         self._has_tracked = False
+        self._guard = FrameGuard(target.diameter_m)
 
     @property
     def best_view(self) -> tuple[Estimate, FrameView] | None:
@@ -118,7 +120,12 @@ class Tracker(Estimator):
         return self._belief.prior if self._has_tracked else None
 
     def step(self, frame: Frame, /) -> Estimate:
-        """Take in one frame. Raises `InputError` when target and frame differ in units."""
+        """Take in one frame.
+
+        Raises `InputError` when target and frame differ in units, and for a frame that is no later
+        than the one before.
+        """
+        self._guard.check(frame)
         observer = ObserverPose.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
         if self._track is None:
             estimate, view = self._acquire(frame, observer)
