@@ -5,11 +5,13 @@ import logging
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Self
 
 from matplotlib.figure import Figure
 
+from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.choice import chosen
@@ -19,6 +21,7 @@ from pcnav.estimators.registry import make_estimator
 from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import tables_of_run
+from pcnav.recordings.first_pose import prior_of
 from pcnav.recordings.images import ImageSequence
 from pcnav.recordings.opening import open_recording
 from pcnav.recordings.recording import Recording, truth_folder
@@ -77,12 +80,21 @@ class _Inputs:
         assert self.recording.path is not None, "it was read from a file"
         return self.recording.path
 
+    def beginning_at(self, initial_pose: FirstPoseTable) -> Self:
+        """The same with another first pose. Raises `InputError` where there is no model."""
+        if self.target is None:
+            expected = "expected none: only depth frames show a target with a model"
+            raise InputError(self.path, "--initial-pose", expected)
+        as_run = self.as_run.model_copy(update={"initial_pose": initial_pose})
+        return replace(self, as_run=as_run)
+
     def make_estimator(self) -> Estimator:
         """The one that is run."""
-        about = self.recording
-        given = Given(
-            self.as_run, about.info if isinstance(about, Sequence) else about, self.target
-        )
+        about: Any = self.recording
+        if isinstance(about, Sequence):
+            first_pose = prior_of(self.as_run.initial_pose) or about.info.first_pose
+            about = replace(about.info, first_pose=first_pose)
+        given = Given(self.as_run, about, self.target)
         return make_estimator(str(self.as_run.estimator.kind), given)
 
 
@@ -93,6 +105,7 @@ def run(
     *,
     estimator: str | None = None,
     target_mesh: Path | None = None,
+    initial_pose: FirstPoseTable | None = None,
     overwrite: bool = False,
     source: Path | str = "pipeline",
     on_start: OnStart | None = None,
@@ -107,6 +120,8 @@ def run(
         estimator: key in the registry; replaces the pipeline's.
         target_mesh: of depth frames; else the one the sequence names, else the pipeline's
             ``target_mesh`` taken as a path.
+        initial_pose: of the target in the first depth frame; replaces the pipeline's and the
+            sequence's.
         overwrite: whether an earlier result may be replaced.
         source: the pipeline's file, which an `InputError` names.
         on_start: see `OnStart`.
@@ -116,6 +131,8 @@ def run(
     estimator that does not fit; nothing is then left, and an earlier result stays as it was.
     """
     inputs = _open(path, out, pipeline, estimator, target_mesh, source)
+    if initial_pose is not None:
+        inputs = inputs.beginning_at(initial_pose)
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
     folder = truth_folder(inputs.path)
     truth, points = read_truth(folder), read_truth_features(folder)

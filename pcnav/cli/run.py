@@ -10,6 +10,7 @@ from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
 
 if TYPE_CHECKING:
+    from pcnav.config.first_pose import FirstPoseTable
     from pcnav.config.pipeline_file import Pipeline
     from pcnav.pipeline import RunSummary
     from pcnav.runs.estimate import Estimate, Output
@@ -43,6 +44,21 @@ def run(
         str | None,
         typer.Option(help="Another estimator than the pipeline's, like open3d_icp or kiss_icp."),
     ] = None,
+    initial_pose: Annotated[
+        str | None,
+        typer.Option(
+            help="Pose of the target in the first frame, T_cam_model: 'tx ty tz qx qy qz qw' in m, "
+            "or a TUM or JSON file with one pose. It shortens the start, and is dropped when the "
+            "frames contradict it."
+        ),
+    ] = None,
+    initial_pose_sd: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="Its standard deviations: of the position, m, and of the attitude, deg; "
+            "2 % of the distance and 5 deg unless told."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     view: Annotated[
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
@@ -56,7 +72,16 @@ def run(
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
-    run_into(sequence, target, pipeline, out, overwrite, port if view else None, estimator)
+    from pcnav.core.errors import InputError
+    from pcnav.recordings.first_pose import parsed_first_pose
+
+    first = None
+    if initial_pose is not None:
+        first = parsed_first_pose(initial_pose, initial_pose_sd)
+    elif initial_pose_sd is not None:
+        raise InputError(sequence, "--initial-pose-sd", "expected --initial-pose, which it is of")
+    view_port = port if view else None
+    run_into(sequence, target, pipeline, out, overwrite, view_port, estimator, first)
 
 
 def run_into(
@@ -67,7 +92,9 @@ def run_into(
     overwrite: bool,
     view_port: int | None = None,
     estimator: str | None = None,
+    initial_pose: "FirstPoseTable | None" = None,
 ) -> None:
+    """Run, show how far it is, and say what was found."""
     from pcnav.estimators.choice import chosen, refuse_mesh
     from pcnav.pipeline import run as run_recording
     from pcnav.recordings.recording import RecordingKind
@@ -99,6 +126,7 @@ def run_into(
                 content,
                 estimator=estimator,
                 target_mesh=mesh_path,
+                initial_pose=initial_pose,
                 overwrite=overwrite,
                 source=path,
                 on_start=on_start,

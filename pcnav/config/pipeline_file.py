@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.config.depth import FilterTable, PerceptionTable
+from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.image_motion import FeatureTrackerTable, ImageMotionTable
 from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.config.principal_axes import PrincipalAxesTable
@@ -57,7 +58,7 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
 }
 """The tables that a run with an estimator reads, beside [estimator]. The view turns stereo tracks
 without their recording by the orbit."""
-_OF_A_RUN = ("seed", "target_mesh", "sequence", "estimator")
+_OF_A_RUN = ("seed", "target_mesh", "sequence", "initial_pose", "estimator")
 
 
 class EstimatorTable(Table):
@@ -91,6 +92,8 @@ class Pipeline(Table):
     """Mesh of the target: a path relative to the pipeline file, or the name of a shipped one."""
     sequence: str | None = None
     """Folder the run was made from, written by `pcnav run`, ignored otherwise."""
+    initial_pose: FirstPoseTable | None = None
+    """Of the target in the first depth frame; replaces the one a sequence states."""
     scenario: ScenarioTable = ScenarioTable()
     orbit: OrbitTable = OrbitTable()
     body: BodyTable = BodyTable()

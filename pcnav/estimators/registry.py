@@ -1,6 +1,7 @@
 """Every estimator by its key: what a run, a table of runs and a view know of it beforehand."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -156,10 +157,13 @@ ESTIMATORS: Mapping[str, EstimatorEntry] = {
 def make_estimator(key: str, given: Given) -> Estimator:
     """An estimator for a recording.
 
-    One that cannot start without a pose, and is given none, gets the first that pcnav itself
-    acquires.
+    One that cannot start without a pose gets the one that the recording states; where none is
+    stated, the first that pcnav itself acquires.
     """
     entry = ESTIMATORS[key]
+    if entry.first_pose is not FirstPose.NOTHING and given.T_cam_model_first is None:
+        stated = given.about.first_pose
+        given = given if stated is None else replace(given, T_cam_model_first=stated.T_cam_model)
     if entry.first_pose is FirstPose.NOTHING or given.T_cam_model_first is not None:
         return entry.make(given)
     from pcnav.estimators.peers.acquired import Acquired

@@ -9,8 +9,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Strict
 
+from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.scenario import InertiaRatios
-from pcnav.config.table import Positive, StrictTable, Vector3
+from pcnav.config.table import Positive, Vector3
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
@@ -76,7 +77,7 @@ class Frame:
         return replace(self, depth_m=depth_m, camera=camera, unseen=unseen)
 
 
-class InitialPrior(StrictTable):
+class InitialPrior(FirstPoseTable):
     """[initial] of sequence.toml: prior knowledge stored with it; what is None is unknown."""
 
     com_model_m: Vector3 | None = None
@@ -120,6 +121,7 @@ class SequenceInfo:
     """Time from the exposure of the first row to that of the last; 0 of a global shutter. The
     time of a frame is that of its middle row."""
     first_pose: FirstPosePrior | None = None
+    """None where nothing is known of it."""
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"

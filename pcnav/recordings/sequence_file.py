@@ -12,6 +12,7 @@ from pcnav.config.table import NonNegative, Positive, StrictTable
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import read_toml_model
 from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs, DistortionModel
+from pcnav.recordings.first_pose import prior_of, table_of
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
 
 SEQUENCE_FILE = "sequence.toml"
@@ -86,6 +87,7 @@ def read_sequence_file(
         camera_position_sd_m=sensor.camera_position_sd_m,
         camera_attitude_sd_rad=math.radians(sensor.camera_attitude_sd_deg),
         row_readout_s=sensor.row_readout_s,
+        first_pose=prior_of(content.initial),
     )
     return info, sensor.form
 
@@ -100,8 +102,11 @@ def write_sequence_file(path: Path, info: SequenceInfo, form: DepthForm = PLAIN)
         "orbit": {"mean_motion_rad_s": info.mean_motion_rad_s},
         "sensor": _sensor_table(info, form),
     }
-    if info.initial is not None:
-        tables["initial"] = info.initial.model_dump(exclude_none=True)
+    initial = {} if info.initial is None else info.initial.model_dump(exclude_none=True)
+    if info.first_pose is not None:
+        initial |= table_of(info.first_pose).model_dump()
+    if initial:
+        tables["initial"] = initial
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 

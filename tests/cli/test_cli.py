@@ -456,6 +456,29 @@ def test_a_pipeline_that_is_no_text_file_is_one_line(pcnav: Pcnav, tmp_path: Pat
     assert not out.exists()
 
 
+# A first pose.
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--initial-pose", "1 2 3"), ("--initial-pose", "tx ty tz qx qy qz qw")),
+        (("--initial-pose", "nowhere.tum"), ("nowhere.tum", "tx ty tz qx qy qz qw")),
+        (("--initial-pose-sd", "0.1", "5"), ("--initial-pose-sd", "expected --initial-pose")),
+        (
+            ("--initial-pose", "-0.1 0 18 0 0 0 1", "--initial-pose-sd", "0", "5"),
+            ("position_sd_m", "greater than 0"),
+        ),
+    ],
+)
+def test_a_wrong_first_pose_is_one_line(
+    pcnav: Pcnav, sequence: Path, tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    answer = pcnav("run", sequence, "-o", tmp_path / "result", *options)
+    expect_refusal(answer, *words)
+    assert not (tmp_path / "result").exists()
+
+
 # What exists already.
 
 

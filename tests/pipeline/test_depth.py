@@ -17,7 +17,10 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
 from pcnav.dynamics.blocks import RATE
 from pcnav.dynamics.state import STATE_SIZE
+from pcnav.estimators.peers.icp import disturbed
 from pcnav.pipeline import run
+from pcnav.recordings.first_pose import table_of
+from pcnav.recordings.sequence import FirstPosePrior
 from pcnav.recordings.truth import read_truth
 from pcnav.runs.reader import read_records, read_run
 from pcnav.runs.records import ACCEPTED
@@ -163,6 +166,26 @@ def test_peers_run_like_any_estimator(
     run(sequence, tmp_path / "two", found.pipeline, target_mesh=made.mesh)
     for file in ("states.csv", "poses.tum"):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+
+
+@pytest.mark.usefixtures("quick_drawings")
+def test_a_peer_begins_at_the_first_pose_where_one_is_stated(made: Made, tmp_path: Path) -> None:
+    """Off by more than its errors afterwards; the pipeline as run repeats the run."""
+    truth = read_truth(made.recording)
+    assert truth is not None and truth.T_cam_target is not None
+    T = disturbed(truth.T_cam_target[0], load_target(made.mesh).diameter_m)
+    stated = table_of(FirstPosePrior(T, 0.2, 0.1))
+    run(made.recording, tmp_path / "one", estimator="open3d_icp", initial_pose=stated)
+    found = read_run(tmp_path / "one")
+    assert found.status == ("locked",) * FRAMES
+    assert found.trajectory.T_cam_target is not None
+    off = np.linalg.norm((found.trajectory.T_cam_target - truth.T_cam_target)[:, :3, 3], axis=1)
+    assert off.max() < 0.02 < np.linalg.norm((T - truth.T_cam_target[0])[:3, 3])
+    repeated = read_pipeline(tmp_path / "one" / "pipeline.toml")
+    assert repeated.initial_pose == stated
+    run(made.recording, tmp_path / "two", repeated)
+    poses = [(tmp_path / name / "poses.tum").read_bytes() for name in ("one", "two")]
+    assert poses[0] == poses[1]
 
 
 def test_an_estimator_that_does_not_fit_is_refused(made: Made, tmp_path: Path) -> None:
