@@ -14,8 +14,9 @@ import trimesh
 from scipy.ndimage import uniform_filter1d
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picked
-from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.camera import PinholeCamera, pixel_rays, project, projection_jacobian
 from pcnav.core.spatial import transform_points
+from pcnav.perception.bent_edges import edge_segments
 from pcnav.target.mesh import mesh_diameter
 from pcnav.target.rendering import RenderedDepth
 
@@ -183,6 +184,8 @@ class _Samples:
     """Crossings of projected edges with pixel columns or rows, edge after edge."""
 
     edge: IntArray
+    piece: IntArray
+    """(n,) of edges: where a lens bends one, its crossings belong to several."""
     major: IntArray
     """(n,) the column (or row) crossed."""
     minor: FloatArray
@@ -211,19 +214,28 @@ def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -
     p_cam = transform_points(T_cam_model, edges.vertices)
     z = p_cam[:, 2]
     in_front = z > 1e-3 * float(np.abs(z).max())
-    pixels = project(camera, np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0]))
-    ends = edges.ends
-    along = pixels[ends[:, 1]] - pixels[ends[:, 0]]
-    to_wings = pixels[edges.wings] - pixels[ends[:, 0]][:, None, :]
+    safe = np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0])
+    pixels, ends = project(camera, safe), edges.ends
+    # Which side of an edge a point lies on is seen where edges are straight.
+    places = pixels if camera.distortion is None else safe[:, :2] / safe[:, 2:]
+    along = places[ends[:, 1]] - places[ends[:, 0]]
+    to_wings = places[edges.wings] - places[ends[:, 0]][:, None, :]
     cross = along[:, None, 0] * to_wings[..., 1] - along[:, None, 1] * to_wings[..., 0]
     # Faces on one side of the edge only: beyond it one looks past the part.
     bounds = (cross > 0.0).all(axis=1) | (cross < 0.0).all(axis=1)
     bounds &= in_front[ends].all(axis=1) & in_front[edges.wings].all(axis=1)
-    chosen = np.flatnonzero(bounds)
-    upright = np.abs(along[chosen, 1]) > np.abs(along[chosen, 0])
+    edge = piece = np.flatnonzero(bounds)
+    start, end = p_cam[ends[edge, 0]], p_cam[ends[edge, 1]]
+    first, second = pixels[ends[edge, 0]], pixels[ends[edge, 1]]
+    if camera.distortion is not None:
+        cut = edge_segments(camera, start, end)
+        edge, piece = edge[cut.edge], cut.piece
+        start, end = cut.start_cam, cut.end_cam
+        first, second = project(camera, start), project(camera, end)
+    on_left = cross[edge, 0] > 0.0
+    upright = np.abs(second - first)[:, 1] > np.abs(second - first)[:, 0]
     axis = upright.astype(np.intp)
-    rows = np.arange(len(chosen))
-    first, second = pixels[ends[chosen, 0]], pixels[ends[chosen, 1]]
+    rows = np.arange(len(edge))
     a0, b0 = first[rows, axis], first[rows, 1 - axis]
     a1, b1 = second[rows, axis], second[rows, 1 - axis]
     length = np.where(np.abs(a1 - a0) > 0.0, a1 - a0, np.inf)
@@ -235,33 +247,35 @@ def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -
     index = np.repeat(rows, counts)
     major = low[index] + np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (major - a0[index]) / length[index]
-    z0, z1 = z[ends[chosen, 0]][index], z[ends[chosen, 1]][index]
+    z0, z1 = start[index, 2], end[index, 2]
     # The inverse of depth is linear in the image.
     weight = share * z0 / (share * z0 + (1.0 - share) * z1)
-    start, end = p_cam[ends[chosen, 0]][index], p_cam[ends[chosen, 1]][index]
-    # Left of the edge (cross > 0, v down) means larger v for one that runs right, and smaller u
-    # for one that runs down.
+    # Left of the edge (v down) means larger v for one that runs right, and smaller u for one that
+    # runs down.
     turned = np.where(upright, -np.sign(a1 - a0), np.sign(a1 - a0))
-    side = np.where(cross[chosen, 0] > 0.0, turned, -turned).astype(np.intp)
-    return _Samples(
-        edge=chosen[index],
+    side = np.where(on_left, turned, -turned).astype(np.intp)
+    samples = _Samples(
+        edge=edge[index],
+        piece=piece[index],
         major=major,
         minor=b0[index] + slope[index] * (major - a0[index]),
         upright=upright[index],
         slope=slope[index],
         side=side[index],
-        p_cam=start + weight[:, None] * (end - start),
+        p_cam=start[index] + weight[:, None] * (end[index] - start[index]),
     )
+    if camera.distortion is None:
+        return samples
+    # The segments of an edge that runs left or up follow each other against their crossings.
+    return picked(samples, np.lexsort((samples.major, samples.upright, samples.edge)))
 
 
 def _displacement_jacobian(
     samples: _Samples, camera: PinholeCamera, doubt: PoseDoubt
 ) -> FloatArray:
     """(n, 6) outward displacement of the edge at each crossing, pixels, by the pose."""
-    x, y, z = samples.p_cam.T
     # Image motion of the point across the edge: minor minus slope times major.
-    du = np.column_stack([camera.fx / z, np.zeros_like(z), -camera.fx * x / z**2])
-    dv = np.column_stack([np.zeros_like(z), camera.fy / z, -camera.fy * y / z**2])
+    du, dv = np.moveaxis(projection_jacobian(camera, samples.p_cam), 1, 0)
     slope = samples.slope[:, None]
     across = np.where(samples.upright[:, None], du - slope * dv, dv - slope * du)
     return doubt.by_pose(-samples.side[:, None] * across, samples.p_cam)
@@ -305,9 +319,7 @@ def _count(
     upright = samples.upright[:, None]
     u, v = np.where(upright, minor, major), np.where(upright, major, minor)
     triangle = rendered.triangle[v, u]
-    rays = np.stack(
-        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1
-    )
+    rays = pixel_rays(camera)[v, u]
     near_triangle, far_triangle = triangle[:, reach], triangle[:, -1]
     edge_z = samples.p_cam[:, 2]
     edge_rays = samples.p_cam / edge_z[:, None]
@@ -376,6 +388,7 @@ def _between_others(samples: _Samples, counted: _Counted) -> BoolArray:
     joined[1:-1] = (
         (np.diff(samples.edge) == 0) & (np.diff(samples.major) == 1) & (np.diff(counted.kind) == 0)
     )
+    joined[1:-1] &= samples.upright[1:] == samples.upright[:-1]
     joined[1:-1] &= counted.usable[1:] & counted.usable[:-1]
     return np.asarray(joined[1:] & joined[:-1])
 
@@ -383,11 +396,12 @@ def _between_others(samples: _Samples, counted: _Counted) -> BoolArray:
 def _runs(
     samples: _Samples, counted: _Counted, jacobian: FloatArray, doubt: PoseDoubt, reach: int
 ) -> ContourRuns:
-    edge, kind, displacement = samples.edge, counted.kind, counted.displacement_px
+    edge, kind, displacement = samples.piece, counted.kind, counted.displacement_px
     if len(edge) == 0:
         empty = np.empty(0)
         return ContourRuns(empty, empty, np.empty((0, 6)), np.empty(0, dtype=np.intp))
     breaks = (np.diff(edge) != 0) | (np.diff(samples.major) != 1) | (np.diff(kind) != 0)
+    breaks |= samples.upright[1:] != samples.upright[:-1]
     starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
     n = np.diff(np.append(starts, len(edge)))
     offset = np.arange(len(edge)) - np.repeat(starts + 0.5 * (n - 1), n)
@@ -396,7 +410,8 @@ def _runs(
     mean_weight = np.repeat(1.0 / n, n)
     doubt_px2 = np.add.reduceat(doubt.variance(jacobian), starts) / n
     displaced = np.hypot(OFFSET_PX, _MEAN_ABS_NORMAL * np.sqrt(doubt_px2))
-    grid = grid_variances(n, samples.slope[starts], displaced)
+    # Of a piece that a lens bends, the slope at its middle.
+    grid = grid_variances(n, samples.slope[starts + n // 2], displaced)
     extra = counted.extra_variance[starts] * np.where(kind[starts] == 0, 1.0, displaced)
     # As far as one looked, or farther: no better known than before.
     reached = np.abs(np.add.reduceat(displacement * mean_weight, starts)) > _SATURATED * reach

@@ -11,7 +11,7 @@ grid. The autocovariance of that sawtooth is the second Bernoulli polynomial,
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.camera import PinholeCamera, pixels_per_area, project, rays_through
 
 _UNKNOWN = 1e4
 """Variance of moments that are not determined: part of the face is behind the camera."""
@@ -68,13 +68,11 @@ def _on_plane(
     camera: PinholeCamera, T_cam_rect: FloatArray, pixels: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(n, 2) rectangle coordinates of pixels (n, 2) and the area of the face each one covers."""
-    rays = np.column_stack(
-        [(pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(pixels))]
-    )
+    rays = rays_through(camera, pixels)
     normal, origin = T_cam_rect[:3, 2], T_cam_rect[:3, 3]
     along = rays @ normal
     depth = (normal @ origin) / along
     position = (rays * depth[:, None] - origin) @ T_cam_rect[:3, :2]
     # A pixel at depth z spans z/fx by z/fy across the optical axis; the face is inclined to it.
-    area = depth**2 / (camera.fx * camera.fy) / np.abs(along)
+    area = depth**2 / pixels_per_area(camera, rays) / np.abs(along)
     return position, area

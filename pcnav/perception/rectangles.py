@@ -12,7 +12,7 @@ import numpy as np
 
 from pcnav.config.depth import PerceptionMode
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.core.camera import PinholeCamera
+from pcnav.core.camera import PinholeCamera, ray_steps
 from pcnav.core.spatial import make_transform
 from pcnav.perception.edges import moment_covariance
 from pcnav.perception.planes import PlaneFit, plane_range
@@ -239,15 +239,16 @@ def _mean_footprint(
 ) -> FloatArray:
     """(3, 3) weighted mean second moment of the pixels' footprints on the plane, m^2.
 
-    Moving one pixel right moves the point where the ray meets the plane by
-    ``z / fx (e_x - ray n_x / (n . ray))``; a square pixel of side 1 has second moment 1 / 12.
+    Where the next pixel's ray differs by d, the point where it meets the plane differs by
+    ``z (d - ray (n . d) / (n . ray))``; a square pixel of side 1 has second moment 1 / 12.
     """
     ray = points / points[:, 2:]
     incidence = ray @ fit.m
+    steps = ray_steps(camera, ray)
     total = np.zeros((3, 3))
     for axis, focal in ((0, camera.fx), (1, camera.fy)):
-        step = -ray * (fit.m[axis] / incidence)[:, None]
-        step[:, axis] += 1.0
+        step = -ray * (steps[:, axis] @ fit.m[:2] / incidence)[:, None]
+        step[:, :2] += steps[:, axis]
         step *= points[:, 2:] / focal
         total += (step * weights[:, None]).T @ step
     return np.asarray(total / (12.0 * weights.sum()))

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, project
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.target.bent_window import seeing_pixels
 
 Window = tuple[slice, slice]
 
@@ -53,11 +54,10 @@ class DepthRenderer:
         camera = self._camera
         vertices_cam = transform_points(T_cam_model, self._vertices)
         vertices_z = vertices_cam[:, 2]
-        window = self._window(vertices_cam)
+        window, cast = self._pixels(vertices_cam)
         planes = self._inverse_depth_planes(T_cam_model)
         depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
         triangle = np.full((camera.height, camera.width), -1, dtype=np.intp)
-        cast = self._outlined(vertices_cam, window)
         rays = pixel_rays(camera)[window][cast]
         if len(rays) > 0:
             faces = self._first_faces(rays, T_cam_model, float(vertices_z.min()))
@@ -67,6 +67,14 @@ class DepthRenderer:
             depth_m[window][cast] = depth
             triangle[window][cast] = faces
         return RenderedDepth(camera, depth_m, triangle, window, planes)
+
+    def _pixels(self, vertices_cam: FloatArray) -> tuple[Window, BoolArray]:
+        """The window of the mesh, and which of its pixels (height, width) may see the mesh."""
+        if self._camera.distortion is not None:
+            rows, columns, seeing = seeing_pixels(self._camera, vertices_cam)
+            return (rows, columns), seeing
+        window = self._window(vertices_cam)
+        return window, self._outlined(vertices_cam, window)
 
     def _window(self, vertices_cam: FloatArray) -> Window:
         """Rows and columns that hold the projected vertices, and with them the mesh."""
