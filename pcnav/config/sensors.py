@@ -1,5 +1,6 @@
 """Tables of the pipeline file for what is simulated of a motion: cameras, rig, points, faults."""
 
+from dataclasses import replace
 from enum import StrEnum
 from typing import Annotated, Self
 
@@ -18,6 +19,7 @@ from pcnav.config.table import (
 )
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera, R_cam_hill
+from pcnav.core.distortion import COEFFICIENTS, Distortion, DistortionModel
 from pcnav.core.stereo import StereoRig
 
 
@@ -29,12 +31,28 @@ class CameraTable(Table):
     horizontal_fov_deg: Annotated[float, Field(gt=0.0, lt=170.0)] = 25.0
     boresight_hill: Direction = (1.0, 0.0, 0.0)
     """Direction the camera looks along, Hill axes; image down is nadir where that is possible."""
+    pixel_aspect: Positive = 1.0
+    """Vertical over horizontal focal length, in pixels: not 1 where pixels are not square."""
+    distortion_model: DistortionModel = DistortionModel.OPENCV
+    distortion: tuple[float, ...] = ()
+    """k1, k2, p1, p2(, k3(, k4, k5, k6)), or k1 to k4 of "fisheye". The field of view is that of
+    the focal length."""
 
     @property
     def pinhole(self) -> PinholeCamera:
         """Its intrinsics."""
         fov_rad = float(np.deg2rad(self.horizontal_fov_deg))
-        return PinholeCamera.from_field_of_view(self.width_px, self.height_px, fov_rad)
+        camera = PinholeCamera.from_field_of_view(self.width_px, self.height_px, fov_rad)
+        lens = Distortion(self.distortion_model, self.distortion) if any(self.distortion) else None
+        return replace(camera, fy=camera.fy * self.pixel_aspect, distortion=lens)
+
+    @model_validator(mode="after")
+    def _coefficients_fit_the_model(self) -> Self:
+        counts = COEFFICIENTS[self.distortion_model]
+        if self.distortion and len(self.distortion) not in counts:
+            expected = " or ".join(map(str, counts))
+            raise ValueError(f"distortion: expected {expected} numbers, got {len(self.distortion)}")
+        return self
 
     @property
     def R_cam_hill(self) -> FloatArray:

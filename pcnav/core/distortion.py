@@ -30,12 +30,13 @@ class DistortionModel(StrEnum):
     """Which of OpenCV's models."""
 
     OPENCV = "opencv"
-    """Radial polynomial or rational, and tangential (Brown): k1, k2, p1, p2, k3(, k4, k5, k6)."""
+    """Radial and tangential (Brown): k1, k2, p1, p2(, k3(, k4, k5, k6)); k4 to k6 divide."""
     FISHEYE = "fisheye"
     """Odd polynomial of the angle off the axis (Kannala and Brandt): k1, k2, k3, k4."""
 
 
-_SIZES = {DistortionModel.OPENCV: (5, 8), DistortionModel.FISHEYE: (4,)}
+COEFFICIENTS = {DistortionModel.OPENCV: (4, 5, 8), DistortionModel.FISHEYE: (4,)}
+"""How many each may have."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Distortion:
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        sizes = _SIZES[self.model]
+        sizes = COEFFICIENTS[self.model]
         if len(self.coefficients) not in sizes or not np.isfinite(self.coefficients).all():
             counts = " or ".join(map(str, sizes))
             raise ValueError(f"expected {counts} finite coefficients for {self.model}")
@@ -115,7 +116,7 @@ class Distortion:
     def _within(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         if self.model is DistortionModel.FISHEYE:
             return _fisheye(xy, np.array(self.coefficients))
-        return _brown(xy, np.array([*self.coefficients, 0.0, 0.0, 0.0][:8]))
+        return _brown(xy, np.array([*self.coefficients, 0.0, 0.0, 0.0, 0.0][:8]))
 
 
 def _brown(xy: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:

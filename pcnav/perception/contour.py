@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picked
 from pcnav.core.camera import PinholeCamera, pixel_rays, project, projection_jacobian
 from pcnav.core.spatial import transform_points
-from pcnav.perception.bent_edges import edge_segments
+from pcnav.perception.bent_edges import bent_grid_variances, edge_segments
 from pcnav.target.mesh import mesh_diameter
 from pcnav.target.rendering import RenderedDepth
 
@@ -184,8 +184,6 @@ class _Samples:
     """Crossings of projected edges with pixel columns or rows, edge after edge."""
 
     edge: IntArray
-    piece: IntArray
-    """(n,) of edges: where a lens bends one, its crossings belong to several."""
     major: IntArray
     """(n,) the column (or row) crossed."""
     minor: FloatArray
@@ -198,6 +196,8 @@ class _Samples:
     """(n,) +1 where the part lies at larger minor, else -1."""
     p_cam: FloatArray
     """(n, 3) point of the edge, m."""
+    is_bent: bool
+    """Whether edges are curves in the image."""
 
     @property
     def pixels(self) -> FloatArray:
@@ -224,13 +224,12 @@ def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -
     # Faces on one side of the edge only: beyond it one looks past the part.
     bounds = (cross > 0.0).all(axis=1) | (cross < 0.0).all(axis=1)
     bounds &= in_front[ends].all(axis=1) & in_front[edges.wings].all(axis=1)
-    edge = piece = np.flatnonzero(bounds)
+    edge = np.flatnonzero(bounds)
     start, end = p_cam[ends[edge, 0]], p_cam[ends[edge, 1]]
     first, second = pixels[ends[edge, 0]], pixels[ends[edge, 1]]
     if camera.distortion is not None:
         cut = edge_segments(camera, start, end)
-        edge, piece = edge[cut.edge], cut.piece
-        start, end = cut.start_cam, cut.end_cam
+        edge, start, end = edge[cut.edge], cut.start_cam, cut.end_cam
         first, second = project(camera, start), project(camera, end)
     on_left = cross[edge, 0] > 0.0
     upright = np.abs(second - first)[:, 1] > np.abs(second - first)[:, 0]
@@ -256,15 +255,15 @@ def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -
     side = np.where(on_left, turned, -turned).astype(np.intp)
     samples = _Samples(
         edge=edge[index],
-        piece=piece[index],
         major=major,
         minor=b0[index] + slope[index] * (major - a0[index]),
         upright=upright[index],
         slope=slope[index],
         side=side[index],
         p_cam=start[index] + weight[:, None] * (end[index] - start[index]),
+        is_bent=camera.distortion is not None,
     )
-    if camera.distortion is None:
+    if not samples.is_bent:
         return samples
     # The segments of an edge that runs left or up follow each other against their crossings.
     return picked(samples, np.lexsort((samples.major, samples.upright, samples.edge)))
@@ -396,7 +395,7 @@ def _between_others(samples: _Samples, counted: _Counted) -> BoolArray:
 def _runs(
     samples: _Samples, counted: _Counted, jacobian: FloatArray, doubt: PoseDoubt, reach: int
 ) -> ContourRuns:
-    edge, kind, displacement = samples.piece, counted.kind, counted.displacement_px
+    edge, kind, displacement = samples.edge, counted.kind, counted.displacement_px
     if len(edge) == 0:
         empty = np.empty(0)
         return ContourRuns(empty, empty, np.empty((0, 6)), np.empty(0, dtype=np.intp))
@@ -410,8 +409,10 @@ def _runs(
     mean_weight = np.repeat(1.0 / n, n)
     doubt_px2 = np.add.reduceat(doubt.variance(jacobian), starts) / n
     displaced = np.hypot(OFFSET_PX, _MEAN_ABS_NORMAL * np.sqrt(doubt_px2))
-    # Of a piece that a lens bends, the slope at its middle.
-    grid = grid_variances(n, samples.slope[starts + n // 2], displaced)
+    if samples.is_bent:
+        grid = bent_grid_variances(samples.minor, (mean_weight, tilt_weight), starts, displaced)
+    else:
+        grid = grid_variances(n, samples.slope[starts], displaced)
     extra = counted.extra_variance[starts] * np.where(kind[starts] == 0, 1.0, displaced)
     # As far as one looked, or farther: no better known than before.
     reached = np.abs(np.add.reduceat(displacement * mean_weight, starts)) > _SATURATED * reach

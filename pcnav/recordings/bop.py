@@ -1,6 +1,7 @@
 """Reader of BOP scenes, with or without the additions of our own format."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 from pcnav.core.errors import InputError
@@ -36,6 +37,8 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
     else:
         info = SequenceInfo(path.absolute().name, 0.0, None, target_mesh)
         assumed.append(f"no {SEQUENCE_FILE}: a laboratory assumed")
+    if not form.distortion:
+        form = replace(form, distortion=scene.distortion)
     if info.range_sigma_m is None:
         assumed.append("no range_sigma_m: the range noise is unknown")
     images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()

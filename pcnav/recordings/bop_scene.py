@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, nearest_orthogonal, orthonormality_error
 from pcnav.recordings.frame_checks import ROTATION_TOLERANCE
@@ -20,6 +21,7 @@ OBJECT_ID = 1
 Content = TypeVar("Content")
 _Nine = Annotated[list[float], Field(min_length=9, max_length=9)]
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Coefficients = Annotated[list[float], Field(min_length=4, max_length=8)]
 _MAXIMUM_KEY_DIGITS = 9
 
 
@@ -34,6 +36,7 @@ class _CameraEntry(_Entry):
     timestamp_s: float | None = None
     cam_R_w2c: _Nine | None = None
     cam_t_w2c: _Three | None = None
+    cam_dist: _Coefficients | None = None
 
 
 class _PoseEntry(_Entry):
@@ -60,6 +63,8 @@ class SceneCamera:
     """(n,) metres per stored unit; nan where the file does not say."""
     T_cam_world: FloatArray
     """(n, 4, 4)"""
+    distortion: tuple[float, ...]
+    """Of the lens, as OpenCV's model has it; empty without any."""
     assumed: tuple[str, ...]
     """What the file does not say and was assumed, in words."""
 
@@ -100,6 +105,7 @@ def read_scene_camera(path: Path) -> SceneCamera:
         intrinsics=_intrinsics(path, numbers, np.array([c.cam_K for c in cameras])),
         depth_step_m=depth_step_m,
         T_cam_world=T_cam_world,
+        distortion=_distortion(path, numbers, [c.cam_dist for c in cameras]),
         assumed=tuple(assumed),
     )
 
@@ -155,6 +161,19 @@ def _all_or_none(path: Path, numbers: list[int], values: list[Content | None], f
     if 0 < len(absent) < len(numbers):
         raise InputError(path, f"{absent[0]}.{field}", "missing, while other frames have it")
     return not absent
+
+
+def _distortion(
+    path: Path, numbers: list[int], stated: list[list[float] | None]
+) -> tuple[float, ...]:
+    if not _all_or_none(path, numbers, stated, "cam_dist"):
+        return ()
+    alike = np.array([values == stated[0] for values in stated])
+    _require(path, numbers, alike, "cam_dist", "expected one lens for all frames")
+    first = tuple(stated[0] or ())
+    if len(first) not in COEFFICIENTS[DistortionModel.OPENCV]:
+        raise InputError(path, f"{numbers[0]}.cam_dist", "expected 4, 5 or 8 numbers")
+    return first
 
 
 def _intrinsics(path: Path, numbers: list[int], cam_K: FloatArray) -> FloatArray:

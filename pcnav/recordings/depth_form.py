@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from pcnav.core.distortion import Distortion, DistortionModel
+
 
 class DepthIs(StrEnum):
     """What is stored of a return."""
@@ -11,15 +13,6 @@ class DepthIs(StrEnum):
     """Its distance along the optical axis."""
     RANGE = "range"
     """Its distance from the camera's centre."""
-
-
-class DistortionModel(StrEnum):
-    """How a lens departs from a pinhole."""
-
-    OPENCV = "opencv"
-    """Radial and tangential: k1, k2, p1, p2 and, where there are more, k3 or k3 to k6."""
-    FISHEYE = "fisheye"
-    """k1 to k4 of the angle to the optical axis."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +25,20 @@ class DepthForm:
     distortion_model: DistortionModel = DistortionModel.OPENCV
     distortion: tuple[float, ...] = ()
     """Coefficients in the model's order; empty without distortion."""
+
+    @staticmethod
+    def through(lens: Distortion | None) -> "DepthForm":
+        """Of plain z-depths seen through a lens."""
+        return (
+            PLAIN
+            if lens is None
+            else DepthForm(distortion_model=lens.model, distortion=lens.coefficients)
+        )
+
+    @property
+    def lens(self) -> Distortion | None:
+        """The distortion, if there is any."""
+        return Distortion(self.distortion_model, self.distortion) if any(self.distortion) else None
 
 
 PLAIN = DepthForm()

@@ -13,7 +13,7 @@ from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.scenario import InertiaRatios
 from pcnav.config.table import Positive, Vector3
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
-from pcnav.core.camera import PinholeCamera
+from pcnav.core.camera import PinholeCamera, pixels_without_ray
 from pcnav.core.errors import InputError
 from pcnav.recordings.depth_form import PLAIN, DepthForm
 from pcnav.recordings.depth_image import ImageSize, read_depth_image, require_size
@@ -191,10 +191,14 @@ class Sequence:
                 expected = "expected the mm of one unit, as integers have no unit of their own"
                 raise InputError(path, "depth_scale", expected)
             step_m = 1.0
-        camera = PinholeCamera(*self.size, *self.intrinsics[index].tolist())
+        fx, fy, cx, cy = self.intrinsics[index].tolist()
+        camera = PinholeCamera(*self.size, fx, fy, cx, cy, self.form.lens)
         depth_m = depth_in_metres(stored, step_m, self.form, camera)
+        unseen = pixels_without_ray(camera)
+        if unseen is not None:
+            depth_m[unseen] = 0.0
         time_s = float(self.times_s[index])
-        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index])
+        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index], unseen)
 
     def __iter__(self) -> Iterator[Frame]:
         return (self.frame(index) for index in range(len(self)))

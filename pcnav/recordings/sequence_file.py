@@ -9,14 +9,14 @@ import tomli_w
 from pydantic import Field, Strict, model_validator
 
 from pcnav.config.table import NonNegative, Positive, StrictTable
+from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import read_toml_model
-from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs, DistortionModel
+from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs
 from pcnav.recordings.first_pose import prior_of, table_of
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
 
 SEQUENCE_FILE = "sequence.toml"
-_COEFFICIENTS = {DistortionModel.OPENCV: (4, 5, 8), DistortionModel.FISHEYE: (4,)}
 
 
 class _SequenceTable(StrictTable):
@@ -40,7 +40,7 @@ class _SensorTable(StrictTable):
 
     @model_validator(mode="after")
     def _coefficients_fit_the_model(self) -> Self:
-        counts = _COEFFICIENTS[self.distortion_model]
+        counts = COEFFICIENTS[self.distortion_model]
         if self.distortion and len(self.distortion) not in counts:
             expected = " or ".join(str(count) for count in counts)
             raise ValueError(f"distortion: expected {expected} numbers, got {len(self.distortion)}")

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.core.distortion import Distortion
 from pcnav.core.errors import InputError
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.new_folder import new_folder
 from pcnav.recordings.bop import DEPTH_FOLDER, depth_file_name
 from pcnav.recordings.bop_scene import OBJECT_ID, SCENE_CAMERA_FILE, SCENE_GT_FILE
+from pcnav.recordings.depth_form import DepthForm
 from pcnav.recordings.depth_png import MAXIMUM_UNITS, RawDepth, write_depth_png
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, write_sequence_file
@@ -34,13 +36,13 @@ def write_sequence(
     and the poses of the model at every frame. An exception leaves nothing behind, see `new_folder`.
     Raises `InputError` when the folder holds anything and ``overwrite`` is false or when it is not
     a sequence, and when a depth does not fit 16 bits of the stored step; `ValueError` when frames
-    do not come in increasing order, without any frame, and for a truth of other frames.
+    do not come in increasing order or not of one lens, without any, and for a truth of others.
     """
     with new_folder(out, overwrite, SCENE_CAMERA_FILE) as folder:
         (folder / DEPTH_FOLDER).mkdir()
         info = replace(info, target_mesh=_copied_mesh(info.target_mesh, folder))
-        write_sequence_file(folder / SEQUENCE_FILE, info)
         numbers: list[int] = []
+        lenses: set[Distortion | None] = set()
 
         def entries() -> Iterator[tuple[int, object]]:
             for frame in frames:
@@ -49,11 +51,15 @@ def write_sequence(
                 units = _units(frame, depth_step_m, out)
                 write_depth_png(folder / DEPTH_FOLDER / depth_file_name(frame.index), units)
                 numbers.append(frame.index)
+                lenses.add(frame.camera.distortion)
                 yield frame.index, _camera_entry(frame, depth_step_m)
 
         _write_json(folder / SCENE_CAMERA_FILE, entries())
         if not numbers:
             raise ValueError("no frame was written")
+        if len(lenses) > 1:
+            raise ValueError("frames of several lenses")
+        write_sequence_file(folder / SEQUENCE_FILE, info, DepthForm.through(lenses.pop()))
         if truth is not None:
             poses = zip(numbers, truth.poses, strict=True)
             _write_json(folder / SCENE_GT_FILE, ((k, [_pose_entry(T)]) for k, T in poses))

@@ -11,6 +11,7 @@ import trimesh
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.sensors import NoiseTable
+from pcnav.core.camera import pixels_without_ray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import nearest_orthogonal
 from pcnav.dynamics.trajectory import Trajectory
@@ -94,7 +95,8 @@ class Scene:
             else:
                 clean = renderer.render(poses[k])
                 depth_m = add_sensor_faults(clean, pipeline.noise, pipeline.seed, k)
-            yield Frame(k, time_s, depth_m, camera, self.motion.T_cam_world[k])
+            T_cam_world, unseen = self.motion.T_cam_world[k], pixels_without_ray(camera)
+            yield Frame(k, time_s, depth_m, camera, T_cam_world, unseen)
 
     def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
         """See `Simulation.write`; the same pipeline writes the same images, bit for bit."""

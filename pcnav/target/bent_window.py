@@ -32,7 +32,7 @@ def seeing_pixels(
     blind = pixels_without_ray(camera)
     if blind is not None:
         seeing &= ~blind
-    rows, columns = _about(seeing.any(axis=1)), _about(seeing.any(axis=0))
+    rows, columns = _about(seeing, 1), _about(seeing, 0)
     return rows, columns, seeing[rows, columns]
 
 
@@ -54,9 +54,10 @@ def _inside_outline(rays: FloatArray, points: FloatArray) -> BoolArray:
     return np.asarray(inside)
 
 
-def _about(used: BoolArray) -> slice:
-    """From the first to the last that is used, and one more on each side where there is one."""
-    found = np.flatnonzero(used)
+def _about(seeing: BoolArray, along: int) -> slice:
+    """From the first row (or column) that has a pixel along it to the last, and one more on each
+    side where there is one."""
+    found = np.flatnonzero(seeing.any(axis=along))
     if not len(found):
         return slice(0, 0)
-    return slice(max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, len(used)))
+    return slice(max(int(found[0]) - 1, 0), min(int(found[-1]) + 2, seeing.shape[1 - along]))

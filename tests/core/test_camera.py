@@ -1,17 +1,24 @@
 """The pinhole camera against the geometry of its image pyramid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import (
     PinholeCamera,
     pixel_rays,
+    pixels_without_ray,
     project,
+    projection_jacobian,
     range_per_depth,
+    rays_through,
     solid_angle,
 )
+from pcnav.core.distortion import Distortion, DistortionModel
 
 UNEVEN = PinholeCamera(40, 30, 55.0, 61.0, 17.3, 16.1)
 
@@ -83,3 +90,61 @@ def test_cached_arrays_cannot_be_changed() -> None:
     for array in (pixel_rays(UNEVEN), range_per_depth(UNEVEN), solid_angle(UNEVEN)):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
+
+
+LENS = Distortion(DistortionModel.OPENCV, (-0.3, 0.1, 0.002, -0.001, 0.01))
+BENT = replace(UNEVEN, distortion=LENS)
+NARROW = Distortion(DistortionModel.OPENCV, (-0.3, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_rays_through_a_lens_project_onto_their_pixels() -> None:
+    v, u = np.indices((30, 40))
+    pixels = np.stack([u, v], axis=-1)
+    rays = pixel_rays(BENT)
+    np.testing.assert_allclose(project(BENT, 7.0 * rays), pixels, atol=1e-11)
+    np.testing.assert_allclose(rays_through(BENT, pixels.astype(float)), rays, atol=1e-12)
+    assert np.abs(rays - pixel_rays(UNEVEN)).max() > 0.01
+    every_third = rays[::3, ::3]
+    np.testing.assert_allclose(pixel_rays(BENT.strided(3)), every_third, atol=1e-12)
+
+
+def test_projection_jacobian_is_the_derivative() -> None:
+    p = np.random.default_rng(2).uniform(-1.0, 1.0, (50, 3))
+    p[:, 2] += 4.0
+    for camera in (UNEVEN, BENT):
+        h = 1e-6
+        steps = [
+            (project(camera, p + h * e) - project(camera, p - h * e)) / (2 * h) for e in np.eye(3)
+        ]
+        np.testing.assert_allclose(
+            projection_jacobian(camera, p), np.stack(steps, axis=-1), rtol=1e-6, atol=1e-6
+        )
+
+
+def test_solid_angle_through_a_lens_is_that_between_the_corners_of_the_pixel() -> None:
+    u, v = 35.0, 2.0
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    corners += np.array([u, v])
+    a, b, c, d = rays_through(BENT, corners)
+
+    def triangle(p: FloatArray, q: FloatArray, r: FloatArray) -> float:
+        # van Oosterom and Strackee 1983.
+        p, q, r = (x / np.linalg.norm(x) for x in (p, q, r))
+        return float(2.0 * np.arctan2(p @ np.cross(q, r), 1.0 + p @ q + q @ r + r @ p))
+
+    exact = triangle(a, b, c) + triangle(a, c, d)
+    assert solid_angle(BENT)[2, 35] == pytest.approx(exact, rel=1e-3)
+    assert solid_angle(UNEVEN)[2, 35] != pytest.approx(exact, rel=0.05)
+
+
+def test_pixels_beyond_the_lens_model_have_no_ray() -> None:
+    wide = replace(UNEVEN, fx=20.0, fy=20.0, distortion=NARROW)
+    blind = pixels_without_ray(wide)
+    assert blind is not None
+    # The fold is imaged at 0.703 focal lengths.
+    v, u = np.indices(blind.shape)
+    radius = np.hypot(u - wide.cx, v - wide.cy) / 20.0
+    assert not blind[radius < 0.69].any()
+    assert blind[radius > 0.71].all()
+    assert pixels_without_ray(BENT) is None
+    assert pixels_without_ray(UNEVEN) is None

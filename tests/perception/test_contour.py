@@ -13,6 +13,7 @@ import trimesh
 
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.distortion import Distortion, DistortionModel
 from pcnav.core.spatial import exp_rotation, make_transform, transform_points
 from pcnav.perception.contour import (
     OFFSET_PX,
@@ -286,6 +287,36 @@ def test_counts_are_the_displacement_without_bias(
 ) -> None:
     view = View(MESHES[name], camera)
     sampled(view, drawing(name, random_pose), sd, 60).check(7e-3, 0.1)
+
+
+LENSES = {
+    "barrel": Distortion(DistortionModel.OPENCV, (-1.5, 3.0, 0.01, -0.01, 0.0)),
+    "cushion": Distortion(DistortionModel.OPENCV, (2.0, 5.0, 0.0, 0.02, 0.0)),
+}
+
+
+@pytest.mark.parametrize("sd", [(0.003, 6e-4), (0.008, 1e-3)], ids=["sharp", "blurred"])
+@pytest.mark.parametrize("lens", LENSES)
+def test_counts_along_bent_edges_are_the_displacement_without_bias(
+    camera: PinholeCamera, random_pose: DrawPose, lens: str, sd: tuple[float, float]
+) -> None:
+    view = View(BOX, replace(camera, distortion=LENSES[lens]))
+    # Wider on the image than the bodies above: edges bend by pixels.
+    sampled(view, lambda rng: random_pose(rng, 11.0, 14.0), sd, 60).check(7e-3, 0.1)
+
+
+def test_edges_through_a_lens_that_hardly_bends_are_those_of_a_pinhole(
+    camera: PinholeCamera,
+) -> None:
+    T = make_transform(exp_rotation(np.array([0.2, 0.3, 0.2])) @ FACING, np.array([0, 0, 20.0]))
+    straight = View(sheet(2.0, 2.0), camera)
+    expected = straight.runs(straight.frame(T), T)
+    lens = Distortion(DistortionModel.OPENCV, (-1e-9, 0.0, 0.0, 0.0, 0.0))
+    view = View(sheet(2.0, 2.0), replace(camera, distortion=lens))
+    runs = view.runs(view.frame(T), T)
+    np.testing.assert_allclose(runs.jacobian, expected.jacobian, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(runs.value, expected.value, atol=1e-6)
+    np.testing.assert_allclose(runs.variance, expected.variance, rtol=0.3)
 
 
 @pytest.mark.parametrize("name", ["box", "plate"])

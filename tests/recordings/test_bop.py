@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from pcnav.core.camera import PinholeCamera
+from pcnav.core.distortion import Distortion, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop import read_bop
 from pcnav.recordings.sequence import DEFAULT_RANGE_SIGMA_M, stated_or_default_sigma
@@ -310,3 +311,30 @@ def test_long_scene_stays_small_in_memory(tmp_path: Path, make_scene: MakeScene)
     assert len(sequence) == 5000
     # 200 bytes a frame of arrays; the parsed dictionaries would take over 2 kB each.
     assert held < 2_000_000
+
+
+def test_distortion_beside_the_camera_matrix_is_read(scene: Path) -> None:
+    def bend(content: dict[str, Any]) -> None:
+        for entry in content.values():
+            entry["cam_dist"] = [-0.1, 0.02, 0.0, 0.001, 0.0]
+
+    edit_scene(scene, bend)
+    lens = read_bop(scene).frame(0).camera.distortion
+    assert lens == Distortion(DistortionModel.OPENCV, (-0.1, 0.02, 0.0, 0.001, 0.0))
+    # What the sequence itself states goes before it.
+    text = (scene / "sequence.toml").read_text()
+    stated = 'distortion_model = "fisheye"\ndistortion = [0.1, 0.0, 0.0, 0.0]\n'
+    (scene / "sequence.toml").write_text(text + stated)
+    lens = read_bop(scene).frame(0).camera.distortion
+    assert lens == Distortion(DistortionModel.FISHEYE, (0.1, 0.0, 0.0, 0.0))
+
+
+def test_distortion_of_another_number_of_terms_is_refused(scene: Path) -> None:
+    def bend(content: dict[str, Any]) -> None:
+        for entry in content.values():
+            entry["cam_dist"] = [-0.1, 0.02, 0.0, 0.001, 0.0, 0.0]
+
+    edit_scene(scene, bend)
+    expect_fault(scene, "scene_camera.json", "0.cam_dist", "expected 4, 5 or 8 numbers")
+    edit_scene(scene, lambda content: content["1"].pop("cam_dist"))
+    expect_fault(scene, "scene_camera.json", "1.cam_dist", "missing")

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pcnav.core.camera import PinholeCamera
+from pcnav.core.distortion import Distortion, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform
 from pcnav.dynamics.blocks import (
@@ -24,7 +25,7 @@ from pcnav.dynamics.blocks import (
 )
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.bop import read_bop
-from pcnav.recordings.depth_form import DepthForm, DepthIs, DistortionModel
+from pcnav.recordings.depth_form import DepthForm, DepthIs
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
 from pcnav.recordings.sequence_file import read_sequence_file, write_sequence_file
 from pcnav.recordings.truth import read_truth
@@ -278,3 +279,29 @@ def test_misuse_and_depth_out_of_range(tmp_path: Path) -> None:
         write_sequence(tmp_path / "a", info(), STEP_M, [example_frame(1), example_frame(0)])
     with pytest.raises(ValueError, match="zip"):
         write_sequence(tmp_path / "a", info(), STEP_M, [example_frame(0)], example_truth(2))
+
+
+def test_a_lens_travels_with_the_frames(tmp_path: Path) -> None:
+    lens = Distortion(DistortionModel.OPENCV, (-0.2, 0.05, 0.001, 0.0, 0.01))
+    frames = [replace(example_frame(k), camera=replace(CAMERA, distortion=lens)) for k in range(2)]
+    write_sequence(tmp_path / "bent", info(), STEP_M, frames)
+    for read, written in zip(read_bop(tmp_path / "bent"), frames, strict=True):
+        assert read.camera == written.camera
+        assert read.unseen is None
+        np.testing.assert_allclose(read.depth_m, written.depth_m, rtol=1e-6)
+    with pytest.raises(ValueError, match="several lenses"):
+        write_sequence(tmp_path / "two", info(), STEP_M, [frames[0], example_frame(1)])
+
+
+def test_pixels_that_no_lens_model_describes_are_unseen(tmp_path: Path) -> None:
+    lens = Distortion(DistortionModel.OPENCV, (-0.3, 0.0, 0.0, 0.0, 0.0))
+    camera = replace(CAMERA, fx=8.0, fy=8.0, distortion=lens)
+    write_sequence(tmp_path / "wide", info(), STEP_M, [replace(example_frame(0), camera=camera)])
+    (frame,) = read_bop(tmp_path / "wide")
+    # The polynomial folds at 0.703 focal lengths.
+    v, u = np.indices((9, 12))
+    outside = np.hypot(u - camera.cx, v - camera.cy) > 0.703 * 8.0
+    assert frame.unseen is not None
+    np.testing.assert_array_equal(frame.unseen, outside)
+    assert not frame.depth_m[outside].any()
+    assert frame.depth_m[~outside].any()
