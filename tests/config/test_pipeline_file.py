@@ -149,6 +149,8 @@ def test_every_number_carries_its_unit() -> None:
         "iterations",
         "eccentricity",
         "count",
+        "distortion",
+        "pixel_aspect",
         "normals_body",
         "hypotheses",
         "prior",
