@@ -18,14 +18,16 @@ from pcnav.estimators.choice import chosen
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import make_estimator
+from pcnav.evaluation.diagnosis import Diagnosis, Facts, diagnosis
 from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import tables_of_run
 from pcnav.recordings.first_pose import prior_of
+from pcnav.recordings.frame_survey import FrameSurvey, FrameSurveyor
 from pcnav.recordings.images import ImageSequence
 from pcnav.recordings.opening import open_recording
 from pcnav.recordings.recording import Recording, truth_folder
-from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.sequence import Frame, Sequence
 from pcnav.recordings.stereo_tracks import read_truth_features
 from pcnav.recordings.truth import read_truth
 from pcnav.report.content import ReportContent
@@ -57,6 +59,13 @@ class RunSummary:
     """Errors in it only where the recording carries a truth."""
     gain: InformationGain | None
     """What the data told of every state; None without a prior or an estimate."""
+    diagnosis: Diagnosis
+    """Whether anything was found, and in words what went wrong."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What went wrong, in sentences; empty where nothing did."""
+        return self.diagnosis.warnings
 
     @property
     def report(self) -> Path:
@@ -144,7 +153,7 @@ def run(
         writer.write_text(PIPELINE_FILE, pipeline_toml(inputs.as_run, versions, of_a_run=True))
         if on_start is not None:
             on_start(inputs.as_run, running.output)
-        _estimate(inputs, running, writer, on_estimate)
+        survey = _estimate(inputs, running, writer, on_estimate)
         staging = writer.finish_tables()
         if isinstance(inputs.recording, TrackedImages):
             inputs.recording.write(staging)
@@ -159,6 +168,7 @@ def run(
             gain = gain_of_run(found, running.prior, orbit_rate)
         if gain is not None:
             writer.write_text(KNOWLEDGE_FILE, gain_csv(gain))
+        says = diagnosis(found, _facts(inputs, running, survey))
         picture, caption = _picture(inputs.target, running)
         content = ReportContent(
             title=inputs.recording.name,
@@ -173,9 +183,12 @@ def run(
             versions=versions,
             picture=picture,
             picture_caption=caption,
+            warnings=says.warnings,
         )
         write_report(staging / REPORT_FILE, content)
-    return RunSummary(out, metrics, gain)
+    for sentence in says.warnings:
+        _LOG.warning("%s", sentence)
+    return RunSummary(out, metrics, gain, says)
 
 
 def _open(
@@ -226,10 +239,15 @@ def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
 
 def _estimate(
     inputs: _Inputs, estimator: Estimator, writer: RunWriter, on_estimate: OnEstimate | None
-) -> None:
-    """Give the estimator every frame; the estimates go to the writer as they come."""
-    done = 0
+) -> FrameSurvey | None:
+    """Give the estimator every frame; the estimates go to the writer as they come.
+
+    What is returned tells what depth frames hold.
+    """
+    done, surveyor = 0, FrameSurveyor()
     for done, frame in enumerate(inputs.recording, start=1):
+        if isinstance(frame, Frame):
+            surveyor.add(frame)
         estimate = writer.add(estimator.step(frame))
         if on_estimate is not None:
             # A damaged video may end before, or after, what its header says.
@@ -239,6 +257,13 @@ def _estimate(
     revised = estimator.finish()
     if revised is not None:
         writer.revise(revised)
+    return surveyor.survey() if isinstance(inputs.recording, Sequence) else None
+
+
+def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) -> Facts:
+    """What is known of a run beside its tables."""
+    diameter_m = float("nan") if inputs.target is None else inputs.target.diameter_m
+    return Facts(survey, diameter_m, estimator.min_frames)
 
 
 def _picture(target: Target | None, estimator: Estimator) -> tuple[Figure | None, str]:

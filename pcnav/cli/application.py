@@ -29,7 +29,8 @@ _UsageError = cast(type[typer.BadParameter], typer.BadParameter.__base__)
 def main() -> None:
     """Entry point: whatever goes wrong is one line on stderr and an exit code other than 0.
 
-    2 for bad input, a wrong command line and a file system that refuses; 130 when interrupted.
+    2 for bad input, a wrong command line and a file system that refuses; 3 for a run that found
+    nothing, whose warning stands before; 130 when interrupted.
     """
     # Matrices here are small: threads of the linear algebra cost more than they bring, by factors
     # when the cores are busy. NumPy reads this when it is first imported, inside the commands.

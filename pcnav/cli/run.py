@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from pcnav.viewer.live import LiveView
 
 
+NOTHING_FOUND = 3
+"""Exit code of a run in which no estimate was claimed in any frame."""
+
+
 def run(
     sequence: Annotated[
         Path,
@@ -69,6 +73,9 @@ def run(
 
     Stereo tracks need a pipeline with an estimator for them, as hu2024 and segal2011 have. Images
     and tracks of one camera, with its camera.toml, give attitude and rate.
+
+    Exit code 3 when nothing was found in any frame; the result folder is written all the same, and
+    a warning says why.
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
@@ -150,6 +157,8 @@ def run_into(
         from pcnav.cli.view import serve_until_interrupted
 
         serve_until_interrupted(server)
+    if not summary.diagnosis.found:
+        raise typer.Exit(NOTHING_FOUND)
 
 
 def _tell(summary: "RunSummary") -> None:

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
@@ -85,6 +85,8 @@ class Estimator(ABC):
 
     output: Output
     """What its answers hold."""
+    min_frames: ClassVar[int] = 1
+    """Frames that it takes until there can be an estimate."""
 
     @abstractmethod
     def step(self, frame: Any, /) -> Estimate:

@@ -37,3 +37,5 @@ class ReportContent:
     picture: Figure | None = None
     """A frame drawn by `frame_picture`."""
     picture_caption: str = ""
+    warnings: tuple[str, ...] = ()
+    """What went wrong, in sentences."""

@@ -45,10 +45,16 @@ class Part:
     pieces: Sequence[Piece]
 
 
-def document(title: str, lead: str, facts: Sequence[tuple[str, str]], parts: Sequence[Part]) -> str:
-    """A page: title, the line below it, large values by name, and parts."""
+def document(
+    title: str,
+    lead: str,
+    facts: Sequence[tuple[str, str]],
+    parts: Sequence[Part],
+    warnings: Sequence[str] = (),
+) -> str:
+    """A page: title, the line below it, sentences of warning, large values by name, and parts."""
     template = _environment().get_template("page.html")
-    return template.render(title=title, lead=lead, facts=facts, parts=parts)
+    return template.render(title=title, lead=lead, facts=facts, parts=parts, warnings=warnings)
 
 
 @cache

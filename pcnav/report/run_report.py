@@ -38,7 +38,8 @@ def report_html(content: ReportContent) -> str:
     names = [name for name in (content.run.estimator, content.target) if name]
     made = [Part(title, section(content)) for title, section in SECTIONS.items()]
     parts = [part for part in made if part.pieces]
-    return document(content.title, " · ".join([*names, seconds]), _headline(content), parts)
+    lead = " · ".join([*names, seconds])
+    return document(content.title, lead, _headline(content), parts, content.warnings)
 
 
 def _headline(content: ReportContent) -> list[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """The command line as users meet it: every test goes through the real entry point."""
 
+import html
 import json
 import os
 import re
@@ -654,7 +655,7 @@ def read_or_end(terminal: int) -> bytes:
         return b""
 
 
-# Nothing to see is no error.
+# Nothing to see, or too little.
 
 
 def blank(sequence: Path, numbers: range) -> None:
@@ -662,13 +663,24 @@ def blank(sequence: Path, numbers: range) -> None:
         Image.fromarray(np.zeros((128, 128), dtype=np.uint16)).save(sequence / png(number))
 
 
-def test_a_sequence_without_returns_says_acquiring(
+def expect_nothing_found(answer: Answer, report: Path, *words: str) -> None:
+    """A warning with every word in it, its own exit code, and the same words in the report."""
+    assert answer.code == 3, answer
+    (line,) = answer.error_lines
+    assert line.startswith("WARNING: no target found in ")
+    page = html.unescape(report.read_text(encoding="utf-8"))
+    for word in words:
+        assert word in line
+        assert word in page
+
+
+def test_a_sequence_without_returns_says_so_and_ends_with_its_own_code(
     pcnav: Pcnav, sequence: Path, tmp_path: Path
 ) -> None:
     blank(sequence, range(FRAMES))
     answer = pcnav("run", sequence, "-o", tmp_path / "result")
-    assert answer.code == 0, answer.err
-    assert answer.err == ""
+    report = tmp_path / "result" / "report.html"
+    expect_nothing_found(answer, report, "in 6 frames", "no frame has any return")
     assert read_run(tmp_path / "result").status == ("acquiring",) * FRAMES
     assert "acquiring 100.0%" in answer.out
     assert "acquiring 100.0%" in (tmp_path / "result" / "report.html").read_text()
@@ -702,17 +714,18 @@ def test_one_frame_is_a_sequence(pcnav: Pcnav, tmp_path: Path) -> None:
     file.write_text(PIPELINE.replace("frames = 6", "frames = 1"))
     assert pcnav("simulate", file, "-o", tmp_path / "new" / "sequence").code == 0
     answer = pcnav("run", tmp_path / "new" / "sequence", "-o", tmp_path / "result")
-    assert answer.code == 0, answer.err
     assert read_run(tmp_path / "result").status == ("acquiring",)
-    assert (tmp_path / "result" / "report.html").is_file()
+    report = tmp_path / "result" / "report.html"
+    expect_nothing_found(answer, report, "in 1 frame:", "a motion takes 3")
 
 
 @pytest.mark.usefixtures("quick_drawings")
-def test_a_target_out_of_view_is_told_and_is_no_error(pcnav: Pcnav, tmp_path: Path) -> None:
+def test_a_target_out_of_view_is_told(pcnav: Pcnav, tmp_path: Path) -> None:
     file = tmp_path / "behind.toml"
     file.write_text(PIPELINE.replace("18.0, 0.0, 0.0", "-18.0, 0.0, 0.0"))
     answer = pcnav("simulate", file, "-o", tmp_path / "sequence")
     assert answer.code == 0
     assert re.fullmatch(r"WARNING: .*outside the image in 6 of 6 frames\n", answer.err)
-    assert pcnav("run", tmp_path / "sequence", "-o", tmp_path / "result").code == 0
+    answer = pcnav("run", tmp_path / "sequence", "-o", tmp_path / "result")
+    expect_nothing_found(answer, tmp_path / "result" / "report.html", "no frame has any return")
     assert set(read_run(tmp_path / "result").status) == {"acquiring"}

@@ -25,7 +25,8 @@ _MAX_STEP_RAD = 0.5
 """Two frames are linked when the attitude is this near to what the motion so far predicts."""
 _MAX_SHIFT_FRACTION = 0.3
 """... and the model origin this near, over the diameter."""
-_MIN_FRAMES = 3
+MIN_FRAMES = 3
+"""With the target in them, that a motion takes."""
 MAX_OBSERVATIONS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _MIN_INLIER_RATIO = 0.5
@@ -183,7 +184,7 @@ class MotionHypotheses:
         return MotionHypothesis(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
 
     def _decide(self) -> Decision | None:
-        ripe = [motion for motion in self._motions if len(motion.observations) >= _MIN_FRAMES]
+        ripe = [motion for motion in self._motions if len(motion.observations) >= MIN_FRAMES]
         if not ripe or ripe[0].inlier_ratio < _MIN_INLIER_RATIO:
             return None
         best = ripe[0]

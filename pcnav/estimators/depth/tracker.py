@@ -28,6 +28,7 @@ from pcnav.estimators.depth.measuring import (
     pose_of,
     predicted_pose,
 )
+from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_error
 from pcnav.estimators.depth.views import FrameView, silent_view
@@ -82,6 +83,7 @@ class Tracker(Estimator):
     """
 
     output = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)
+    min_frames = MIN_FRAMES
 
     def __init__(
         self,
