@@ -30,6 +30,8 @@ class Agreement:
     conflict: int
     """Returns at another depth or where space is predicted, and space where a surface is: those
     that can be the target's, where the frame holds other things, too."""
+    hidden: int = 0
+    """Of the conflicts, returns before a predicted surface: something else may stand there."""
     seen_through: int = 0
     """Of the conflicts, what no other return makes good: something farther, or space, where a
     surface is predicted."""
@@ -38,6 +40,14 @@ class Agreement:
     def inlier_ratio(self) -> float:
         """Share of them that speak for it, 0 to 1; nan when the frame is silent."""
         either = self.agree + self.conflict
+        return self.agree / either if either else float("nan")
+
+    @property
+    def visible_ratio(self) -> float:
+        """The same, if whatever is nearer than the view stands before it and no more is hidden by
+        it than three times what is seen."""
+        against = self.conflict - min(self.hidden, _MAX_HIDDEN * self.agree)
+        either = self.agree + against
         return self.agree / either if either else float("nan")
 
     @property
@@ -73,7 +83,8 @@ def agreement(
     agree = int(np.count_nonzero(surface & seen_here & close))
     gaps = surface & ~seen_here
     empty = int(np.count_nonzero(gaps & _sparse(seen_here))) if gaps.any() else 0
-    return Agreement(agree, int(np.count_nonzero(returned)) - agree + empty, empty)
+    hidden = int(np.count_nonzero(surface & seen_here & (seen <= predicted - tolerance_m)))
+    return Agreement(agree, int(np.count_nonzero(returned)) - agree + empty, hidden, empty)
 
 
 def _among_others(
@@ -95,14 +106,15 @@ def _among_others(
     joined = surroundings.labels[part] > 0
     farther = int(np.count_nonzero(past & joined & (seen > predicted)))
     through = farther + round(space_share * np.count_nonzero(past & ~returned))
-    candidates = surroundings.candidates
+    candidates = surroundings.candidates_where(agrees, part)
     nearer = past & returned & (seen < predicted)
-    hidden = int(np.count_nonzero(nearer & ~candidates[part]))
+    foreign = int(np.count_nonzero(nearer & ~candidates[part]))
+    hidden = int(np.count_nonzero(nearer & candidates[part]))
     beside = candidates[about] & outside & _at_its_depth(depth_m[about], rendered, surroundings)
-    unexplained = int(np.count_nonzero(nearer & candidates[part])) + int(np.count_nonzero(beside))
     going_on = round(agree * continued_share(depth_m, rendered, agrees, tolerance_m, space_share))
-    conflict = through + unexplained + going_on + max(hidden - _MAX_HIDDEN * agree, 0)
-    return Agreement(agree - going_on, conflict, through)
+    conflict = through + hidden + int(np.count_nonzero(beside)) + going_on
+    conflict += max(foreign - _MAX_HIDDEN * agree, 0)
+    return Agreement(agree - going_on, conflict, hidden, through)
 
 
 def _neighbourhood(rendered: RenderedDepth, diameter_m: float) -> tuple[slice, slice]:

@@ -25,6 +25,8 @@ _TAIL_SIGMA = 8.0
 """The noise of the nearest and farthest of many returns, together."""
 _MIN_PART_PIXELS = 4
 """Fewer joined returns are false ones, or too few to tell."""
+_CLAIMED = 0.1
+"""A part is taken for the target's by a view that explains this share of it."""
 _MAX_PIXELS = 100_000
 """Larger images are joined on every second (third, ...) pixel."""
 
@@ -35,21 +37,35 @@ class Surroundings:
 
     labels: IntArray
     """(height, width) part of each return, from 1 on; 0 for no return and for lone ones."""
-    may_be_target: BoolArray
-    """(n + 1,) whether each part is small enough; the first, of no part, is not."""
+    is_small: BoolArray
+    """(n + 1,) whether each part is no larger than the target; the first, of no part, is not."""
+    is_cut: BoolArray
+    """(n + 1,) whether the border of the image cuts it."""
+    sizes: IntArray
+    """(n + 1,) pixels of each."""
     diameter_m: float
     """Of the target."""
 
     @property
     def candidates(self) -> BoolArray:
         """(height, width) returns that may be the target's by the size of their part."""
-        return np.asarray(self.may_be_target[self.labels])
+        return np.asarray((self.is_small & ~self.is_cut)[self.labels])
+
+    def candidates_where(self, agrees: BoolArray, part: tuple[slice, slice]) -> BoolArray:
+        """(height, width) the same beside a view that agrees with some pixels of a part of the
+        image: a small part that the border cuts is the target's where the view takes it so."""
+        counts = np.bincount(self.labels[part][agrees], minlength=len(self.sizes))
+        claimed = counts > _CLAIMED * self.sizes
+        return np.asarray((self.is_small & (~self.is_cut | claimed))[self.labels])
 
 
 def surroundings_of(
     depth_m: DepthImage, camera: PinholeCamera, diameter_m: float, sigma_m: float
 ) -> Surroundings | None:
-    """The parts of a frame; None where all its returns together are no larger than the target.
+    """The parts of a frame; None where all its returns may be those of one target.
+
+    They are no larger than it together then, and nothing that the border cuts lies beside something
+    that it does not cut.
 
     Args:
         depth_m: (height, width), 0 where nothing returned.
@@ -59,18 +75,27 @@ def surroundings_of(
     """
     limit_m = (1.0 + _SIZE_SLACK) * diameter_m + _TAIL_SIGMA * sigma_m
     returned = depth_m > 0.0
-    if _extent(depth_m, returned, camera) <= limit_m:
+    may_be_alone = _extent(depth_m, returned, camera) <= limit_m
+    if may_be_alone and not any(edge.any() for edge in _border(returned)):
         return None
     stride = int(np.ceil(np.sqrt(depth_m.size / _MAX_PIXELS)))
     part_m, seen = depth_m[::stride, ::stride], returned[::stride, ::stride]
     labels, n = _joined(part_m, seen, camera.strided(stride), sigma_m)
-    may_be_target = np.zeros(n + 1, dtype=np.bool_)
+    is_small, is_cut = np.zeros(n + 1, dtype=np.bool_), np.zeros(n + 1, dtype=np.bool_)
     if n:
-        extent = _extents(part_m, labels, n, camera.strided(stride))
-        may_be_target[1:] = (extent <= limit_m) & ~_cut(labels, n)
+        is_small[1:] = _extents(part_m, labels, n, camera.strided(stride)) <= limit_m
+        is_cut[np.concatenate(_border(labels))] = True
+        is_cut[0] = False
+    if may_be_alone and (is_cut[1:].all() or not is_cut.any()):
+        return None
     if stride > 1:
         labels = _spread(labels, part_m, depth_m, camera, sigma_m, stride)
-    return Surroundings(labels, may_be_target, diameter_m)
+    sizes = np.bincount(labels.ravel(), minlength=n + 1)
+    return Surroundings(labels, is_small, is_cut, sizes, diameter_m)
+
+
+def _border(image: BoolArray | IntArray) -> tuple[BoolArray | IntArray, ...]:
+    return image[0], image[-1], image[:, 0], image[:, -1]
 
 
 class SurroundingsFinder:
@@ -179,14 +204,6 @@ def _extents(depth_m: DepthImage, labels: IntArray, n: int, camera: PinholeCamer
     points = pixel_rays(camera)[seen][order] * depth_m[seen][order, None]
     low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
     return np.asarray((high - low).max(axis=1))
-
-
-def _cut(labels: IntArray, n: int) -> BoolArray:
-    """(n,) whether the border of the image cuts each part."""
-    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    cut = np.zeros(n + 1, dtype=np.bool_)
-    cut[border] = True
-    return cut[1:]
 
 
 def _spread(

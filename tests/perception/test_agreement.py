@@ -187,3 +187,17 @@ def test_a_stretch_of_wall_is_no_evidence_of_the_target() -> None:
     surroundings = surroundings_of(frame, small.camera, 1.5, 0.01)
     found = agreement(frame, small, tolerance, surroundings)
     assert (found.agree, found.conflict) == (36, 0)
+
+
+def test_what_is_nearer_may_stand_before_the_target_of_which_a_quarter_is_seen() -> None:
+    frame = image()
+    frame[PART] = 5.0
+    frame[3:13, 7:13] = 4.0
+    found = agreement(frame, view(), TOLERANCE)
+    assert (found.agree, found.hidden, found.conflict) == (40, 60, 60)
+    assert (found.inlier_ratio, found.visible_ratio) == (0.4, 1.0)
+    frame[3:13, 4:13] = 4.0
+    assert agreement(frame, view(), TOLERANCE).visible_ratio == pytest.approx(10 / 70)
+    # What is seen through the surface, or beside it, is not excused.
+    frame[3:13, 3:8], frame[3:13, 8:13] = 5.0, 7.0
+    assert agreement(frame, view(), TOLERANCE).visible_ratio == 0.5

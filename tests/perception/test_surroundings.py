@@ -80,3 +80,24 @@ def test_a_frame_is_looked_at_once() -> None:
     assert first is not None
     assert finder.of(frame, CAMERA, SIGMA_M) is first
     assert finder.of(target_alone(), CAMERA, SIGMA_M) is None
+
+
+def test_an_arm_from_the_border_is_told_from_the_target_though_both_are_small() -> None:
+    frame = target_alone()
+    frame[18:22, 24:] = 4.0
+    candidates = found(frame).candidates
+    np.testing.assert_array_equal(candidates, frame == 5.0)
+    # A target that leaves the view is alone in it.
+    alone = np.zeros_like(frame)
+    alone[14:26, 32:] = 5.0
+    assert surroundings_of(alone, CAMERA, DIAMETER_M, SIGMA_M) is None
+
+
+def test_a_small_part_that_the_border_cuts_is_the_targets_where_a_view_agrees_with_it() -> None:
+    frame = target_alone()
+    frame[18:22, 24:] = 4.0
+    whole = (slice(None), slice(None))
+    parts = found(frame)
+    on_the_arm, elsewhere = frame == 4.0, frame == 5.0
+    np.testing.assert_array_equal(parts.candidates_where(on_the_arm, whole), frame > 0.0)
+    np.testing.assert_array_equal(parts.candidates_where(elsewhere, whole), frame == 5.0)

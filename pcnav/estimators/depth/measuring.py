@@ -32,7 +32,7 @@ UncertainPose = tuple[FloatArray, FloatArray]
 """T_cam_model (4, 4) and the covariance (6, 6) of its error."""
 
 _MIN_INLIER_RATIO = 0.4
-"""Of the view at a prediction, for the frame to be used."""
+"""Of the view at a prediction, as far as nothing stands before it, for the frame to be used."""
 _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
 _SHARP_PX = 0.7
@@ -106,7 +106,7 @@ class FrameUpdate:
         else:
             kalman.restore(after)
         # A few returns can always be found where a wrong pose predicts a face.
-        return self._supported(view, view.inlier_ratio, result, prior)
+        return self._supported(view, comparison.agreement.visible_ratio, result, prior)
 
     def by_rectangles(self) -> Updated:
         """By rectangles in the segmented frame."""
