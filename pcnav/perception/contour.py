@@ -7,7 +7,7 @@ tilt, two measurements whose errors come from the pixel grid alone and follow in
 how uncertain the prediction is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -143,7 +143,12 @@ class PoseDoubt:
 
 
 def contour_runs(
-    edges: MeshEdges, depth_m: DepthImage, rendered: RenderedDepth, doubt: PoseDoubt, dropout: float
+    edges: MeshEdges,
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    doubt: PoseDoubt,
+    dropout: float,
+    unknown: BoolArray | None = None,
 ) -> ContourRuns:
     """The outline of a frame against the view rendered at a pose.
 
@@ -153,16 +158,24 @@ def contour_runs(
         rendered: the view from the pose.
         doubt: about the pose.
         dropout: share of the returns that are lost at random.
+        unknown: (height, width) pixels that say nothing of the outline, see `OutlineFrame`.
     """
     samples = _sampled(edges, rendered.camera, doubt.T_cam_model)
     shift_px = _offsets(len(edges.ends), doubt.T_cam_model)[samples.edge]
     jacobian = _displacement_jacobian(samples, rendered.camera, doubt)
     variance_px = np.einsum("ij,jk,ik->i", jacobian, doubt.covariance, jacobian)
     doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
-    reach = 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MAX_REACH_PX)
+    reach = contour_reach(doubt_px)
     counted = _count(samples, shift_px, depth_m, rendered, reach, doubt, dropout, edges.diameter_m)
+    if unknown is not None:
+        counted = replace(counted, usable=counted.usable & ~_any_beside(samples, unknown, reach))
     kept = _between_others(samples, counted)
     return _runs(picked(samples, kept), picked(counted, kept), jacobian[kept], doubt, reach)
+
+
+def contour_reach(doubt_px: float) -> int:
+    """How many pixels on each side of an edge are counted, where it may be so far off, pixels."""
+    return 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MAX_REACH_PX)
 
 
 def _offsets(n: int, T_cam_model: FloatArray) -> FloatArray:
@@ -369,6 +382,17 @@ def _count(
     # those displaced before another surface.
     extra = np.where(space, reach * dropout / (1.0 - dropout), unknown / (1.0 - unknown))
     return _Counted(usable, displacement, extra, (~space).astype(np.intp), near_triangle)
+
+
+def _any_beside(samples: _Samples, mask: BoolArray, reach: int) -> BoolArray:
+    """(n,) whether any pixel near each crossing, on either side, is of a kind."""
+    steps = np.arange(-reach, reach + 2)
+    minor = np.floor(samples.minor).astype(np.intp)[:, None] + steps
+    major = np.broadcast_to(samples.major[:, None], minor.shape)
+    upright = samples.upright[:, None]
+    u, v = np.where(upright, minor, major), np.where(upright, major, minor)
+    height, width = mask.shape
+    return np.asarray(mask[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].any(axis=1))
 
 
 def _depths(planes: FloatArray, rays: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from pcnav.core.arrays import DepthImage, FloatArray, IntArray
 from pcnav.perception.contour import MeshEdges, PoseDoubt
+from pcnav.perception.outline_frame import OutlineFrame
 from pcnav.target.rendering import RenderedDepth
 
 
@@ -55,6 +56,8 @@ class SeenFrame:
     """Share of the returns that are lost at random."""
     ranges: Mapping[int, RangeFit]
     """By face, of those of which enough is seen."""
+    outline: OutlineFrame | None = None
+    """The frame as the outline is read in it, where it holds more than the target."""
 
 
 Modality = Callable[[SeenFrame], Callable[[int], Evidence]]

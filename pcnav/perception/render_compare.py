@@ -18,8 +18,9 @@ from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, agreement
-from pcnav.perception.contour import PoseDoubt, contour_runs, mesh_edges
+from pcnav.perception.contour import PoseDoubt, contour_reach, contour_runs, mesh_edges
 from pcnav.perception.modality import Evidence, Modality, RangeFit, SeenFrame
+from pcnav.perception.outline_frame import outline_frame
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
@@ -85,7 +86,11 @@ def _ranges(seen: SeenFrame) -> Callable[[int], Evidence]:
 
 
 def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
-    runs = contour_runs(seen.edges, seen.depth_m, seen.rendered, seen.doubt, min(seen.dropout, 0.9))
+    depth_m, unknown = seen.depth_m, None
+    if seen.outline is not None:
+        depth_m, unknown = seen.outline.depth_m, seen.outline.unknown
+    dropout = min(seen.dropout, 0.9)
+    runs = contour_runs(seen.edges, depth_m, seen.rendered, seen.doubt, dropout, unknown)
     run_face = seen.face_of_triangle[runs.triangle]
 
     def of_face(face: int) -> Evidence:
@@ -203,13 +208,20 @@ class RenderComparer:
         jacobian = doubt.by_pose(along, p_cam)
         variance = doubt.variance(jacobian)
         agrees = returned & (residual**2 < _GATE_SIGMA**2 * (sigma_m**2 + variance))
-        dropout = float(np.mean(~returned)) if len(returned) else 0.0
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = _GATE_SIGMA * float(np.sqrt(typical_m**2 + typical))
+        outline = None
+        if surroundings is not None:
+            reach = contour_reach(self.doubt_px(T_cam_model, pose_covariance))
+            outline = outline_frame(depth_m, rendered, surroundings, tolerance, reach)
+            # Lone returns are false ones: where they are, one is lost.
+            returned = surroundings.labels[rendered.window][pixels.inside] > 0
+        dropout = float(np.mean(~returned)) if len(returned) else 0.0
         index = self._face_of_triangle[pixels.triangle]
         ranges = self._ranges(index, agrees, residual, jacobian, sigma_m)
         seen = SeenFrame(
-            depth_m, rendered, doubt, self._edges, self._face_of_triangle, dropout, ranges
+            *(depth_m, rendered, doubt, self._edges, self._face_of_triangle, dropout, ranges),
+            outline=outline,
         )
         labels = np.full(depth_m.shape, _NO_FACE, dtype=np.intp)
         label_of_face = np.full(len(self._target.rectangles) + 1, _NO_FACE, dtype=np.intp)

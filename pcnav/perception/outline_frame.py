@@ -1,0 +1,98 @@
+"""A frame as the outline of a target is read in it, where it holds more than the target.
+
+An edge before space is told by returns that end at it. One before a wall is told as well, once what
+is known to lie behind it is taken for space. Beside a table that the target stands on, a hand that
+holds it, or a hole in the returns of a frame that is full of them, an edge says nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from pcnav.core.arrays import BoolArray, DepthImage
+from pcnav.perception.surroundings import Surroundings
+from pcnav.target.rendering import RenderedDepth
+
+_MARGIN_PX = 3
+"""Beyond the pixels that edges are counted at, so much of what lies beside them is looked at."""
+_PATCH_PX, _PATCH_SHARE = 5, 0.6
+"""A pixel without a return is no lone dropout where so many about it have none, either."""
+_ABOUT_PX = 41
+_SPACE_SHARE = 0.5
+"""No return is space where so many of the pixels about it that show no target have none."""
+
+
+@dataclass(frozen=True)
+class OutlineFrame:
+    """A frame beside a view of the target."""
+
+    depth_m: DepthImage
+    """(height, width) 0 where nothing returned, and where what did lies behind the target."""
+    unknown: BoolArray
+    """(height, width) where what is seen may hide, touch or go on with the target."""
+
+
+def outline_frame(
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    surroundings: Surroundings,
+    tolerance_m: float,
+    reach_px: int,
+) -> OutlineFrame:
+    """The frame for the outline of a view.
+
+    Args:
+        depth_m: (height, width) the frame.
+        rendered: the view.
+        surroundings: the parts of the frame.
+        tolerance_m: returns so near to a predicted surface belong to it.
+        reach_px: the outline may be so far from where it is predicted.
+    """
+    cleared, unknown = depth_m.copy(), np.zeros(depth_m.shape, dtype=np.bool_)
+    # Lone returns are false ones: where they are, nothing is known to have returned.
+    cleared[surroundings.labels == 0] = 0.0
+    margin = reach_px + _MARGIN_PX
+    part = _widened(rendered, margin)
+    surface = rendered.triangle[part] >= 0
+    if not surface.any():
+        return OutlineFrame(cleared, unknown)
+    seen, predicted = cleared[part], rendered.depth_m[part]
+    returned = seen > 0.0
+    width = 2 * margin + 1
+    farthest = ndimage.maximum_filter(np.where(surface, predicted, 0.0), width)
+    nearest = ndimage.minimum_filter(np.where(surface, predicted, np.inf), width)
+    # Surfaces that end there may be inclined: displaced, they would be seen farther than they are.
+    beside = farthest > 0.0
+    with np.errstate(invalid="ignore"):
+        bound = farthest + (farthest - nearest) + tolerance_m
+    behind = returned & beside & (seen > bound)
+    # What is no part of the view so far from it is no displaced rim of the target.
+    off = ~ndimage.binary_dilation(surface, iterations=reach_px) & beside
+    attached = off & returned & ~behind
+    hiding = surface & returned & (seen < predicted - tolerance_m)
+    hidden = ndimage.binary_dilation(attached | hiding, iterations=reach_px + 1)
+    unknown[part] = hidden | _holes(returned, surface)
+    cleared[part] = np.where(behind, 0.0, seen)
+    return OutlineFrame(cleared, unknown)
+
+
+def _holes(returned: BoolArray, surface: BoolArray) -> BoolArray:
+    """Patches without returns where there is no space: what shows no surface of the view about
+    them returned, but for them."""
+    missing = (~returned).astype(np.float32)
+    patch = ndimage.uniform_filter(missing, _PATCH_PX, mode="nearest") > _PATCH_SHARE
+    # At its corners a patch is no patch.
+    patch = ndimage.binary_dilation(patch, iterations=_PATCH_PX // 2)
+    other = ndimage.uniform_filter((~surface).astype(np.float32), _ABOUT_PX)
+    empty = ndimage.uniform_filter((~surface & ~returned).astype(np.float32), _ABOUT_PX)
+    return np.asarray(~returned & patch & (empty < _SPACE_SHARE * other))
+
+
+def _widened(rendered: RenderedDepth, margin: int) -> tuple[slice, slice]:
+    rows, columns = rendered.window
+    height, width = rendered.depth_m.shape
+    return (
+        slice(max(rows.start - margin, 0), min(rows.stop + margin, height)),
+        slice(max(columns.start - margin, 0), min(columns.stop + margin, width)),
+    )
