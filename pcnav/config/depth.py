@@ -79,13 +79,25 @@ class PerceptionTable(Table):
         return Measurements.RECTANGLES if paper else Measurements.REFINED
 
 
-class FilterTable(Table):
-    """[filter]: priors and process noise of the 20-state filter."""
+class MotionChoice(StrEnum):
+    """How the target is taken to move."""
 
+    AUTO = "auto"
+    """As a free body while that explains the frames, in any way while it does not."""
+    TORQUE_FREE = "torque_free"
+    """As a free body."""
+    KINEMATIC = "kinematic"
+    """In any way: pose and twist, with accelerations that are learnt. No mass is estimated."""
+
+
+class FilterTable(Table):
+    """[filter]: motion, priors and process noise of the 20-state filter."""
+
+    motion: MotionChoice = MotionChoice.AUTO
     acceleration_psd_m2_s3: NonNegative = 1e-14
-    """Power spectral density of the white disturbance acceleration."""
+    """Power spectral density of the white disturbance acceleration of a free body."""
     angular_acceleration_psd_rad2_s3: NonNegative = 1e-16
-    """Power spectral density of the white disturbance angular acceleration."""
+    """Power spectral density of the white disturbance angular acceleration of a free body."""
     com_sd_m: Positive | None = None
     """Prior of the mass centre about the mesh's; None takes the target's own uncertainty."""
     inertia_ratio_sd: Positive | None = None

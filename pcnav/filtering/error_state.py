@@ -149,6 +149,11 @@ class ErrorStateFilter(Generic[S]):
         S_matrix = H @ self.covariance @ H.T + measurement.covariance
         return float(residual @ np.linalg.solve(S_matrix, residual)), len(residual)
 
+    def would_accept(self, measurement: Measurement[S]) -> bool:
+        """Whether a measurement passes the gate at the present state."""
+        squared, size = self.innovation(measurement)
+        return squared <= innovation_gate(self._gate_probability, size)
+
     def update(self, measurements: Sequence[Measurement[S]]) -> UpdateResult:
         """Gate, then one iterated update with all measurements that pass.
 
@@ -165,7 +170,7 @@ class ErrorStateFilter(Generic[S]):
         nis, dof = tuple(t[0] for t in tests), tuple(t[1] for t in tests)
         if not used:
             return UpdateResult(accepted, nis, dof, float("nan"), 0, 0, True)
-        joint = _Stack(used)
+        joint = Stack(used)
         joint_nis, joint_dof = self.innovation(joint)
         prior, prior_covariance = self.state, self.covariance.copy()
         error = np.zeros(len(prior_covariance))
@@ -208,7 +213,7 @@ def innovation_gate(probability: float, dof: int) -> float:
     return float(chi_square.quantile(probability, dof))
 
 
-class _Stack(Generic[S]):
+class Stack(Generic[S]):
     """Several independent measurements as one."""
 
     def __init__(self, parts: Sequence[Measurement[S]]) -> None:

@@ -10,22 +10,21 @@ import logging
 from collections import deque
 from dataclasses import dataclass, replace
 
-from pcnav.config.depth import FilterTable
+from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import NavigationState
+from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
+from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed, filter_from
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
-from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.motion_hypotheses import (
     MAX_OBSERVATIONS,
     Decision,
     MotionHypotheses,
     MotionHypothesis,
     first_state,
-    start_covariance,
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
-from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, joined
+from pcnav.estimators.depth.pose_measurement import ObserverPose
 from pcnav.estimators.depth.single_frame import (
     agreeing_faces,
     best_first,
@@ -39,17 +38,12 @@ from pcnav.estimators.depth.views import (
     view_of_comparison,
     view_of_rectangles,
 )
-from pcnav.filtering.error_state import ErrorStateFilter
-from pcnav.filtering.least_squares import ArcGrowth
-from pcnav.filtering.map_arc_fit import ArcError, ArcFit, TimedMeasurements, fit_arc
+from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.association import Unused
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader, Trust, View
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
-
-Timed = TimedMeasurements[NavigationState]
-Fit = ArcFit[NavigationState]
 
 _log = logging.getLogger("pcnav")
 
@@ -60,56 +54,17 @@ is searched for."""
 _DOUBT_WITHOUT_RATE = 3.0
 """A hypothesis carried over from one observation may be off by so many times more than one that
 rectangles propose: the target turns."""
-_FIRST_ARC, _ARC_GROWTH = 6, 1.12
-LONGEST_ARC = 400
-"""Frames after which the filter goes on alone: by then the inertia is known well enough."""
 _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
-_MAX_ARC_CHI_SQUARE = 4.0
-"""Per degree of freedom: a motion that fits its frames worse is not accepted."""
 _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""
-
-
-class InitialArc:
-    """All measurements since the start, fitted as one while they are few."""
-
-    def __init__(self, model: MassCentreModel, guess: NavigationState, belief: MassBelief) -> None:
-        self._model, self._guess = model, guess
-        self._prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
-        self._start: NavigationState | None = None
-        self._growth = ArcGrowth(_FIRST_ARC, _ARC_GROWTH, LONGEST_ARC)
-        self.frames: list[Timed] = []
-
-    def fit(self) -> Fit | None:
-        """The state that fits the arc; None where no fit is found or accepted."""
-        try:
-            fit = fit_arc(self._model, self._guess, self._prior, self.frames, self._start)
-        except ArcError as error:
-            _log.info("%s", error)
-            return None
-        if not fit.converged:
-            return None
-        self._start = fit.states[0]
-        return fit if fit.chi_square < _MAX_ARC_CHI_SQUARE * fit.dof else None
-
-    def extend(self, timed: Timed) -> Fit | None:
-        """Add a frame; a fit of the whole when it is time for one."""
-        self.frames.append(condensed(timed))
-        return self.fit() if self._growth.is_due(len(self.frames)) else None
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the arc is too long to go on with."""
-        return self._growth.is_over(len(self.frames))
 
 
 @dataclass(frozen=True)
 class Initialised:
     """A track that is initialised."""
 
-    kalman: Kalman
-    arc: InitialArc
+    motion: FollowedMotion
     undecided: bool
     """Whether another motion, no equivalent one, explains the frames as well."""
     view: FrameView
@@ -130,6 +85,7 @@ class Acquisition:
     ) -> None:
         self._target, self._reader, self._model = target, reader, model
         self._filtering, self._belief, self._refined = filtering, belief, refined
+        self._choice = filtering.motion
         self._units_checked = False
         self._start = MotionHypotheses(target)
         self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
@@ -149,7 +105,6 @@ class Acquisition:
             return waiting
         track = self._initialise(decision)
         if track is None:
-            _log.info("frame %d: no trajectory fits the motion of the first frames", frame.index)
             self._start = MotionHypotheses(self._target)
             return waiting
         return track
@@ -187,13 +142,24 @@ class Acquisition:
         if self._refined:
             views = self._compared(motion, frames, observers)
             arc.frames = [condensed(_timed(view)) for view in views]
-            fit = arc.fit()
+            fit = arc.fit() if self._choice is not MotionChoice.KINEMATIC else None
         else:
             fit, views = self._fit_rectangles(arc, motion, frames, observers)
-        if fit is None:
+        if self._choice is MotionChoice.KINEMATIC:
+            fit = None
+        elif fit is None:
+            after = "" if self._choice is MotionChoice.TORQUE_FREE else ": followed as kinematic"
+            _log.info("frame %d: no free motion fits the first frames%s", frames[-1].index, after)
+        if fit is None and self._choice is MotionChoice.TORQUE_FREE:
             return None
-        kalman = filter_from(fit, self._filtering)
-        return Initialised(kalman, arc, decision.undecided, views[-1])
+        measured = [timed for timed in arc.frames if timed.measurements]
+        if not measured:
+            return None
+        free = None if fit is None else FreeBody(filter_from(fit, self._filtering), arc)
+        begin = guess if fit is None else fit.states[0]
+        setup = MotionSetup(self._model, self._filtering, self._target.diameter_m)
+        followed = FollowedMotion(setup, belief, free, begin, measured)
+        return Initialised(followed, decision.undecided, views[-1])
 
     def _compared(
         self, motion: MotionHypothesis, frames: list[Frame], observers: list[ObserverPose]
@@ -249,24 +215,6 @@ class Acquisition:
         kept = {id(face) for face in faces}
         out = [Unused(f.seen, "contradicts the others") for f in view.faces if id(f) not in kept]
         return replace(view, faces=faces, unused=[*view.unused, *out])
-
-
-def filter_from(fit: Fit, table: FilterTable) -> Kalman:
-    """A filter that goes on from the end of a fitted arc."""
-    return ErrorStateFilter(
-        fit.states[-1],
-        fit.covariance,
-        gate_probability=table.gate_probability,
-        max_iterations=table.iterations,
-    )
-
-
-def condensed(timed: Timed) -> Timed:
-    """The same in as few measurements as possible: an arc is gone through many times."""
-    faces = [m for m in timed.measurements if isinstance(m, PoseMeasurement)]
-    if not faces or len(faces) < len(timed.measurements):
-        return timed
-    return TimedMeasurements(timed.time_s, (joined(faces),))
 
 
 def _timed(view: FrameView) -> Timed:

@@ -15,6 +15,8 @@ _MAX_DROP = 0.02
 """So is one whose ratio falls by so much: by more than noise moves it."""
 _MEMORY_FRAMES = 20
 """Over about so many frames a track's usual ratio is taken."""
+_STRAINED = 0.5
+"""Share of a frame's measured components that is accepted."""
 _NIS_PROBABILITY = 1e-6
 """So improbable must the innovations of the window be for the track to be doubtful."""
 
@@ -26,6 +28,7 @@ class Evidence:
         self._inlier_ratios: deque[float] = deque(maxlen=_WINDOW_FRAMES)
         self._innovations = NisWindow()
         self._usual = float("nan")
+        self._usual_accepted = 0.0
         self._fell = False
 
     def add(self, inlier_ratio: float, result: UpdateResult) -> None:
@@ -35,7 +38,17 @@ class Evidence:
         if np.isnan(self._usual):
             self._usual = inlier_ratio
         self._usual += (inlier_ratio - self._usual) / _MEMORY_FRAMES
+        self._usual_accepted += (_accepted(result) - self._usual_accepted) / _MEMORY_FRAMES
         self._innovations.add(result.joint_nis, result.joint_dof)
+
+    @property
+    def usual_inlier_ratio(self) -> float:
+        """Of the track's frames; nan without any."""
+        return self._usual
+
+    def is_strained(self, result: UpdateResult) -> bool:
+        """Whether a frame was refused for the most part, which most of the track's are not."""
+        return _accepted(result) < _STRAINED < self._usual_accepted
 
     @property
     def window_nis(self) -> float:
@@ -53,3 +66,9 @@ class Evidence:
         nis, dof = self._innovations.nis, self._innovations.dof
         errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
         return errs or float(np.mean(self._inlier_ratios)) < _LOW_INLIER_RATIO
+
+
+def _accepted(result: UpdateResult) -> float:
+    """Share of the measured components that passed the gate."""
+    used = sum(dof for dof, ok in zip(result.dof, result.accepted, strict=True) if ok)
+    return used / max(sum(result.dof), 1)

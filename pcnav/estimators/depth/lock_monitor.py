@@ -72,7 +72,7 @@ class LockMonitor:
         self._since_check = 0
         # What confirms a doubtful track once will do so in the next frame: doubt has other reasons.
         self._wait = min(2 * self._wait, _MAX_WAIT_FRAMES)
-        lead = self._lead_of(perceived, found, T_cam_model)
+        lead = self.lead_of(perceived, found, T_cam_model)
         self._votes = self._votes + 1 if lead < -CLEAR_LEAD else 0
         if self._votes >= _VOTES:
             return LockCheck.REJECTED
@@ -83,7 +83,7 @@ class LockMonitor:
         self._lead = 0.0
         return LockCheck.CONFIRMED
 
-    def _lead_of(
+    def lead_of(
         self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
     ) -> float:
         """Log-likelihood of the pose tracked over the best other one; inf where there is none."""

@@ -1,8 +1,8 @@
 """The tracker: acquires a target, follows it frame by frame, says what its estimate is worth."""
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,31 +10,24 @@ from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import ratio_covariance
-from pcnav.estimators.depth.acquisition import (
-    Acquisition,
-    InitialArc,
-    Initialised,
-    filter_from,
-)
+from pcnav.estimators.depth.acquisition import Acquisition, Initialised
 from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
-from pcnav.estimators.depth.mass import MassBelief, learnt_belief, prior_belief
+from pcnav.estimators.depth.mass import MassBelief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import (
     UPDATES,
     FrameUpdate,
-    Kalman,
     Updated,
     pose_of,
-    predicted_pose,
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
-from pcnav.estimators.depth.pose_fit import SingleFramePose
-from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_error
+from pcnav.estimators.depth.pose_measurement import ObserverPose
+from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
-from pcnav.filtering.error_state import UpdateResult, innovation_gate
-from pcnav.filtering.map_arc_fit import TimedMeasurements
+from pcnav.filtering.error_state import UpdateResult
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.frame_guard import FrameGuard
 from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
@@ -49,17 +42,13 @@ _MAX_BLIND_FRAMES = 10
 """Frames with returns but without an accepted measurement before the track is given up."""
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
-_MIN_INLIER_RATIO = 0.5
-"""Of a pose found without the track, for it to be accepted."""
 
 
 @dataclass
 class _Track:
     """A target being followed."""
 
-    kalman: Kalman
-    arc: InitialArc | None
-    time_s: float
+    motion: FollowedMotion
     lock_monitor: LockMonitor
     evidence: Evidence
     symmetric: bool
@@ -82,7 +71,9 @@ class Tracker(Estimator):
     Nothing but the target, the pipeline's settings and the frames enters an estimate.
     """
 
-    output = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)
+    output = Output(
+        MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles", "motion"), has_records=True
+    )
     min_frames = MIN_FRAMES
 
     def __init__(
@@ -168,9 +159,7 @@ class Tracker(Estimator):
         if not isinstance(outcome, Initialised):
             return self._estimate(outcome, None, Status.ACQUIRING, observer), outcome
         track = _Track(
-            outcome.kalman,
-            outcome.arc,
-            frame.time_s,
+            outcome.motion,
             LockMonitor(self._target, self._reader),
             Evidence(),
             symmetric=len(self._target.symmetry_transforms) > 1,
@@ -184,18 +173,22 @@ class Tracker(Estimator):
     def _follow(
         self, frame: Frame, observer: ObserverPose, track: _Track
     ) -> tuple[Estimate, FrameView]:
-        kalman = track.kalman
-        kalman.predict(self._model, track.time_s, frame.time_s - track.time_s)
-        track.time_s = frame.time_s
+        track.motion.predict(frame.time_s)
+        if track.motion.is_lost:
+            view = silent_view(frame)
+            estimate = self._estimate(view, None, Status.LOST, observer)
+            self._lose(track)
+            return estimate, view
         if np.count_nonzero(frame.depth_m) < _MIN_RETURNS:
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, observer), view
-        updated = self._update(FrameUpdate(self._reader, frame, kalman, observer))
-        status = Status.COASTING
+        recovery = self._recovery(frame, observer, track)
+        updated = self._update(FrameUpdate(self._reader, frame, track.motion.kalman, observer))
+        updated = self._overruled(recovery, track, updated)
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)
         else:
-            updated, status = self._search(frame, observer, track, updated)
+            updated, status = self._search(recovery, track, updated)
         estimate = self._estimate(updated.view, updated.result, status, observer)
         if status is Status.LOST:
             self._lose(track)
@@ -205,70 +198,72 @@ class Tracker(Estimator):
         self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
     ) -> Status:
         """Take in what a good update says of the track, and say what it is worth now."""
-        self._take_in(track, updated)
+        self._take_in(frame, track, updated)
         monitor = track.lock_monitor
         if monitor.is_due(track.evidence, is_open=track.open_question):
             perceived, found = monitor.detect(frame)
-            outcome = monitor.check(perceived, found, pose_of(track.kalman, observer))
+            outcome = monitor.check(perceived, found, pose_of(track.motion.kalman, observer))
             track.open_question = outcome is not LockCheck.CONFIRMED
             if outcome is LockCheck.REJECTED:
                 track.was_wrong = True
                 return Status.LOST
         return track.status
 
+    def _overruled(self, recovery: Recovery, track: _Track, updated: Updated) -> Updated:
+        """The update about where any motion may have led, if that explains the frame better."""
+        motion, result = track.motion, updated.result
+        if not motion.is_torque_free:
+            usual = recovery.is_as_usual(updated)
+            return updated if usual else recovery.nearer(motion, updated)
+        if not updated.is_good or result is None or not track.evidence.is_strained(result):
+            return updated
+        again = recovery.near(motion)
+        if again is None:
+            return updated
+        motion.go_over()
+        self._log_motion(recovery.frame, track, "it leads past this frame")
+        return again
+
     def _search(
-        self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
+        self, recovery: Recovery, track: _Track, updated: Updated
     ) -> tuple[Updated, Status]:
         """Look for the target where the prediction explains nothing, though there are returns."""
-        monitor = track.lock_monitor
+        monitor, motion, frame = track.lock_monitor, track.motion, recovery.frame
         perceived, found = monitor.detect(frame)
-        again = self._found_again(frame, observer, track.kalman, found)
+        again = recovery.found_again(motion.kalman, found)
+        if again is None:
+            again = recovery.near(motion) if motion.is_torque_free else None
+            if again is None:
+                lead = partial(monitor.lead_of, perceived, found)
+                again = recovery.found_far(motion, found, lead)
+            if again is not None and motion.is_torque_free:
+                motion.go_over()
+                self._log_motion(frame, track, "it does not lead to this frame")
         if again is not None:
-            self._take_in(track, again)
+            self._take_in(frame, track, again)
             return again, track.status
         track.blind_frames += 1
-        outcome = monitor.check(perceived, found, pose_of(track.kalman, observer))
+        outcome = monitor.check(perceived, found, pose_of(motion.kalman, recovery.observer))
         gave_up = outcome is LockCheck.REJECTED or track.blind_frames > _MAX_BLIND_FRAMES
         return updated, Status.LOST if gave_up else Status.COASTING
 
-    def _take_in(self, track: _Track, updated: Updated) -> None:
+    def _recovery(self, frame: Frame, observer: ObserverPose, track: _Track) -> Recovery:
+        gate = self._filtering.gate_probability
+        return Recovery(self._reader, frame, observer, self._update, gate, track.evidence)
+
+    def _take_in(self, frame: Frame, track: _Track, updated: Updated) -> None:
         assert updated.result is not None, "the update was good"
         track.blind_frames = 0
         track.evidence.add(updated.view.inlier_ratio, updated.result)
-        self._extend_arc(track, updated.view, updated.result)
+        why = track.motion.take_in(updated.view.measurements, updated.result.accepted)
+        if why is not None:
+            self._log_motion(frame, track, why)
 
-    def _extend_arc(self, track: _Track, view: FrameView, result: UpdateResult) -> None:
-        """Keep the measurements of the initial arc, and go on from each fit of them all."""
-        if track.arc is None:
-            return
-        passed = tuple(m for m, ok in zip(view.measurements, result.accepted, strict=True) if ok)
-        fit = track.arc.extend(TimedMeasurements(view.frame.time_s, passed))
-        if fit is not None:
-            track.kalman = filter_from(fit, self._filtering)
-        if track.arc.is_over:
-            track.arc = None
-
-    def _found_again(
-        self, frame: Frame, observer: ObserverPose, kalman: Kalman, found: Sequence[SingleFramePose]
-    ) -> Updated | None:
-        """An update from where the target is found without the track, if the prediction allows it.
-
-        After a gap the prediction may be off by more than a comparison with its view can bridge.
-        """
-        predicted, spread = predicted_pose(kalman, observer)
-        allowed = []
-        for pose in found:
-            error = pose_error(predicted, pose.T_cam_model)
-            squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
-            gate = innovation_gate(self._filtering.gate_probability, len(error))
-            if pose.inlier_ratio >= _MIN_INLIER_RATIO and squared < gate:
-                allowed.append((squared, pose))
-        if not allowed:
-            return None
-        best = min(allowed, key=lambda pair: pair[0])[1]
-        start = (best.T_cam_model, best.covariance)
-        updated = self._update(FrameUpdate(self._reader, frame, kalman, observer, start))
-        return updated if updated.is_good else None
+    def _log_motion(self, frame: Frame, track: _Track, why: str) -> None:
+        free = track.motion.is_torque_free
+        said = "that of a free body again" if free else "not that of a free body"
+        name = "torque free" if free else "kinematic"
+        _log.info("frame %d: the motion is %s (%s): followed as %s", frame.index, said, why, name)
 
     def _lose(self, track: _Track) -> None:
         """Start again; what was learnt of the mass stays if the track was right until it was lost.
@@ -278,8 +273,8 @@ class Tracker(Estimator):
         """
         was_right = not (track.was_wrong or track.open_question or track.evidence.is_doubtful)
         belief = self._belief
-        if was_right and not track.symmetric and track.arc is None:
-            belief = learnt_belief(track.kalman.state, track.kalman.covariance)
+        if was_right and not track.symmetric:
+            belief = track.motion.learnt_mass or belief
         self._track = None
         self._acquisition = self._new_acquisition(belief)
 
@@ -299,16 +294,17 @@ class Tracker(Estimator):
             notes={
                 "inlier_ratio": view.inlier_ratio,
                 "n_rectangles": sum(accepted[face] for face in view.face_of_record),
+                "motion": None if track is None else str(track.motion.name),
             },
             records=view.outcomes(accepted),
         )
         if track is None:
             return estimate
-        kalman = track.kalman
+        kalman = track.motion.kalman
         return replace(
             estimate,
             values=kalman.state.values,
-            covariance=ratio_covariance(kalman.state, kalman.covariance),
+            covariance=ratio_covariance(kalman.state, track.motion.reported_covariance),
             T_cam_target=pose_of(kalman, observer),
         )
 
