@@ -134,7 +134,7 @@ class KinematicFilter:
         self.kalman.predict(KinematicModel(self._n), time_s, step_s)
         self._by_density = noise_by_density(self._n, step_s)
         self._unforced = self.kalman.covariance.copy()
-        self._force(self._densities)
+        self._force(self.densities)
 
     def learn(self, measurements: Sequence[Measurement[NavigationState]]) -> Surprise:
         """Take in how far measurements lie from the prediction; how surprising they were before.
@@ -160,13 +160,13 @@ class KinematicFilter:
         place, turn = (step[0] * self._diameter_m) ** 2, step[1] ** 2
         densities = np.array([place / by_translation[0, 0], turn / by_rotation[9, 9]])
         self.kalman.restore(self._before)
-        self._force(np.maximum(densities, self._densities))
+        self._force(np.maximum(densities, self.densities))
 
     def reset(self) -> None:
         """Go back to the prediction under the accelerations learnt."""
         self.kalman.restore(self._before)
         if self._by_density is not None:
-            self._force(self._densities)
+            self._force(self.densities)
 
     def take_in(self, measurements: Sequence[Measurement[NavigationState]]) -> None:
         """Update with measurements that another filter found the way to.
@@ -199,7 +199,8 @@ class KinematicFilter:
         return place > _LOST_FRACTION * self._diameter_m or turn > _LOST_RAD
 
     @property
-    def _densities(self) -> FloatArray:
+    def densities(self) -> FloatArray:
+        """(2,) power spectral densities learnt: m^2/s^3 and rad^2/s^3; zero before any step."""
         return np.zeros(2) if self._levels is None else self._levels.densities
 
     def _force(self, densities: FloatArray) -> None:
