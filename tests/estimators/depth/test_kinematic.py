@@ -171,7 +171,7 @@ def test_densities_follow_from_the_mean_twists_of_successive_steps(state: Naviga
     rng = np.random.default_rng(5)
     psd = (1e-2, 1e-3)
     states = driven(state, psd, 400, rng)
-    found = densities_through(STEP_S * np.arange(400), states)
+    found = densities_through(np.asarray(STEP_S * np.arange(400), np.float64), states)
     assert found is not None
     np.testing.assert_allclose(found, psd, rtol=0.2)
     assert densities_through(np.array([0.0, STEP_S]), states[:2]) is None

@@ -11,7 +11,7 @@ from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
-from pcnav.estimators.depth.acquisition import condensed
+from pcnav.estimators.depth.initial_arc import condensed
 from pcnav.estimators.depth.measuring import FrameUpdate, Kalman, pose_of
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
