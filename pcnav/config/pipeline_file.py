@@ -17,6 +17,7 @@ from pcnav.config.depth import FilterTable, PerceptionTable
 from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.image_motion import FeatureTrackerTable, ImageMotionTable
 from pcnav.config.inertia_bank import InertiaBankTable
+from pcnav.config.motion import MotionTable
 from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.config.sensors import (
@@ -27,6 +28,7 @@ from pcnav.config.sensors import (
     ShadingTable,
     StereoTable,
 )
+from pcnav.config.surroundings import BackgroundTable, OccluderTable
 from pcnav.config.table import Table
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import checked, read_toml_model
@@ -97,8 +99,11 @@ class Pipeline(Table):
     scenario: ScenarioTable = ScenarioTable()
     orbit: OrbitTable = OrbitTable()
     body: BodyTable = BodyTable()
+    motion: MotionTable = MotionTable()
     camera: CameraTable = CameraTable()
     noise: NoiseTable = NoiseTable()
+    background: BackgroundTable = BackgroundTable()
+    occluder: OccluderTable = OccluderTable()
     stereo: StereoTable = StereoTable()
     features: FeaturesTable = FeaturesTable()
     image_camera: ImageCameraTable = ImageCameraTable()

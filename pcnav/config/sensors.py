@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, Strict, model_validator
 
 from pcnav.config.table import (
     Direction,
@@ -61,18 +61,76 @@ class CameraTable(Table):
 
 
 class NoiseTable(Table):
-    """[noise]: the faults of the simulated depth sensor."""
+    """[noise]: the faults of the simulated depth sensor.
+
+    The standard deviation along the ray at a range r is
+    ``range_sigma_m + range_sigma_per_m r + range_sigma_per_m2 r^2``.
+    """
 
     range_sigma_m: NonNegative = 0.02
-    """Standard deviation of Gaussian noise along the ray."""
+    """Standard deviation of Gaussian noise along the ray, its part that does not grow."""
+    range_sigma_per_m: NonNegative = 0.0
+    """Its growth per metre of range."""
+    range_sigma_per_m2: NonNegative = 0.0
+    """Its growth per square metre of range."""
+    stated_range_sigma_m: Positive | None = None
+    """What the recording states; None states the true one, where it grows that of the first
+    frame's distance."""
+    states_range_sigma: bool = True
+    """Whether it states any."""
     quantisation_m: Positive = 0.001
     """Step of the stored z-depth (one unit of the 16-bit image)."""
+    max_range_m: Positive | None = None
+    """Beyond it nothing returns; None for what 16 bits hold."""
     dropout_fraction: Fraction = 0.0
     """Share of returns lost at random."""
     outlier_fraction: Fraction = 0.0
-    """Share of returns replaced by a uniform draw over the depth span of the target."""
+    """Share of the target's returns replaced by a uniform draw over the depth span of the
+    target."""
     mixed_pixel_fraction: Fraction = 0.0
     """Share of the pixels on a depth edge that return a range between the two surfaces."""
+    false_return_fraction: Fraction = 0.0
+    """Share of all pixels, empty sky included, that return a range of nothing that is there."""
+    false_return_span_m: Annotated[tuple[NonNegative, Positive], Strict(False)] | None = None
+    """Between which ranges false returns are uniform; None takes half to one and a half times the
+    target's distance in the first frame."""
+    frame_offset_sd_m: NonNegative = 0.0
+    """Standard deviation of a range offset common to a frame."""
+    frame_offset_correlation_s: NonNegative = 0.0
+    """Time over which it varies; 0 draws it anew for every frame."""
+    face_offset_sd_m: NonNegative = 0.0
+    """Standard deviation of a range offset common to a flat face of the target."""
+    face_tilt_sd_deg: NonNegative = 0.0
+    """Standard deviation of the angle by which a face's ranges are tilted, about each image
+    axis."""
+    face_correlation_s: NonNegative = 0.0
+    """Time over which offset and tilt of a face vary; 0 draws them anew for every frame."""
+    hole_incidence_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+    """Between ray and normal, beyond which a surface does not return."""
+    dark_fraction: Fraction = 0.0
+    """Share of the target's surface that does not return, in patches fixed to it."""
+    dark_patch_m: Positive = 0.1
+    """Size of these patches."""
+    multipath_fraction: Fraction = 0.0
+    """Share of the light on a point that others of the target's surfaces throw on it, where they
+    fill all it sees: lengthens ranges in concave corners."""
+    stamp_jitter_s: NonNegative = 0.0
+    """Standard deviation of the recorded time from the true one; cut off where frames would change
+    their order."""
+    stamp_step_s: NonNegative = 0.0
+    """Step that recorded times are rounded to."""
+
+    def sigma_at(self, range_m: FloatArray | float) -> FloatArray:
+        """Standard deviation along the ray, m, at ranges (...)."""
+        growth = self.range_sigma_per_m * range_m + self.range_sigma_per_m2 * np.square(range_m)
+        return np.asarray(self.range_sigma_m + growth)
+
+    @model_validator(mode="after")
+    def _span_has_a_length(self) -> Self:
+        span = self.false_return_span_m
+        if span is not None and not span[0] < span[1]:
+            raise ValueError("false_return_span_m: expected the smaller range first")
+        return self
 
 
 class Boresight(StrEnum):

@@ -22,7 +22,11 @@ from pcnav.recordings.writer import write_sequence
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.simulation import OnFrame, Simulation, counted
-from pcnav.target.rendering import DepthRenderer
+from pcnav.simulation.stamps import recorded_times
+from pcnav.simulation.surroundings.part import Part
+from pcnav.simulation.surroundings.scenery import scenery
+from pcnav.simulation.surroundings.view import SceneRenderer
+from pcnav.simulation.systematic import SystematicErrors
 from pcnav.target.satellite import Target, load_target
 
 _LOG = logging.getLogger("pcnav")
@@ -42,14 +46,21 @@ class Scene:
     pipeline: Pipeline
     motion: TrueMotion
     mesh: trimesh.Trimesh
-    """What the frames show, model frame, m."""
+    """The target as it is, model frame, m."""
+    parts: tuple[Part, ...] = ()
+    """What else the frames show."""
     mesh_path: Path | None = None
     """The file of the target's mesh, which a recording on disk is given."""
 
     @staticmethod
     def of(pipeline: Pipeline, mesh: trimesh.Trimesh, source: Path | str = "pipeline") -> "Scene":
         """The scene of a pipeline. ``source`` is the file that an `InputError` names."""
-        return Scene(pipeline, true_motion(pipeline, source), mesh)
+        motion = true_motion(pipeline, source)
+        parts = scenery(pipeline, motion, mesh, source)
+        # The truth of a frame is that of its true time, under the time that is recorded.
+        times_s = recorded_times(motion.truth.time_s, pipeline.noise, pipeline.seed, source)
+        motion = replace(motion, truth=replace(motion.truth, time_s=times_s))
+        return Scene(pipeline, motion, mesh, parts)
 
     @staticmethod
     def showing(target: Target, pipeline: Pipeline, source: Path | str = "pipeline") -> "Scene":
@@ -70,7 +81,8 @@ class Scene:
     def info(self) -> SequenceInfo:
         """What a recording of the scene states."""
         pipeline = self.pipeline
-        sigma_m = stated_range_sigma(pipeline.noise)
+        distance_m = float(np.linalg.norm(pipeline.orbit.r_hill_m))
+        sigma_m = stated_range_sigma(pipeline.noise, distance_m)
         return SequenceInfo(
             self.name, pipeline.orbit.mean_motion_rad_s, sigma_m, target_mesh=self.mesh_path
         )
@@ -88,13 +100,16 @@ class Scene:
     def frames(self, blind: range = range(0)) -> Iterator[Frame]:
         """The depth frames one by one; those in ``blind`` have no returns."""
         pipeline, camera = self.pipeline, self.pipeline.camera.pinhole
-        renderer, poses = DepthRenderer(self.mesh, camera), self.truth.poses
+        poses, noise = self.truth.poses, pipeline.noise
+        renderer = SceneRenderer(self.mesh, poses, self.parts, camera)
+        errors = SystematicErrors.of(pipeline, self.mesh, poses, self.parts)
         for k, time_s in enumerate(self.truth.time_s.tolist()):
             if k in blind:
                 depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
             else:
-                clean = renderer.render(poses[k])
-                depth_m = add_sensor_faults(clean, pipeline.noise, pipeline.seed, k)
+                view = renderer.render(k)
+                systematic = errors.of_frame(view, k, time_s)
+                depth_m = add_sensor_faults(view, noise, pipeline.seed, k, systematic)
             T_cam_world, unseen = self.motion.T_cam_world[k], pixels_without_ray(camera)
             yield Frame(k, time_s, depth_m, camera, T_cam_world, unseen)
 
@@ -126,14 +141,15 @@ def simulate_depth(
     return Scene.showing(load_target(target_mesh), pipeline, source).simulation
 
 
-def stated_range_sigma(noise: NoiseTable) -> float:
-    """Noise along the ray that a simulated sequence states, m.
+def stated_range_sigma(noise: NoiseTable, distance_m: float) -> float | None:
+    """Noise along the ray that a simulated sequence of a target at a distance states, m.
 
     A sensor without Gaussian noise still rounds: a step q has the standard deviation q / sqrt(12).
     """
-    if noise.range_sigma_m > 0.0:
-        return noise.range_sigma_m
-    return float(noise.quantisation_m / np.sqrt(12.0))
+    if not noise.states_range_sigma:
+        return None
+    true_m = float(noise.sigma_at(distance_m))
+    return noise.stated_range_sigma_m or true_m or float(noise.quantisation_m / np.sqrt(12.0))
 
 
 def as_recorded(frame: Frame, noise: NoiseTable) -> Frame:

@@ -137,7 +137,7 @@ def test_tables_cannot_be_changed() -> None:
 
 
 def test_every_number_carries_its_unit() -> None:
-    units = ("_m", "_s", "_hz", "_deg", "_px", "_rad_s", "_deg_s", "_m_s", "_s3")
+    units = ("_m", "_s", "_hz", "_deg", "_px", "_rad_s", "_deg_s", "_m_s", "_s3", "_s2", "_m2")
     bare = {  # counts, shares, directions and ratios have none
         "frames",
         "boresight_hill",
@@ -175,6 +175,8 @@ def test_every_number_carries_its_unit() -> None:
         "noise_levels",
         "supersampling",
         "inertia_ratios_zz",
+        "table_up_model",
+        "clutter_count",
     }
     checked = 0
     for table in Pipeline.model_fields.values():

@@ -1,0 +1,1 @@
+"""What a simulated depth frame shows beside the target: backgrounds, occluders, and their poses."""

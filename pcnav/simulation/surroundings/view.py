@@ -1,0 +1,86 @@
+"""Target and parts in one clean depth image: of every pixel the nearest surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.simulation.surroundings.part import Part
+from pcnav.target.rendering import DepthRenderer, RenderedDepth, Window
+
+
+@dataclass(frozen=True)
+class SceneView:
+    """A clean depth image of a scene."""
+
+    seen: RenderedDepth
+    """Of every pixel the nearest surface; the faces of the parts count on from the target's."""
+    target: RenderedDepth
+    """The target alone, as if nothing else were there."""
+    part: IntArray
+    """(height, width) 0 where the target is seen, 1 and up for the parts, -1 for nothing."""
+
+    @staticmethod
+    def of_target(rendered: RenderedDepth) -> "SceneView":
+        """Nothing but the target."""
+        return SceneView(rendered, rendered, np.where(rendered.triangle >= 0, 0, -1))
+
+    @property
+    def shows_target(self) -> BoolArray:
+        """(height, width)"""
+        return np.asarray(self.part == 0)
+
+
+class SceneRenderer:
+    """Renders the frames of a scene."""
+
+    def __init__(
+        self,
+        mesh: trimesh.Trimesh,
+        T_cam_model: FloatArray,
+        parts: Sequence[Part],
+        camera: PinholeCamera,
+    ) -> None:
+        bodies = [(mesh, T_cam_model), *((part.mesh, part.T_cam_part) for part in parts)]
+        self._renderers = [DepthRenderer(each, camera) for each, _ in bodies]
+        self._poses = [poses for _, poses in bodies]
+
+    def render(self, k: int) -> SceneView:
+        """The clean image of frame k."""
+        poses = [poses[k] for poses in self._poses]
+        rendered = [
+            (number, renderer.render(T))
+            for number, (renderer, T) in enumerate(zip(self._renderers, poses, strict=True))
+            if np.isfinite(T).all()
+        ]
+        view = SceneView.of_target(rendered[0][1])
+        for number, part in rendered[1:]:
+            view = _with_part(view, part, number)
+        return view
+
+
+def _with_part(view: SceneView, part: RenderedDepth, number: int) -> SceneView:
+    """With a part where it is nearer than what was seen."""
+    seen = view.seen
+    nearer = (part.triangle >= 0) & ((seen.triangle < 0) | (part.depth_m < seen.depth_m))
+    faces = len(seen.inverse_depth_planes)
+    merged = replace(
+        seen,
+        depth_m=np.where(nearer, part.depth_m, seen.depth_m),
+        triangle=np.where(nearer, part.triangle + faces, seen.triangle),
+        window=_around(seen.window, part.window),
+        inverse_depth_planes=np.vstack([seen.inverse_depth_planes, part.inverse_depth_planes]),
+    )
+    return replace(view, seen=merged, part=np.where(nearer, number, view.part))
+
+
+def _around(first: Window, second: Window) -> Window:
+    """The smallest window that holds two."""
+    rows, columns = (
+        slice(min(a.start, b.start), max(a.stop, b.stop)) if a.stop > a.start else b
+        for a, b in zip(first, second, strict=True)
+    )
+    return rows, columns
