@@ -1,0 +1,210 @@
+"""Where in a frame the target may be: parts of the image whose returns are of its size.
+
+A frame may show walls, a table, hands and other things besides the target. Whatever is flat over
+more than the target's own flat faces is a support or a background and is taken out; what then hangs
+together without a step in depth is an object. Objects of the target's size are candidates; larger
+ones are looked at in pieces, smaller ones that lie together are joined, for something in front may
+have cut the target in two. A frame in which nothing but the target returned is one region: itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.camera import pixel_rays
+from pcnav.perception.surfaces import SmoothFrame, extended_planes, extent, smooth_frame
+from pcnav.recordings.sequence import Frame
+
+_WHOLE_FRACTION = 1.1
+"""Returns that span less than this share of the diameter (besides their noise) are all of one
+target."""
+_MIN_EXTENT_FRACTION = 0.2
+_MAX_EXTENT_FRACTION = 1.3
+"""What spans between these shares of the diameter may be the target. What exceeds it is another
+thing, or touches one."""
+_JOINED_EXTENT_FRACTION = 1.15
+_WINDOW_RADIUS_FRACTION = 0.55
+"""Of the balls, over the diameter, that larger objects are looked at in."""
+_MAX_WINDOWS = 6
+_MIN_RETURNS = 40
+_MAX_REGIONS = 16
+_MIN_ADDED = 1.1
+"""A joined region has so many times the returns of its largest part."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of a frame that may be the target."""
+
+    frame: Frame
+    """The frame with this part alone: what is farther than it is space, what is nearer or beside
+    it at its own depth hides whatever is behind."""
+    extent_m: float
+    """Of its returns, as the diameter of a ball about them."""
+    n_returns: int
+    is_whole: bool = False
+    """Whether it is the frame itself: nothing else returned."""
+    is_window: bool = False
+    """Whether it was cut out of a larger object, whose other parts it may still hold."""
+
+
+@dataclass(frozen=True)
+class RegionSearch:
+    """The candidate regions of a frame, and what was left out."""
+
+    regions: tuple[Region, ...]
+    """The likeliest first."""
+    span_m: float
+    """Of all returns of the frame, as the diameter of a ball about them."""
+    n_planes: int = 0
+    """How many planes larger than the target's faces were taken out."""
+
+
+def candidate_regions(
+    frame: Frame, diameter_m: float, flat_extent_m: float, sigma_m: float
+) -> RegionSearch:
+    """The parts of a frame that may be a target of a given size.
+
+    Args:
+        frame: any frame.
+        diameter_m: of the target.
+        flat_extent_m: how far its largest flat part extends.
+        sigma_m: noise along the ray, as far as known; what smooth surfaces show counts if larger.
+    """
+    seen = frame.depth_m > 0.0
+    n = int(np.count_nonzero(seen))
+    if n == 0:
+        return RegionSearch((), 0.0)
+    span = extent(_points(frame, seen))
+    if span <= _WHOLE_FRACTION * diameter_m + 8.0 * sigma_m:
+        whole = Region(frame, span, n, is_whole=True)
+        return RegionSearch((whole,), span)
+    smooth = smooth_frame(frame, sigma_m, diameter_m)
+    on_plane, n_planes = extended_planes(smooth, flat_extent_m, diameter_m)
+    labels = smooth.components((smooth.depth_m > 0.0) & ~on_plane)
+    parts = _candidates(smooth, labels, diameter_m)
+    regions = [_region(frame, smooth, mask, is_window) for mask, is_window in parts]
+    regions.sort(key=lambda region: -_plausibility(region, diameter_m, frame))
+    return RegionSearch(tuple(regions[:_MAX_REGIONS]), span, n_planes)
+
+
+def _points(frame: Frame, mask: BoolArray) -> FloatArray:
+    return np.asarray(pixel_rays(frame.camera)[mask] * frame.depth_m[mask][:, None])
+
+
+def _candidates(
+    smooth: SmoothFrame, labels: IntArray, diameter_m: float
+) -> list[tuple[BoolArray, bool]]:
+    """Masks (height, width) of what may be the target, and whether each is a window."""
+    found: list[tuple[BoolArray, bool]] = []
+    fragments: list[BoolArray] = []
+    counts = np.bincount(labels[labels >= 0]) if (labels >= 0).any() else np.zeros(0, dtype=int)
+    for label in np.flatnonzero(counts >= _MIN_RETURNS).tolist():
+        mask = labels == label
+        size = extent(smooth.points[mask])
+        if size > _MAX_EXTENT_FRACTION * diameter_m:
+            pieces = _pieces(smooth, mask)
+            whole = [p for p in pieces if _fits(extent(smooth.points[p]), diameter_m)]
+            found += [(piece, False) for piece in whole]
+            fragments += whole
+            found += [(window, True) for window in _windows(smooth, mask, diameter_m)]
+        else:
+            fragments.append(mask)
+            if _fits(size, diameter_m):
+                found.append((mask, False))
+    found += [(mask, False) for mask in _joined(smooth, fragments, diameter_m)]
+    return found
+
+
+def _fits(size_m: float, diameter_m: float) -> bool:
+    return _MIN_EXTENT_FRACTION <= size_m / diameter_m <= _MAX_EXTENT_FRACTION
+
+
+def _pieces(smooth: SmoothFrame, mask: BoolArray) -> list[BoolArray]:
+    """The parts of an object between which it is creased inward, or steps a little."""
+    labels = smooth.components(mask & ~smooth.concave)
+    counts = np.bincount(labels[labels >= 0]) if (labels >= 0).any() else np.zeros(0, dtype=int)
+    kept = np.flatnonzero(counts >= _MIN_RETURNS)
+    if len(kept) < 2:
+        return []
+    # What lies in a crease belongs to the nearest part.
+    own = np.isin(labels, kept)
+    _, (rows, columns) = ndimage.distance_transform_edt(~own, return_indices=True)
+    nearest = np.where(mask, labels[rows, columns], -1)
+    return [nearest == label for label in kept.tolist()]
+
+
+def _windows(smooth: SmoothFrame, mask: BoolArray, diameter_m: float) -> list[BoolArray]:
+    """Balls of the target's size about returns of an object that is larger."""
+    points = smooth.points
+    pixels = np.argwhere(mask)
+    cloud = points[mask]
+    left = np.ones(len(cloud), dtype=np.bool_)
+    radius = _WINDOW_RADIUS_FRACTION * diameter_m
+    windows: list[BoolArray] = []
+    # What is nearest to the sensor stands before the rest.
+    order = np.argsort(cloud[:, 2])
+    for k in order.tolist():
+        if len(windows) == _MAX_WINDOWS or not left.any():
+            break
+        if not left[k]:
+            continue
+        # The point lies on the near side of what is looked for: its ball is about the mean.
+        about = np.linalg.norm(cloud - cloud[k], axis=1) < radius
+        centre = cloud[about].mean(axis=0)
+        within = np.linalg.norm(cloud - centre, axis=1) < radius
+        left &= ~(within | about)
+        if np.count_nonzero(within) >= _MIN_RETURNS:
+            window = np.zeros_like(mask)
+            window[tuple(pixels[within].T)] = True
+            windows.append(window)
+    return windows
+
+
+def _joined(
+    smooth: SmoothFrame, fragments: Sequence[BoolArray], diameter_m: float
+) -> list[BoolArray]:
+    """Fragments that lie within one diameter of each other, as one: the target may be cut."""
+    order = sorted(fragments, key=np.count_nonzero, reverse=True)
+    clouds = [smooth.points[mask] for mask in order]
+    centres = np.array([cloud.mean(axis=0) for cloud in clouds])
+    found: list[BoolArray] = []
+    for k, first in enumerate(order[:_MAX_REGIONS]):
+        union, cloud = first.copy(), clouds[k]
+        by_distance = np.argsort(np.linalg.norm(centres - centres[k], axis=1))
+        for j in by_distance[1:].tolist():
+            if np.linalg.norm(centres[j] - centres[k]) > diameter_m:
+                break
+            both = np.concatenate([cloud, clouds[j]])
+            if extent(both) <= _JOINED_EXTENT_FRACTION * diameter_m:
+                union, cloud = union | order[j], both
+        larger = len(cloud) >= _MIN_ADDED * np.count_nonzero(first)
+        known = any(np.array_equal(union, other) for other in found)
+        if larger and not known and _fits(extent(cloud), diameter_m):
+            found.append(union)
+    return found
+
+
+def _region(frame: Frame, smooth: SmoothFrame, mask: BoolArray, is_window: bool) -> Region:
+    """A part of a frame as a frame of its own."""
+    mask = mask & (frame.depth_m > 0.0)
+    points = smooth.points[mask]
+    far = float(points[:, 2].max())
+    beside = (frame.depth_m > 0.0) & (frame.depth_m < far) & ~mask
+    unseen = beside if frame.unseen is None else beside | frame.unseen
+    depth_m = np.where(mask, frame.depth_m, np.float32(0.0))
+    alone = replace(frame, depth_m=depth_m, unseen=unseen)
+    return Region(alone, extent(points), len(points), is_window=is_window)
+
+
+def _plausibility(region: Region, diameter_m: float, frame: Frame) -> float:
+    """Larger for what covers about the solid angle that the target would, at its own distance."""
+    ratio = region.extent_m / diameter_m
+    size = np.exp(-((np.log(max(ratio, 1e-3) / 0.85) / 0.5) ** 2))
+    depth = float(np.median(region.frame.depth_m[region.frame.depth_m > 0.0]))
+    across_px = frame.camera.fx * diameter_m / depth
+    cover = region.n_returns / max(across_px**2, 1.0)
+    return float(size * min(cover, 0.5) * (0.5 if region.is_window else 1.0))
