@@ -21,9 +21,13 @@ from pcnav.perception.association import (
 from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance, pose_hypotheses
 from pcnav.perception.predicted_view import PredictedView, ViewPredictor
+from pcnav.perception.regions import RegionSearch, candidate_regions
 from pcnav.perception.render_compare import Comparison, RenderComparer
+from pcnav.perception.returns import window_of_returns
+from pcnav.perception.sampled_views import SampledViews, sample_views
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import SurroundingsFinder
+from pcnav.perception.view_hypotheses import SearchReport, report_of, view_hypotheses
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 from pcnav.target.satellite import Target
@@ -32,6 +36,8 @@ _INLIER_SIGMA = 3.0
 """A return further than this from the depth that a pose predicts is no inlier."""
 _ENOUGH_RETURNS = 3_000
 """So many returns suffice to find a target: about those of one that spans 60 pixels."""
+_ENOUGH_SPAN_PX = 55.0
+_TYPICAL_DEPTH = 0.5
 _MAX_STRIDE = 4
 _MAX_COMPARERS = 8
 """One for each camera of a sequence and each grid; some sequences state a camera for each frame."""
@@ -87,6 +93,8 @@ class FrameReader:
         self._predictor: ViewPredictor | None = None
         self._surroundings = SurroundingsFinder(target.diameter_m)
         self._comparers: dict[PinholeCamera, RenderComparer] = {}
+        self._searched: tuple[Frame, RegionSearch] | None = None
+        self._views: SampledViews | None = None
 
     @property
     def noise(self) -> SensorNoise:
@@ -115,12 +123,23 @@ class FrameReader:
         A near target fills the image: its faces are found, and the poses distinguished, as well on
         every second to fourth pixel, in a fraction of the time.
         """
-        stride = int(np.sqrt(np.count_nonzero(frame.depth_m) / _ENOUGH_RETURNS))
+        seen = frame.depth_m > 0.0
+        stride = int(np.sqrt(np.count_nonzero(seen) / _ENOUGH_RETURNS))
+        if stride > 1:
+            # Other things return, too: the target alone is no larger than its size allows.
+            nearer_half = float(np.quantile(frame.depth_m[seen], _TYPICAL_DEPTH))
+            span_px = self.diameter_m * max(frame.camera.fx, frame.camera.fy) / nearer_half
+            stride = min(stride, int(span_px / _ENOUGH_SPAN_PX))
         return frame.strided(min(max(stride, 1), _MAX_STRIDE))
 
     def look(self, frame: Frame) -> PerceivedFrame:
         """What a frame shows without any prediction."""
         catalogue = self._target.rectangles
+        if not self._shows_target_alone(frame):
+            # Walls and tables would be all that a search for planes finds.
+            window = window_of_returns(frame)
+            shape = (0, 0) if window is None else window.shape
+            return PerceivedFrame(frame, window, np.full(shape, -1, dtype=np.intp), ())
         return perceive(frame, catalogue, self._settings, self._sigma_in(frame), self._seed)
 
     def hypotheses(self, perceived: PerceivedFrame) -> tuple[PoseHypothesis, ...]:
@@ -128,6 +147,38 @@ class FrameReader:
         frame = perceived.frame
         coarse = self.comparer(frame).coarse(frame.depth_m)
         return pose_hypotheses(perceived, self._target, coarse, self._sigma_in(frame))
+
+    def _shows_target_alone(self, frame: Frame) -> bool:
+        if self.measured_by is Measurements.RECTANGLES:
+            return True
+        regions = self.regions(frame).regions
+        return not regions or regions[0].is_whole
+
+    def regions(self, frame: Frame) -> RegionSearch:
+        """The parts of a frame that may be the target; kept for the frame last asked about."""
+        if self._searched is None or self._searched[0] is not frame:
+            found = candidate_regions(frame, self._target, self._sigma_in(frame))
+            self._searched = frame, found
+        return self._searched[1]
+
+    def view_hypotheses(self, frame: Frame) -> tuple[tuple[PoseHypothesis, ...], SearchReport]:
+        """Where the target may be in any part of a frame, by the look of its whole surface."""
+        found = self.regions(frame)
+        if not found.regions:
+            return (), report_of(found, (), self.diameter_m)
+        if self._views is None:
+            self._views = sample_views(self._target.mesh)
+        middle = np.eye(4)
+        middle[2, 3] = float(np.median(np.concatenate([r.depths for r in found.regions])))
+        coarse = self.comparer(frame).coarse(frame.depth_m, middle)
+        tolerance = depth_tolerance(self._target, self._sigma_in(frame))
+        return view_hypotheses(frame, found, self._views, self._target, coarse, tolerance)
+
+    def report(self, frame: Frame, inlier_ratio: float) -> SearchReport:
+        """Of a search that found a pose, which explains so much, without looking at regions."""
+        found = self.regions(frame)
+        best = [inlier_ratio if k == 0 else float("nan") for k in range(len(found.regions))]
+        return report_of(found, best, self.diameter_m)
 
     def nearest_equivalent(self, T_cam_model: FloatArray, near: Sequence[FloatArray]) -> FloatArray:
         """(4, 4) of the poses that show the target alike, the one nearest in attitude to any of
@@ -187,7 +238,7 @@ class FrameReader:
         """
         comparer = self.comparer(frame)
         if comparer.doubt_px(T_cam_model, pose_covariance) > _MAX_DOUBT_PX:
-            comparer = comparer.coarse(frame.depth_m)
+            comparer = comparer.coarse(frame.depth_m, T_cam_model)
         return comparer.compare(frame.depth_m, T_cam_model, pose_covariance)
 
     # By rectangles.

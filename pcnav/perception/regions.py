@@ -17,8 +17,9 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import pixel_rays
 from pcnav.perception.surfaces import SmoothFrame, extended_planes, extent, smooth_frame
 from pcnav.recordings.sequence import Frame
+from pcnav.target.satellite import Target
 
-_WHOLE_FRACTION = 1.1
+_WHOLE_FRACTION = 1.05
 """Returns that span less than this share of the diameter (besides their noise) are all of one
 target."""
 _MIN_EXTENT_FRACTION = 0.2
@@ -50,6 +51,11 @@ class Region:
     is_window: bool = False
     """Whether it was cut out of a larger object, whose other parts it may still hold."""
 
+    @property
+    def depths(self) -> FloatArray:
+        """(n,) of its returns, m."""
+        return np.asarray(self.frame.depth_m[self.frame.depth_m > 0.0])
+
 
 @dataclass(frozen=True)
 class RegionSearch:
@@ -64,26 +70,26 @@ class RegionSearch:
 
 
 def candidate_regions(
-    frame: Frame, diameter_m: float, flat_extent_m: float, sigma_m: float
+    frame: Frame, target: Target, sigma_m: float
 ) -> RegionSearch:
-    """The parts of a frame that may be a target of a given size.
+    """The parts of a frame that may be a target, by their size.
 
     Args:
         frame: any frame.
-        diameter_m: of the target.
-        flat_extent_m: how far its largest flat part extends.
+        target: what is looked for.
         sigma_m: noise along the ray, as far as known; what smooth surfaces show counts if larger.
     """
     seen = frame.depth_m > 0.0
     n = int(np.count_nonzero(seen))
     if n == 0:
         return RegionSearch((), 0.0)
+    diameter_m = target.diameter_m
     span = extent(_points(frame, seen))
-    if span <= _WHOLE_FRACTION * diameter_m + 8.0 * sigma_m:
+    if span <= _WHOLE_FRACTION * diameter_m + 4.0 * sigma_m:
         whole = Region(frame, span, n, is_whole=True)
         return RegionSearch((whole,), span)
     smooth = smooth_frame(frame, sigma_m, diameter_m)
-    on_plane, n_planes = extended_planes(smooth, flat_extent_m, diameter_m)
+    on_plane, n_planes = extended_planes(smooth, target.flat_extent_m, diameter_m)
     labels = smooth.components((smooth.depth_m > 0.0) & ~on_plane)
     parts = _candidates(smooth, labels, diameter_m)
     regions = [_region(frame, smooth, mask, is_window) for mask, is_window in parts]

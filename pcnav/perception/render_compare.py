@@ -129,13 +129,19 @@ class RenderComparer:
         self._diameter_m = target.diameter_m
         self._surroundings = SurroundingsFinder(target.diameter_m)
 
-    def coarse(self, depth_m: DepthImage) -> "RenderComparer":
+    def coarse(
+        self, depth_m: DepthImage, T_cam_model: FloatArray | None = None
+    ) -> "RenderComparer":
         """On every second to fourth pixel: for poses off by more than a comparison is linear over.
 
         There they are off by a quarter as many pixels, and it takes a sixteenth of the time. A
-        target that covers few pixels in the frame (height, width) keeps more of them.
+        target that covers few pixels in the frame (height, width) keeps more of them: at most all
+        that returned, and no more than its size allows at a pose (4, 4) where one is given.
         """
-        stride = int(np.sqrt(np.count_nonzero(depth_m) / _MIN_COARSE_PIXELS))
+        covered = float(np.count_nonzero(depth_m))
+        if T_cam_model is not None:
+            covered = min(covered, np.pi / 4.0 * self._span_px(T_cam_model) ** 2)
+        stride = int(np.sqrt(covered / _MIN_COARSE_PIXELS))
         return self._at_stride(min(max(stride, 1), _COARSEST_STRIDE))
 
     def _at_stride(self, stride: int) -> "RenderComparer":
@@ -146,6 +152,11 @@ class RenderComparer:
                 self._target, self.camera, self._noise, stride, self._modalities
             )
         return self._coarser[stride]
+
+    def _span_px(self, T_cam_model: FloatArray) -> float:
+        """Pixels that the target's diameter spans at a pose (4, 4)."""
+        focal = max(self.camera.fx, self.camera.fy)
+        return self._diameter_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
 
     @property
     def noise(self) -> SensorNoise:

@@ -16,8 +16,9 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.camera import project
-from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.core.camera import pixel_rays, project
+from pcnav.core.spatial import exp_rotation
+from pcnav.perception.regions import Region
 from pcnav.perception.surface_alignment import Surface, aligned
 from pcnav.recordings.sequence import Frame
 from pcnav.target.mesh import mesh_diameter
@@ -25,11 +26,14 @@ from pcnav.target.satellite import Target
 
 _SUBDIVISIONS = 3
 """Of an icosahedron: 642 directions, 8 degrees apart."""
-_CELLS = 28
+_FIRST_DIRECTIONS = 162
+"""Those of one subdivision less come first: 16 degrees apart."""
+_CELLS = 26
 """Cells along each side of the grid."""
 _SPAN_FRACTION = 1.12
 """Side of the grid over the diameter."""
-_TURNS = 36
+_TURNS = 30
+_FIRST_TURN_STEP = 2
 _DEPTH_SD_FRACTION = 0.04
 """Depths that scatter by this share of the diameter about a view's count half."""
 _STRAY_WEIGHT = 0.6
@@ -38,13 +42,15 @@ _STRAY_WEIGHT_WINDOW = 0.25
 was cut out of a larger object."""
 _SHIFTS = ((0.0, 0.0), (0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1))
 """Where the middle of the target may be beside that of its returns, over the diameter."""
-_MAX_CLOUD = 3_000
+_MAX_CLOUD = 1_500
 _SURFACE_POINTS = 6_000
-_HIDDEN = 2
-_FREE = 1
+_VIEWS_AT_ONCE = 60
+_EDGE_ON = 1e-3
 _MIN_COMMON_CELLS = 6
 _MAX_MATCHES = 60
-_MATCHES_ALIGNED = 24
+_MAX_ALIGNED = 12
+_SAME_ANGLE_RAD = 0.15
+_SAME_SHIFT_FRACTION = 0.08
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,13 @@ class _Templates:
     centre: FloatArray
     """(n, 3) view axes: what the grid and its depth are centred on, model origin at zero."""
 
+    def first(self) -> "_Templates":
+        """Those of the directions that are wide apart."""
+        some = slice(_FIRST_DIRECTIONS)
+        return _Templates(
+            self.R_view_model[some], self.covered[some], self.depth[some], self.centre[some]
+        )
+
 
 @dataclass(frozen=True)
 class SampledViews:
@@ -70,84 +83,65 @@ class SampledViews:
     surface: Surface
 
 
-@lru_cache(maxsize=4)
-def _views_of(key: tuple[int, int], mesh: "_Keyed") -> SampledViews:
-    return _sample(mesh.mesh)
-
-
-@dataclass(frozen=True)
-class _Keyed:
-    """A mesh as a key of a cache: the same object is the same mesh."""
-
-    mesh: trimesh.Trimesh
-
-    def __hash__(self) -> int:
-        return id(self.mesh)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Keyed) and other.mesh is self.mesh
-
-
-def sampled_views(target: Target) -> SampledViews:
-    """The views of a target; sampled when first asked for, then kept."""
-    return _views_of((len(target.mesh.vertices), len(target.mesh.faces)), _Keyed(target.mesh))
-
-
-def _sample(mesh: trimesh.Trimesh) -> SampledViews:
+def sample_views(mesh: trimesh.Trimesh) -> SampledViews:
+    """The views of a mesh: under a second, whatever its number of faces."""
     diameter = mesh_diameter(mesh)
     middle = np.asarray(mesh.bounds).mean(axis=0)
     directions = np.asarray(trimesh.creation.icosphere(_SUBDIVISIONS).vertices)
     R = np.stack([_looking_along(direction) for direction in directions])
-    side = _SPAN_FRACTION * diameter
-    axis = ((np.arange(_CELLS) + 0.5) / _CELLS - 0.5) * side
-    gx, gy = (grid.ravel() for grid in np.meshgrid(axis, axis))
-    n, c = len(R), len(gx)
-    covered, depth = np.zeros((n, c)), np.zeros((n, c))
+    starts = _grid(diameter) @ R[:, :2] + (middle - diameter * R[:, 2])[:, None]
+    depth, normal = _first_hits(mesh, starts, R[:, 2])
+    hit = np.isfinite(depth)
+    cell = _SPAN_FRACTION * diameter / _CELLS
+    n, c = hit.shape
+    covered, shown = np.zeros((n, c), np.float32), np.zeros((n, c), np.float32)
     centre = np.zeros((n, 3))
-    clouds, normals = [], []
-    for k in range(n):
-        start = middle + np.column_stack([gx, gy, np.full(c, -diameter)]) @ R[k]
-        hit_depth, face = _first_hits(mesh, start, R[k][2])
-        hit = face >= 0
-        if not hit.any():
-            continue
-        # Centred on what is covered, to whole cells, as the frame is.
-        shift = np.array([gx[hit].mean(), gy[hit].mean()])
-        whole = np.rint(shift / (side / _CELLS)).astype(int)
-        z = hit_depth - diameter
-        mean = float(z[hit].mean())
-        shown = np.where(hit, z - mean, 0.0).reshape(_CELLS, _CELLS)
-        covered[k] = _moved(hit.reshape(_CELLS, _CELLS).astype(float), -whole).ravel()
-        depth[k] = _moved(shown, -whole).ravel()
-        centre[k] = R[k] @ middle + [*(whole * side / _CELLS), mean]
-        points = start[hit] + hit_depth[hit][:, None] * R[k][2]
-        facing = np.asarray(mesh.face_normals)[face[hit]]
-        facing = facing * -np.sign(facing @ R[k][2])[:, None]
-        every = slice(k % 5, None, 5)
-        clouds.append(points[every])
-        normals.append(facing[every])
-    cloud, normal = np.concatenate(clouds), np.concatenate(normals)
-    chosen = np.random.default_rng(0).permutation(len(cloud))[:_SURFACE_POINTS]
-    surface = Surface(cloud[chosen], normal[chosen], cKDTree(cloud[chosen]))
-    return SampledViews(diameter, _Templates(R, covered, depth, centre), surface)
+    square = (_CELLS, _CELLS)
+    for k in np.flatnonzero(hit.any(axis=1)).tolist():
+        # Centred on what is covered, to whole cells, as a part of a frame is.
+        whole = np.rint(_grid(diameter)[hit[k]].mean(axis=0) / cell).astype(int)
+        mean = float(depth[k, hit[k]].mean())
+        covered[k] = _moved(hit[k].reshape(square).astype(float), -whole).ravel()
+        relative = np.where(hit[k], depth[k] - mean, 0.0)
+        shown[k] = _moved(relative.reshape(square), -whole).ravel()
+        centre[k] = R[k] @ middle + [*(whole * cell), mean - diameter]
+    view, at = np.nonzero(hit)
+    order = np.random.default_rng(0).permutation(len(view))[:_SURFACE_POINTS]
+    view, at = view[order], at[order]
+    cloud = starts[view, at] + depth[view, at][:, None] * R[view, 2]
+    surface = Surface(cloud, normal[view, at], cKDTree(cloud))
+    return SampledViews(diameter, _Templates(R, covered, shown, centre), surface)
 
 
 def _first_hits(
-    mesh: trimesh.Trimesh, starts: FloatArray, direction: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """(n,) distance to the first face along parallel rays, and (n,) the face, -1 for none."""
-    directions = np.broadcast_to(direction, starts.shape)
-    face = np.asarray(mesh.ray.intersects_first(starts, directions), dtype=np.intp)
-    hit = face >= 0
-    normal = np.asarray(mesh.face_normals)[face[hit]]
-    corner = np.asarray(mesh.vertices)[np.asarray(mesh.faces)[face[hit], 0]]
-    along = normal @ direction
-    flat = np.abs(along) < 1e-3
-    distance = np.zeros(len(starts))
-    gap = np.einsum("ij,ij->i", corner - starts[hit], normal) / np.where(flat, 1.0, along)
-    # A face seen edge-on is as deep as its corner.
-    distance[hit] = np.where(flat, (corner - starts[hit]) @ direction, gap)
-    return distance, face
+    mesh: trimesh.Trimesh, starts: FloatArray, directions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n, c) distance along rays from starts (n, c, 3) in n directions (n, 3), infinite where they
+    miss, and (n, c, 3) normal of the face that is hit, against the ray."""
+    face_normals, faces = np.asarray(mesh.face_normals), np.asarray(mesh.faces)
+    corners = np.asarray(mesh.vertices)[faces[:, 0]]
+    distance = np.full(starts.shape[:2], np.inf)
+    normal = np.zeros(starts.shape)
+    for first in range(0, len(starts), _VIEWS_AT_ONCE):
+        some = slice(first, first + _VIEWS_AT_ONCE)
+        rays = np.repeat(directions[some], starts.shape[1], axis=0)
+        origins = starts[some].reshape(-1, 3)
+        face = np.asarray(mesh.ray.intersects_first(origins, rays), dtype=np.intp)
+        hit = face >= 0
+        met, ray = face[hit], rays[hit]
+        across = face_normals[met]
+        along = np.einsum("ij,ij->i", across, ray)
+        to_corner = corners[met] - origins[hit]
+        # A face seen edge-on is as deep as its corner.
+        edge_on = np.abs(along) < _EDGE_ON
+        gap = np.einsum("ij,ij->i", to_corner, across) / np.where(edge_on, 1.0, along)
+        part = np.full(len(face), np.inf)
+        part[hit] = np.where(edge_on, np.einsum("ij,ij->i", to_corner, ray), gap)
+        distance[some] = part.reshape(distance[some].shape)
+        facing = np.zeros((len(face), 3))
+        facing[hit] = across * -np.where(along < 0.0, -1.0, 1.0)[:, None]
+        normal[some] = facing.reshape(normal[some].shape)
+    return distance, normal
 
 
 def _moved(grid: FloatArray, cells: IntArray) -> FloatArray:
@@ -179,140 +173,172 @@ class ViewMatch:
     """0 to 1: how well the surfaces lie on one another, a share of the returns."""
 
 
-def view_matches(
-    frame: Frame, whole: Frame, views: SampledViews, *, is_window: bool, is_partial: bool
-) -> list[ViewMatch]:
-    """Poses that sampled views propose for a part of a frame, the best fitting first.
+class PartLayout:
+    """A part of a frame, laid out to be compared with the views of a target."""
 
-    Args:
-        frame: the part, `pcnav.perception.regions.Region`.
-        whole: the frame it is a part of.
-        views: of the target.
-        is_window: whether the part may hold other things beside the target.
-        is_partial: whether part of the target may be hidden or lost.
-    """
-    cloud = _cloud(frame)
-    if len(cloud) < _MIN_COMMON_CELLS:
-        return []
-    D = views.diameter_m
-    mean = cloud.mean(axis=0)
-    R_ray_cam = _looking_along(mean / np.linalg.norm(mean))
-    local = (cloud - mean) @ R_ray_cam.T
-    shifts = _SHIFTS if is_partial or is_window else _SHIFTS[:1]
-    stray = _STRAY_WEIGHT_WINDOW if is_window else _STRAY_WEIGHT
-    poses, scores = [], []
-    for shift in shifts:
-        layout = _laid_out(local, D, np.array(shift) * D)
-        if layout is None:
-            continue
-        free = _seen_through(layout, whole, frame, mean, R_ray_cam, D)
-        score, offset = _scores(views.templates, layout, free, D, stray)
-        best = np.argpartition(-score.ravel(), _MAX_MATCHES)[:_MAX_MATCHES]
-        for view, turn in np.column_stack(np.unravel_index(best, score.shape)).tolist():
-            R_turn = _turn(turn)
-            R_cam_model = R_ray_cam.T @ R_turn.T @ views.templates.R_view_model[view]
-            at = np.array([*layout.centre[turn], float(offset[view, turn])])
-            # The centre of the view lies at that of the layout.
-            p = R_ray_cam.T @ R_turn.T @ (at - views.templates.centre[view]) + mean
-            poses.append(make_transform(R_cam_model, p))
-            scores.append(float(score[view, turn]))
-    order = np.argsort(-np.array(scores))[: _MAX_MATCHES if len(shifts) == 1 else 2 * _MAX_MATCHES]
-    coarse = np.stack([poses[k] for k in order.tolist()])
-    found, fits = aligned(coarse, cloud, views.surface, D)
-    best_first = np.argsort(-fits)
-    return [ViewMatch(found[k], float(fits[k])) for k in best_first.tolist()]
+    def __init__(self, region: Region, whole: Frame, views: SampledViews) -> None:
+        self._views, self._region, self._whole = views, region, whole
+        seen = region.frame.depth_m > 0.0
+        depth = region.frame.depth_m[seen][:, None].astype(np.float64)
+        points = pixel_rays(region.frame.camera)[seen] * depth
+        self.cloud: FloatArray = points[:: -(-len(points) // _MAX_CLOUD)]
+        """(n, 3) returns, camera frame, m."""
+        self._mean = self.cloud.mean(axis=0)
+        self._R_ray_cam = _looking_along(self._mean / np.linalg.norm(self._mean))
+        self._local = (self.cloud - self._mean) @ self._R_ray_cam.T
+        self._stray = _STRAY_WEIGHT_WINDOW if region.is_window else _STRAY_WEIGHT
+        self._poses: list[FloatArray] = []
+        self._scores: list[FloatArray] = []
 
+    def first_score(self) -> float:
+        """0 to 1: how well any view fits, on few directions and turns."""
+        layout = self._laid_out(_SHIFTS[0], _FIRST_TURN_STEP)
+        score, _ = _scores(self._views.templates.first(), layout, self._views, self._stray)
+        return float(score.max())
 
-def _cloud(frame: Frame) -> FloatArray:
-    """(n, 3) returns of a frame, at most a few thousand of them."""
-    from pcnav.core.camera import pixel_rays
+    def match(self, *, shifted: bool) -> float:
+        """Compare with all views, centred or shifted, and keep the best; how well that fits."""
+        for shift in _SHIFTS[1:] if shifted else _SHIFTS[:1]:
+            layout = self._laid_out(shift, 1)
+            score, offset = _scores(self._views.templates, layout, self._views, self._stray)
+            best = np.argpartition(-score.ravel(), _MAX_MATCHES)[:_MAX_MATCHES]
+            view, turn = np.unravel_index(best, score.shape)
+            self._poses.append(self._poses_of(layout, view, turn, offset[view, turn]))
+            self._scores.append(score[view, turn])
+        return float(np.concatenate(self._scores).max())
 
-    seen = frame.depth_m > 0.0
-    points = pixel_rays(frame.camera)[seen] * frame.depth_m[seen][:, None].astype(np.float64)
-    return np.asarray(points[:: -(-len(points) // _MAX_CLOUD)] if len(points) else points)
+    def matches(self, target: Target) -> list[ViewMatch]:
+        """Poses near those kept, aligned with the returns, the best fitting first."""
+        poses, scores = np.concatenate(self._poses), np.concatenate(self._scores)
+        kept = np.argsort(-scores)[:_MAX_MATCHES]
+        surface, D = self._views.surface, self._views.diameter_m
+        poses, fits = aligned(poses[kept], self.cloud, surface, D, finely=False)
+        chosen = distinct(poses, np.argsort(-fits), target, _MAX_ALIGNED)
+        poses, fits = aligned(poses[chosen], self.cloud, surface, D, finely=True)
+        chosen = distinct(poses, np.argsort(-fits), target, _MAX_ALIGNED)
+        return [ViewMatch(poses[k], float(fits[k])) for k in chosen]
 
+    def _poses_of(
+        self, layout: "_Layout", view: IntArray, turn: IntArray, offset: FloatArray
+    ) -> FloatArray:
+        """(k, 4, 4) the pose of each view at its turn and depth."""
+        templates = self._views.templates
+        R_turned_ray = layout.R_turned_ray[turn]
+        R_cam_turned = np.swapaxes(R_turned_ray @ self._R_ray_cam, 1, 2)
+        # The centre of the view lies at that of the layout.
+        at = np.column_stack([layout.centre[turn], offset]) - templates.centre[view]
+        poses = np.tile(np.eye(4), (len(view), 1, 1))
+        poses[:, :3, :3] = R_cam_turned @ templates.R_view_model[view]
+        poses[:, :3, 3] = np.einsum("kij,kj->ki", R_cam_turned, at) + self._mean
+        return poses
 
-def _turn(k: int) -> FloatArray:
-    return exp_rotation(np.array([0.0, 0.0, 2.0 * np.pi * k / _TURNS]))
+    def _laid_out(self, shift: tuple[float, float], turn_step: int) -> "_Layout":
+        side = _SPAN_FRACTION * self._views.diameter_m
+        cell = side / _CELLS
+        # The mean over what is covered, not over returns, which crowd on what faces the sensor.
+        occupied = np.unique(np.floor(self._local[:, :2] / cell).astype(int), axis=0)
+        middle = (occupied + 0.5).mean(axis=0) * cell
+        middle = middle + np.array(shift) * self._views.diameter_m
+        R = _turns()[::turn_step]
+        n, c = len(R), _CELLS**2
+        about = np.einsum("tij,nj->tni", R[:, :2, :2], self._local[:, :2] - middle)
+        index = np.floor(about / cell + 0.5 * _CELLS).astype(np.intp)
+        inside = ((index >= 0) & (index < _CELLS)).all(axis=2)
+        flat = index[..., 1] * _CELLS + index[..., 0] + c * np.arange(n)[:, None]
+        z = np.broadcast_to(self._local[:, 2], inside.shape)
+        count = np.bincount(flat[inside], minlength=n * c).reshape(n, c)
+        total = np.bincount(flat[inside], z[inside], minlength=n * c).reshape(n, c)
+        centre = R[:, :2, :2] @ middle
+        covered = count > 0
+        free = self._seen_through(R, centre) & ~covered
+        depth = (total / np.maximum(count, 1)).astype(np.float32)
+        return _Layout(R, covered.astype(np.float32), depth, free.astype(np.float32), centre)
+
+    def _seen_through(self, R: FloatArray, centre: FloatArray) -> BoolArray:
+        """(t, c) where the frame sees past the part's own depth: space, or something behind it."""
+        xy = np.einsum("tji,tcj->tci", R[:, :2, :2], _grid(self._views.diameter_m) + centre[:, None])
+        points = xy @ self._R_ray_cam[:2] + self._mean
+        camera = self._whole.camera
+        pixel = np.rint(project(camera, points)).astype(np.intp)
+        inside = ((pixel >= 0) & (pixel < [camera.width, camera.height])).all(axis=2)
+        pixel = np.clip(pixel, 0, [camera.width - 1, camera.height - 1])
+        unseen = self._region.frame.unseen
+        if unseen is not None:
+            inside &= ~unseen[pixel[..., 1], pixel[..., 0]]
+        return np.asarray(inside)
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """A part of a frame on the grid, at t turns."""
+    """A part of a frame on the grid of c cells, at t turns."""
 
+    R_turned_ray: FloatArray
+    """(t, 3, 3)"""
     covered: FloatArray
     """(t, c)"""
     depth: FloatArray
     """(t, c) mean in each cell; 0 where not covered."""
+    free: FloatArray
+    """(t, c) 1 where the frame sees past the part."""
     centre: FloatArray
     """(t, 2) of the grid, turned ray axes, m."""
 
 
-def _laid_out(local: FloatArray, diameter_m: float, shift_m: FloatArray) -> _Layout | None:
-    side = _SPAN_FRACTION * diameter_m
-    cell = side / _CELLS
-    # The mean over what is covered, not over returns, which crowd on what faces the sensor.
-    occupied = np.unique(np.floor(local[:, :2] / cell).astype(int), axis=0)
-    middle = (occupied + 0.5).mean(axis=0) * cell + shift_m
-    about = local[:, :2] - middle
-    covered = np.zeros((_TURNS, _CELLS**2))
-    depth = np.zeros_like(covered)
-    centre = np.zeros((_TURNS, 2))
-    for k in range(_TURNS):
-        R = _turn(k)[:2, :2]
-        centre[k] = R @ middle
-        index = np.floor((about @ R.T) / cell + 0.5 * _CELLS).astype(int)
-        inside = ((index >= 0) & (index < _CELLS)).all(axis=1)
-        flat = index[inside, 1] * _CELLS + index[inside, 0]
-        count = np.bincount(flat, minlength=_CELLS**2)
-        total = np.bincount(flat, local[inside, 2], minlength=_CELLS**2)
-        covered[k] = count > 0
-        depth[k] = total / np.maximum(count, 1)
-    if covered.sum(axis=1).max() < _MIN_COMMON_CELLS:
-        return None
-    return _Layout(covered, depth, centre)
+@lru_cache(maxsize=1)
+def _turns() -> FloatArray:
+    """(t, 3, 3) turns about the line of sight."""
+    angles = 2.0 * np.pi * np.arange(_TURNS) / _TURNS
+    return np.stack([exp_rotation(np.array([0.0, 0.0, angle])) for angle in angles])
 
 
-def _seen_through(
-    layout: _Layout,
-    whole: Frame,
-    part: Frame,
-    mean: FloatArray,
-    R_ray_cam: FloatArray,
-    diameter_m: float,
-) -> FloatArray:
-    """(t, c) 1 where the frame sees past the part's own depth: space, or something behind it."""
-    side = _SPAN_FRACTION * diameter_m
-    axis = ((np.arange(_CELLS) + 0.5) / _CELLS - 0.5) * side
-    gx, gy = (grid.ravel() for grid in np.meshgrid(axis, axis))
-    camera = whole.camera
-    free = np.zeros_like(layout.covered)
-    for k in range(_TURNS):
-        xy = (np.column_stack([gx, gy]) + layout.centre[k]) @ _turn(k)[:2, :2]
-        points = np.column_stack([xy, np.zeros(len(xy))]) @ R_ray_cam + mean
-        pixel = np.rint(project(camera, points)).astype(int)
-        inside = ((pixel >= 0) & (pixel < [camera.width, camera.height])).all(axis=1)
-        u, v = np.clip(pixel, 0, [camera.width - 1, camera.height - 1]).T
-        hidden = part.unseen[v, u] if part.unseen is not None else np.zeros(len(u), dtype=bool)
-        free[k] = inside & ~hidden & (layout.covered[k] == 0.0)
-    return free
+def _grid(diameter_m: float) -> FloatArray:
+    """(c, 2) middles of the cells, m, row after row."""
+    axis = ((np.arange(_CELLS) + 0.5) / _CELLS - 0.5) * _SPAN_FRACTION * diameter_m
+    x, y = np.meshgrid(axis, axis)
+    return np.column_stack([x.ravel(), y.ravel()])
 
 
 def _scores(
-    templates: _Templates, layout: _Layout, free: FloatArray, diameter_m: float, stray: float
+    templates: _Templates, layout: _Layout, views: SampledViews, stray: float
 ) -> tuple[FloatArray, FloatArray]:
     """(n, t) how well each view fits at each turn, 0 to 1, and (n, t) the depth it fits at."""
-    T, t = templates.covered.astype(np.float32), templates.depth.astype(np.float32)
-    F = layout.covered.astype(np.float32)
-    d = (layout.depth * layout.covered).astype(np.float32)
+    T, t = templates.covered, templates.depth
+    F, d = layout.covered, layout.depth
     both = T @ F.T
     enough = np.maximum(both, 1.0)
     first = (T @ d.T - t @ F.T) / enough
     second = (T @ (d * d).T - 2.0 * (t @ d.T) + (t * t) @ F.T) / enough
     variance = np.maximum(second - first**2, 0.0)
-    agree = both / (1.0 + variance / (_DEPTH_SD_FRACTION * diameter_m) ** 2)
-    through = T @ free.astype(np.float32).T
+    agree = both / (1.0 + variance / (_DEPTH_SD_FRACTION * views.diameter_m) ** 2)
+    through = T @ layout.free.T
     only_frame = F.sum(axis=1)[None, :] - both
     score = agree / (both + through + stray * only_frame + 1e-6)
     score[both < _MIN_COMMON_CELLS] = 0.0
     return score, first
+
+
+def distinct(poses: FloatArray, order: IntArray, target: Target, most: int) -> list[int]:
+    """Which of poses (k, 4, 4), taken in an order, no earlier one is equal to, up to the target's
+    symmetry; at most so many."""
+    kept: list[int] = []
+    inverse = np.linalg.inv(poses)
+    for k in order.tolist():
+        if len(kept) == most:
+            break
+        # One pose is another if what takes it there is nearly a symmetry.
+        between = inverse[kept] @ poses[k] if kept else np.empty((0, 4, 4))
+        if not _nearly_symmetric(between, target):
+            kept.append(k)
+    return kept
+
+
+def _nearly_symmetric(motions: FloatArray, target: Target) -> bool:
+    group = target.symmetry_transforms
+    cosine = np.einsum("kij,gij->kg", motions[:, :3, :3], group[:, :3, :3])
+    turned = 0.5 * (cosine - 1.0) > np.cos(_SAME_ANGLE_RAD)
+    # What a motion does to the middle of the target, not to a far-off origin.
+    middle = np.asarray(target.mesh.bounds).mean(axis=0)
+    moved = motions[:, :3, :3] @ middle + motions[:, :3, 3]
+    mapped = group[:, :3, :3] @ middle + group[:, :3, 3]
+    apart = np.linalg.norm(moved[:, None] - mapped[None], axis=2)
+    return bool(np.any(turned & (apart < _SAME_SHIFT_FRACTION * target.diameter_m)))

@@ -11,9 +11,10 @@ from scipy.spatial import cKDTree
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 
-_RETURNS = 220
+_RETURNS, _FINE_RETURNS = 70, 220
 """Returns that take part, spread over the cloud."""
-_REACH_FRACTIONS = (0.12, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.03)
+_REACH_FRACTIONS = (0.12, 0.12, 0.1, 0.08, 0.06)
+_FINE_REACH_FRACTIONS = (0.06, 0.05, 0.04, 0.03, 0.03)
 """Of each pass, over the diameter: returns further from the surface have no say."""
 _FIT_FRACTION = 0.02
 _PRIOR = 1e-3
@@ -32,15 +33,21 @@ class Surface:
 
 
 def aligned(
-    T_cam_model: FloatArray, cloud: FloatArray, surface: Surface, diameter_m: float
+    T_cam_model: FloatArray,
+    cloud: FloatArray,
+    surface: Surface,
+    diameter_m: float,
+    *,
+    finely: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Poses (k, 4, 4) brought onto a cloud (n, 3, camera frame), and (k,) how well each then fits.
 
     The fit is 0 to 1: 1 when all returns lie on surfaces that face the sensor.
     """
-    chosen = cloud[np.linspace(0, len(cloud) - 1, min(len(cloud), _RETURNS)).astype(int)]
+    n = min(len(cloud), _FINE_RETURNS if finely else _RETURNS)
+    chosen = cloud[np.linspace(0, len(cloud) - 1, n).astype(int)]
     R, p = T_cam_model[:, :3, :3].copy(), T_cam_model[:, :3, 3].copy()
-    for reach in _REACH_FRACTIONS:
+    for reach in _FINE_REACH_FRACTIONS if finely else _REACH_FRACTIONS:
         moved = np.einsum("kji,knj->kni", R, chosen[None] - p[:, None])
         distance, normal, weight = _nearest(moved, R, p, surface, reach * diameter_m)
         # Rotation about the model origin, model axes; shift in model axes. Scaled to the radius.

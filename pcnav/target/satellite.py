@@ -1,6 +1,7 @@
 """The target satellite: its mesh, rectangle catalogue, symmetry group and mass properties."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from pcnav.target.catalogue import (
     rectangles_among,
 )
 from pcnav.target.facets import planar_faces
+from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, read_mesh, uniform_mass_properties
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
 from pcnav.target.symmetry import group_name, symmetry_motions
@@ -58,6 +60,11 @@ class Target:
     def diameter_m(self) -> float:
         """Diameter of the sphere about the mesh's bounding box."""
         return mesh_diameter(self.mesh)
+
+    @cached_property
+    def flat_extent_m(self) -> float:
+        """How far its largest flat part extends."""
+        return flat_extent(self.mesh)
 
     def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
         """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""

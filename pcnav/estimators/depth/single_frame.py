@@ -28,7 +28,9 @@ from pcnav.filtering.error_state import ErrorStateFilter, innovation_gate
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
+from pcnav.perception.pose_hypotheses import PoseHypothesis
 from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.sequence import Frame
 
 _MAX_HYPOTHESES = 4
@@ -36,6 +38,9 @@ _MAX_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
 _MIN_INLIER_RATIO = 0.5
 """Of a pose, for it to be accepted."""
+_SETTLED_INLIER_RATIO = 0.9
+"""Of the best pose that rectangles lead to, for nothing else to be tried."""
+_MAX_VIEW_HYPOTHESES = 6
 _PASSES = 4
 """Most times the predicted view is rendered anew."""
 _POSITION_SD_FRACTION = 1.0
@@ -73,13 +78,41 @@ def refined_hypotheses(
     Each is one of the equivalent poses of a symmetric target: that nearest in attitude to one of
     ``near`` (4, 4 each).
     """
-    hypotheses = reader.hypotheses(perceived)[:_MAX_HYPOTHESES]
-    likely = [
+    return search(perceived, reader, near)[0]
+
+
+def search(
+    perceived: PerceivedFrame, reader: FrameReader, near: Sequence[FloatArray] = ()
+) -> tuple[tuple[SingleFramePose, ...], SearchReport]:
+    """`refined_hypotheses` and a report of where the target was looked for.
+
+    Rectangles propose first. Where they do not settle the frame, sampled views of the target
+    propose as well, in every part of the frame that is of its size.
+    """
+    proposed = reader.hypotheses(perceived)[:_MAX_HYPOTHESES]
+    found = best_first(refitted(_likely(proposed, reader, near), perceived, reader))
+    settled = bool(found) and found[0].inlier_ratio >= _SETTLED_INLIER_RATIO
+    if settled or reader.measured_by is Measurements.RECTANGLES:
+        return found, reader.report(perceived.frame, found[0].inlier_ratio if found else np.nan)
+    seen, report = reader.view_hypotheses(perceived.frame)
+    likely = _likely(seen[:_MAX_VIEW_HYPOTHESES], reader, near)
+    new = [
+        T
+        for T in likely
+        if not any(reader.moved_px(T, pose.T_cam_model, perceived.frame) < _SAME_PX for pose in found)
+    ]
+    return best_first([*found, *compared_poses(new, perceived.frame, reader)]), report
+
+
+def _likely(
+    hypotheses: Sequence[PoseHypothesis], reader: FrameReader, near: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """The poses (4, 4) of hypotheses, best first, that do not explain much less than the best."""
+    return [
         reader.nearest_equivalent(hypothesis.T_cam_model, near)
         for hypothesis in hypotheses
         if hypothesis.agreement.inlier_ratio > hypotheses[0].agreement.inlier_ratio - _MAX_LAG
     ]
-    return best_first(refitted(likely, perceived, reader))
 
 
 def best_first(poses: Iterable[SingleFramePose]) -> tuple[SingleFramePose, ...]:
@@ -105,8 +138,10 @@ def compared_poses(
     Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
     off, in terms of those that rectangles propose.
     """
+    if not hypotheses:
+        return []
     comparer = reader.comparer(frame)
-    rough = comparer.coarse(frame.depth_m)
+    rough = comparer.coarse(frame.depth_m, hypotheses[0])
     sd = doubt * np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
     coarse: list[SingleFramePose] = []
     for T_cam_model in hypotheses:
