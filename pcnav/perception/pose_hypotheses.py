@@ -15,6 +15,7 @@ from pcnav.perception.association import MAX_YAW_SD_RAD
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.recognition import apply_case, possible_cases
 from pcnav.perception.rectangles import YAW
+from pcnav.perception.regions import Region
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.target.satellite import Target
 
@@ -37,8 +38,10 @@ class PoseHypothesis:
     """(4, 4)"""
     agreement: Agreement
     """Of the frame with the view from there, on a coarse grid."""
-    rectangle: str
-    """The catalogue entry that proposed it."""
+    proposed_by: str
+    """The catalogue entry, or what else it was."""
+    region: Region | None = None
+    """The part of the frame it was found in, where it was searched for in parts."""
 
 
 def pose_hypotheses(

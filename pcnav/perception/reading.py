@@ -171,8 +171,12 @@ class FrameReader:
         middle = np.eye(4)
         middle[2, 3] = float(np.median(np.concatenate([r.depths for r in found.regions])))
         coarse = self.comparer(frame).coarse(frame.depth_m, middle)
-        tolerance = depth_tolerance(self._target, self._sigma_in(frame))
-        return view_hypotheses(frame, found, self._views, self._target, coarse, tolerance)
+        return view_hypotheses(frame, found, self._views, self._target, coarse)
+
+    def judged(self, frame: Frame, T_cam_model: FloatArray, sigma_m: float) -> Agreement:
+        """How the target at a pose (4, 4) that is roughly right explains a frame of such noise."""
+        tolerance = depth_tolerance(self._target, sigma_m)
+        return self.comparer(frame).score(frame.depth_m, T_cam_model, tolerance)
 
     def report(self, frame: Frame, inlier_ratio: float) -> SearchReport:
         """Of a search that found a pose, which explains so much, without looking at regions."""

@@ -32,6 +32,7 @@ _WINDOW_RADIUS_FRACTION = 0.55
 _MAX_WINDOWS = 6
 _MIN_RETURNS = 40
 _MAX_REGIONS = 16
+_FAR_QUANTILE = 0.98
 _MIN_ADDED = 1.1
 """A joined region has so many times the returns of its largest part."""
 
@@ -46,6 +47,8 @@ class Region:
     extent_m: float
     """Of its returns, as the diameter of a ball about them."""
     n_returns: int
+    sigma_m: float
+    """Noise along the rays, as the smooth surfaces of the frame show it about there."""
     is_whole: bool = False
     """Whether it is the frame itself: nothing else returned."""
     is_window: bool = False
@@ -69,9 +72,7 @@ class RegionSearch:
     """How many planes larger than the target's faces were taken out."""
 
 
-def candidate_regions(
-    frame: Frame, target: Target, sigma_m: float
-) -> RegionSearch:
+def candidate_regions(frame: Frame, target: Target, sigma_m: float) -> RegionSearch:
     """The parts of a frame that may be a target, by their size.
 
     Args:
@@ -86,7 +87,7 @@ def candidate_regions(
     diameter_m = target.diameter_m
     span = extent(_points(frame, seen))
     if span <= _WHOLE_FRACTION * diameter_m + 4.0 * sigma_m:
-        whole = Region(frame, span, n, is_whole=True)
+        whole = Region(frame, span, n, sigma_m, is_whole=True)
         return RegionSearch((whole,), span)
     smooth = smooth_frame(frame, sigma_m, diameter_m)
     on_plane, n_planes = extended_planes(smooth, target.flat_extent_m, diameter_m)
@@ -198,12 +199,14 @@ def _region(frame: Frame, smooth: SmoothFrame, mask: BoolArray, is_window: bool)
     """A part of a frame as a frame of its own."""
     mask = mask & (frame.depth_m > 0.0)
     points = smooth.points[mask]
-    far = float(points[:, 2].max())
+    # A few returns of what is behind may cling to its rim.
+    far = float(np.quantile(points[:, 2], _FAR_QUANTILE))
     beside = (frame.depth_m > 0.0) & (frame.depth_m < far) & ~mask
     unseen = beside if frame.unseen is None else beside | frame.unseen
     depth_m = np.where(mask, frame.depth_m, np.float32(0.0))
     alone = replace(frame, depth_m=depth_m, unseen=unseen)
-    return Region(alone, extent(points), len(points), is_window=is_window)
+    sigma_m = float(np.median(smooth.sigma_m[mask]))
+    return Region(alone, extent(points), len(points), sigma_m, is_window=is_window)
 
 
 def _plausibility(region: Region, diameter_m: float, frame: Frame) -> float:

@@ -9,6 +9,7 @@ measures, so the measurement does not lean on the prediction.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import reduce
 
@@ -168,6 +169,15 @@ class RenderComparer:
         self._noise = noise
         for comparer in self._coarser.values():
             comparer.noise = noise
+
+    def with_noise(self, noise: SensorNoise | float) -> "RenderComparer":
+        """The same for frames of other noise."""
+        other = copy(self)
+        other._noise = SensorNoise.of(noise)
+        other._coarser = {
+            stride: comparer.with_noise(noise) for stride, comparer in self._coarser.items()
+        }
+        return other
 
     @property
     def lever_m(self) -> float:

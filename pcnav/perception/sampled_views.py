@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import pixel_rays, project
 from pcnav.core.spatial import exp_rotation
 from pcnav.perception.regions import Region
@@ -59,9 +59,9 @@ class _Templates:
 
     R_view_model: FloatArray
     """(n, 3, 3) z along the line of sight."""
-    covered: FloatArray
+    covered: DepthImage
     """(n, c) 1 where the view shows a surface."""
-    depth: FloatArray
+    depth: DepthImage
     """(n, c) of it along the line of sight, m; 0 where there is none."""
     centre: FloatArray
     """(n, 3) view axes: what the grid and its depth are centred on, model origin at zero."""
@@ -256,7 +256,9 @@ class PartLayout:
 
     def _seen_through(self, R: FloatArray, centre: FloatArray) -> BoolArray:
         """(t, c) where the frame sees past the part's own depth: space, or something behind it."""
-        xy = np.einsum("tji,tcj->tci", R[:, :2, :2], _grid(self._views.diameter_m) + centre[:, None])
+        xy = np.einsum(
+            "tji,tcj->tci", R[:, :2, :2], _grid(self._views.diameter_m) + centre[:, None]
+        )
         points = xy @ self._R_ray_cam[:2] + self._mean
         camera = self._whole.camera
         pixel = np.rint(project(camera, points)).astype(np.intp)
@@ -274,11 +276,11 @@ class _Layout:
 
     R_turned_ray: FloatArray
     """(t, 3, 3)"""
-    covered: FloatArray
+    covered: DepthImage
     """(t, c)"""
-    depth: FloatArray
+    depth: DepthImage
     """(t, c) mean in each cell; 0 where not covered."""
-    free: FloatArray
+    free: DepthImage
     """(t, c) 1 where the frame sees past the part."""
     centre: FloatArray
     """(t, 2) of the grid, turned ray axes, m."""

@@ -77,13 +77,13 @@ def _nearest(
     """(k, n) what is missing along the normal from points (k, n, 3) to the surface, the normals
     (k, n, 3) and weights (k, n): 0 beyond reach and where the surface faces away."""
     apart, index = surface.tree.query(q.reshape(-1, 3), distance_upper_bound=reach_m)
-    index = index.reshape(q.shape[:2])
+    apart, index = np.reshape(apart, q.shape[:2]), np.reshape(index, q.shape[:2])
     lost = index == len(surface.points)
     index = np.where(lost, 0, index)
     normal, foot = surface.normals[index], surface.points[index]
     distance = np.einsum("kni,kni->kn", foot - q, normal)
     p_model_cam = -np.einsum("kji,kj->ki", R, p)
     away = np.einsum("kni,kni->kn", p_model_cam[:, None] - foot, normal) <= 0.0
-    share = np.where(lost, 1.0, np.minimum(apart.reshape(q.shape[:2]) / reach_m, 1.0))
+    share = np.where(lost, 1.0, np.minimum(apart / reach_m, 1.0))
     weight = (1.0 - share**2) ** 2 * ~(lost | away)
     return np.where(lost, 0.0, distance), normal, weight

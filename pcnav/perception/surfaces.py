@@ -7,6 +7,7 @@ follows from it and from its neighbours' planes.
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -72,7 +73,7 @@ class SmoothFrame:
         """
         a, b = self._linked
         linked = mask.ravel()[a] & mask.ravel()[b]
-        ones = np.ones(int(np.count_nonzero(linked)), dtype=np.bool_)
+        ones = np.ones(int(np.count_nonzero(linked)))
         graph = coo_matrix((ones, (a[linked], b[linked])), shape=(mask.size, mask.size))
         _, label = connected_components(graph, directed=False)
         return np.where(mask, label.reshape(mask.shape), -1)
@@ -122,9 +123,7 @@ def smooth_frame(frame: Frame, sigma_m: float, diameter_m: float) -> SmoothFrame
     sigma = _noise(filled, rms, sigma_m / 3.0)
     points = rays * filled[..., None]
     concave = _concave(m, points, rms, sigma, diameter_m)
-    return SmoothFrame(
-        filled, trusted, points, footprint, sigma, m, rms, concave, diameter_m
-    )
+    return SmoothFrame(filled, trusted, points, footprint, sigma, m, rms, concave, diameter_m)
 
 
 def _company(depth: FloatArray, slope: FloatArray, noise_m: float) -> FloatArray:
@@ -202,7 +201,7 @@ def _noise(depth: FloatArray, rms: FloatArray, least_m: float) -> FloatArray:
     centres = 0.5 * (edges[1:] + edges[:-1])
     typical = [
         float(np.quantile(r[(z >= low) & (z <= high)], 0.35))
-        for low, high in zip(edges[:-1], edges[1:], strict=True)
+        for low, high in pairwise(edges.tolist())
     ]
     at = np.interp(depth, centres, np.array(typical) * 1.2)
     return np.maximum(at, least_m)
@@ -272,14 +271,14 @@ def extended_planes(
     return taken, count
 
 
-def _seeds(flat: BoolArray) -> FloatArray:
+def _seeds(flat: BoolArray) -> IntArray:
     grid = np.zeros_like(flat)
     grid[::_SEED_PX, ::_SEED_PX] = True
     seeds = np.argwhere(flat & grid)
     return seeds[:: -(-len(seeds) // _MAX_SEEDS)] if len(seeds) else seeds
 
 
-def _refitted(smooth: SmoothFrame, pixels: FloatArray, m: FloatArray) -> FloatArray:
+def _refitted(smooth: SmoothFrame, pixels: IntArray, m: FloatArray) -> FloatArray:
     """(3,) the plane of many pixels, weighted for equal noise of depth."""
     v, u = pixels.T
     if len(v) < 3:
@@ -305,8 +304,10 @@ def _on(smooth: SmoothFrame, m: FloatArray, tolerance: FloatArray) -> BoolArray:
     beside = near & (along | ~flat)
     core = near & along & flat
     if not core.any():
-        return core
-    grown = ndimage.binary_dilation(core, np.ones((3, 3)), _HALF_PX + 1, mask=beside)
+        return np.asarray(core)
+    grown = ndimage.binary_dilation(
+        core, np.ones((3, 3), dtype=np.bool_), _HALF_PX + 1, mask=beside
+    )
     return np.asarray(grown)
 
 

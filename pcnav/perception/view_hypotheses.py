@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcnav.perception.pose_hypotheses import PoseHypothesis
+from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance
 from pcnav.perception.regions import Region, RegionSearch
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.perception.sampled_views import PartLayout, SampledViews, ViewMatch
@@ -75,17 +75,18 @@ def view_hypotheses(
     views: SampledViews,
     target: Target,
     comparer: RenderComparer,
-    tolerance_m: float,
 ) -> tuple[tuple[PoseHypothesis, ...], SearchReport]:
     """Hypotheses from the regions of a frame, the one that explains most first, and a report.
 
-    ``comparer`` scores; depths closer than the tolerance agree.
+    ``comparer`` scores, each region by the noise that it shows.
     """
     hypotheses = []
     best = [float("nan")] * len(search.regions)
     for region, match in _worth_rendering(_matches(frame, search.regions, views, target)):
-        agreement = comparer.score(frame.depth_m, match.T_cam_model, tolerance_m)
-        hypotheses.append(PoseHypothesis(match.T_cam_model, agreement, _PROPOSED_BY))
+        part = search.regions[region]
+        tolerance = depth_tolerance(target, part.sigma_m)
+        agreement = comparer.score(frame.depth_m, match.T_cam_model, tolerance)
+        hypotheses.append(PoseHypothesis(match.T_cam_model, agreement, _PROPOSED_BY, part))
         best[region] = float(np.fmax(best[region], agreement.inlier_ratio))
     hypotheses.sort(key=lambda hypothesis: -np.nan_to_num(hypothesis.agreement.inlier_ratio))
     return tuple(hypotheses), report_of(search, best, target.diameter_m)

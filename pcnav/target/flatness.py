@@ -2,16 +2,17 @@
 
 import numpy as np
 import trimesh
+from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pcnav.core.arrays import FloatArray
 from pcnav.target.mesh import mesh_diameter
 
-_SAMPLES = 3_000
-_PLANES = 150
+_SAMPLES = 2_000
+_PLANES = 100
 _COSINE = float(np.cos(np.radians(20.0)))
-_APART_FRACTION = 0.08
+_APART_FRACTION = 0.1
 """Parts of one plane further apart than this share of the diameter are two."""
 
 
@@ -27,22 +28,28 @@ def flat_extent(mesh: trimesh.Trimesh, tolerance_fraction: float = 0.02) -> floa
     points = np.vstack([samples, np.asarray(mesh.triangles)[faces[::4]].reshape(-1, 3)])
     owner = np.concatenate([faces, np.repeat(faces[::4], 3)])
     normals = np.asarray(mesh.face_normals)[owner]
-    largest = 0.0
+    planes = []
     for k in range(0, _SAMPLES, _SAMPLES // _PLANES):
         near = np.abs((points - points[k]) @ normals[k]) < tolerance_fraction * diameter
         near &= np.abs(normals @ normals[k]) > _COSINE
-        part = _about(points[near], points[k], _APART_FRACTION * diameter)
-        low, high = part.min(axis=0), part.max(axis=0)
-        if np.linalg.norm(high - low) > largest:
-            far = part[np.argmax(np.linalg.norm(part - part.mean(axis=0), axis=1))]
-            largest = max(largest, float(np.linalg.norm(part - far, axis=1).max()))
+        on_plane = points[near]
+        bound = float(np.linalg.norm(np.ptp(on_plane, axis=0)))
+        planes.append((bound, k, on_plane))
+    largest = 0.0
+    for bound, k, on_plane in sorted(planes, key=lambda plane: -plane[0]):
+        if bound <= largest:
+            break
+        part = _about(on_plane, points[k], _APART_FRACTION * diameter)
+        far = part[np.argmax(np.linalg.norm(part - part.mean(axis=0), axis=1))]
+        largest = max(largest, float(np.linalg.norm(part - far, axis=1).max()))
     return largest
 
 
 def _about(points: FloatArray, centre: FloatArray, apart_m: float) -> FloatArray:
     """The points (n, 3) that a chain of short steps connects with a centre (3,)."""
     tree = cKDTree(points)
-    pairs = tree.sparse_distance_matrix(tree, apart_m, output_type="coo_matrix")
-    _, label = connected_components(pairs, directed=False)
+    pairs = tree.query_pairs(apart_m, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    _, label = connected_components(graph, directed=False)
     _, nearest = tree.query(centre)
     return np.asarray(points[label == label[nearest]])

@@ -41,6 +41,9 @@ _MIN_INLIER_RATIO = 0.5
 _SETTLED_INLIER_RATIO = 0.9
 """Of the best pose that rectangles lead to, for nothing else to be tried."""
 _MAX_VIEW_HYPOTHESES = 6
+_ALIGNED_DOUBT = 0.3
+"""How far a pose that was aligned with the returns may be off, in terms of those that rectangles
+propose."""
 _PASSES = 4
 """Most times the predicted view is rendered anew."""
 _POSITION_SD_FRACTION = 1.0
@@ -89,27 +92,33 @@ def search(
     Rectangles propose first. Where they do not settle the frame, sampled views of the target
     propose as well, in every part of the frame that is of its size.
     """
-    proposed = reader.hypotheses(perceived)[:_MAX_HYPOTHESES]
-    found = best_first(refitted(_likely(proposed, reader, near), perceived, reader))
+    frame = perceived.frame
+    proposed = _likely(reader.hypotheses(perceived)[:_MAX_HYPOTHESES])
+    poses = [reader.nearest_equivalent(hypothesis.T_cam_model, near) for hypothesis in proposed]
+    found = best_first(refitted(poses, perceived, reader))
     settled = bool(found) and found[0].inlier_ratio >= _SETTLED_INLIER_RATIO
     if settled or reader.measured_by is Measurements.RECTANGLES:
-        return found, reader.report(perceived.frame, found[0].inlier_ratio if found else np.nan)
-    seen, report = reader.view_hypotheses(perceived.frame)
-    likely = _likely(seen[:_MAX_VIEW_HYPOTHESES], reader, near)
-    new = [
-        T
-        for T in likely
-        if not any(reader.moved_px(T, pose.T_cam_model, perceived.frame) < _SAME_PX for pose in found)
-    ]
-    return best_first([*found, *compared_poses(new, perceived.frame, reader)]), report
+        return found, reader.report(frame, found[0].inlier_ratio if found else np.nan)
+    seen, report = reader.view_hypotheses(frame)
+    fitted = list(found)
+    for hypothesis in _likely(seen[:_MAX_VIEW_HYPOTHESES]):
+        T_cam_model = reader.nearest_equivalent(hypothesis.T_cam_model, near)
+        region = hypothesis.region
+        assert region is not None, "sampled views are compared with regions"
+        for pose in compared_poses(
+            [T_cam_model], region.frame, reader, _ALIGNED_DOUBT, region.sigma_m
+        ):
+            moved = [reader.moved_px(pose.T_cam_model, f.T_cam_model, frame) for f in fitted]
+            if min(moved, default=np.inf) > _SAME_PX:
+                judged = reader.judged(frame, pose.T_cam_model, region.sigma_m)
+                fitted.append(replace(pose, agreement=judged))
+    return best_first(fitted), report
 
 
-def _likely(
-    hypotheses: Sequence[PoseHypothesis], reader: FrameReader, near: Sequence[FloatArray]
-) -> list[FloatArray]:
-    """The poses (4, 4) of hypotheses, best first, that do not explain much less than the best."""
+def _likely(hypotheses: Sequence[PoseHypothesis]) -> list[PoseHypothesis]:
+    """Those of hypotheses, best first, that do not explain much less than the best."""
     return [
-        reader.nearest_equivalent(hypothesis.T_cam_model, near)
+        hypothesis
         for hypothesis in hypotheses
         if hypothesis.agreement.inlier_ratio > hypotheses[0].agreement.inlier_ratio - _MAX_LAG
     ]
@@ -131,16 +140,23 @@ def refitted(
 
 
 def compared_poses(
-    hypotheses: Sequence[FloatArray], frame: Frame, reader: FrameReader, doubt: float = 1.0
+    hypotheses: Sequence[FloatArray],
+    frame: Frame,
+    reader: FrameReader,
+    doubt: float = 1.0,
+    sigma_m: float | None = None,
 ) -> list[SingleFramePose]:
     """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
 
     Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
-    off, in terms of those that rectangles propose.
+    off, in terms of those that rectangles propose; ``sigma_m`` the noise, where the reader knows it
+    less well.
     """
     if not hypotheses:
         return []
     comparer = reader.comparer(frame)
+    if sigma_m is not None:
+        comparer = comparer.with_noise(sigma_m)
     rough = comparer.coarse(frame.depth_m, hypotheses[0])
     sd = doubt * np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
     coarse: list[SingleFramePose] = []

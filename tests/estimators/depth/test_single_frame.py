@@ -9,9 +9,9 @@ import pytest
 from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import PinholeCamera
+from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
-from pcnav.estimators.depth.single_frame import fuse_faces, single_frame_pose
+from pcnav.estimators.depth.single_frame import fuse_faces, search, single_frame_pose
 from pcnav.perception.association import MeasuredFace, measure_by_prediction
 from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.perception.predicted_view import ViewPredictor
@@ -105,3 +105,46 @@ def test_an_empty_frame_has_no_pose(target: Target, measurements: Measurements) 
     settings = PerceptionTable(measurements=measurements)
     frame = Frame(0, 0.0, np.zeros((256, 256), dtype=np.float32), CAMERA, np.eye(4))
     assert single_frame_pose(frame, FrameReader(target, settings, SIGMA_M, 1)) is None
+
+
+def among_things(target: Target, T_cam_model: FloatArray, seed: int) -> Frame:
+    """The satellite before a wall, something like an arm across it, with noise."""
+    rng = np.random.default_rng(seed)
+    clean = DepthRenderer(target.mesh, CAMERA).render(T_cam_model)
+    depth_m = add_sensor_faults(clean, NoiseTable(range_sigma_m=SIGMA_M), 1, 0)
+    rays = pixel_rays(CAMERA)
+    wall = 34.0 + 10.0 * rays[..., 0] + rng.normal(0.0, SIGMA_M, depth_m.shape)
+    depth_m = np.where(depth_m > 0.0, depth_m, wall).astype(np.float32)
+    along = rays[..., 0] + 0.3 * rays[..., 1] - 0.02
+    arm = np.abs(along) < 0.012
+    depth_m[arm] = (18.0 + rng.normal(0.0, SIGMA_M, depth_m.shape))[arm]
+    return Frame(0, 0.0, depth_m, CAMERA, np.eye(4))
+
+
+def test_the_pose_among_other_things(target: Target) -> None:
+    reader = FrameReader(target, PerceptionTable(), SIGMA_M, 1)
+    frame = among_things(target, POSE, 3)
+    found, report = search(reader.look(frame), reader)
+    shift_mm, turn_deg = errors(found[0].T_cam_model)
+    assert shift_mm < 60.0
+    assert turn_deg < 1.0
+    assert report.span_m > 1.5 * target.diameter_m
+    assert report.best_inlier_ratio > 0.8
+    assert 1 <= len(report.tried) <= 16
+    shares = [region.inlier_ratio for region in report.tried if not np.isnan(region.inlier_ratio)]
+    assert shares == sorted(shares, reverse=True)
+
+
+def test_the_target_alone_is_found_by_rectangles_alone(
+    target: Target, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reader = FrameReader(target, PerceptionTable(), SIGMA_M, 1)
+
+    def never(_: Frame) -> None:
+        raise AssertionError("rectangles settle this frame")
+
+    monkeypatch.setattr(reader, "view_hypotheses", never)
+    found, report = search(seen(target, PerceptionTable(), SIGMA_M), reader)
+    assert errors(found[0].T_cam_model)[0] < 3.0
+    assert len(report.tried) == 1
+    assert report.best_inlier_ratio == found[0].inlier_ratio
