@@ -30,6 +30,7 @@ _STEP_FRACTION = 0.02
 _HALF_PX = 3
 """Half the side of the square that a plane is fitted in."""
 _PLANE_SIGMA = 3.5
+_FLAT_SIGMA = 1.5
 _PLANE_FRACTION = 0.02
 """Real tables and walls, and their depth images, are flat to this share of the diameter."""
 _SEED_PX = 4
@@ -242,7 +243,11 @@ def extended_planes(
     """
     taken = np.zeros(smooth.trusted.shape, dtype=np.bool_)
     tolerance = np.maximum(_PLANE_SIGMA * smooth.sigma_m, _PLANE_FRACTION * diameter_m)
-    flat = smooth.trusted & np.isfinite(smooth.m[..., 0]) & (smooth.rms_m < 1.5 * smooth.sigma_m)
+    flat = (
+        smooth.trusted
+        & np.isfinite(smooth.m[..., 0])
+        & (smooth.rms_m < _FLAT_SIGMA * smooth.sigma_m)
+    )
     seeds = _seeds(flat)
     if len(seeds) == 0:
         return taken, 0
@@ -263,8 +268,11 @@ def extended_planes(
         plane = _refitted(smooth, seeds[off[best] & left], m[best])
         labels = smooth.components(_on(smooth, plane, tolerance) & ~taken)
         large = _large_parts(smooth, labels, _LARGER * flat_extent_m)
-        taken |= large
-        count += bool(large.any())
+        if large.any():
+            # Slivers of it that are seen between other things are its own, too.
+            plane = _refitted(smooth, np.argwhere(large)[:: 1 + large.sum() // 2_000], plane)
+            taken |= large | _beside(smooth, plane, tolerance)
+            count += 1
         # What lies on the same plane elsewhere may still be on a large one of its own.
         left &= ~(taken[v, u] | (off[best] & (labels[v, u] == labels[v[best], u[best]])))
         left[best] = False
@@ -295,20 +303,22 @@ def _on(smooth: SmoothFrame, m: FloatArray, tolerance: FloatArray) -> BoolArray:
 
     A strip of another surface lies near the plane wherever the two cross.
     """
+    beside = _beside(smooth, m, tolerance)
+    core = beside & (smooth.rms_m < _FLAT_SIGMA * smooth.sigma_m)
+    if not core.any():
+        return core
+    square = np.ones((3, 3), dtype=np.bool_)
+    return np.asarray(ndimage.binary_dilation(core, square, _HALF_PX + 1, mask=beside))
+
+
+def _beside(smooth: SmoothFrame, m: FloatArray, tolerance: FloatArray) -> BoolArray:
+    """(height, width) pixels near a plane, but those that are flat and turned against it."""
     away = np.abs(smooth.points @ m - 1.0) / np.linalg.norm(m)
     near = (smooth.depth_m > 0.0) & (away < tolerance)
-    flat = smooth.rms_m < 1.5 * smooth.sigma_m
     with np.errstate(invalid="ignore"):
         cosine = np.abs(smooth.m @ m) / (np.linalg.norm(smooth.m, axis=-1) * np.linalg.norm(m))
         along = cosine > np.cos(2.0 * _CONCAVE_RAD)
-    beside = near & (along | ~flat)
-    core = near & along & flat
-    if not core.any():
-        return np.asarray(core)
-    grown = ndimage.binary_dilation(
-        core, np.ones((3, 3), dtype=np.bool_), _HALF_PX + 1, mask=beside
-    )
-    return np.asarray(grown)
+    return np.asarray(near & (along | ~(smooth.rms_m < _FLAT_SIGMA * smooth.sigma_m)))
 
 
 def _large_parts(smooth: SmoothFrame, labels: IntArray, extent_m: float) -> BoolArray:

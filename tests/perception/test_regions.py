@@ -10,7 +10,7 @@ import trimesh
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.spatial import make_transform
-from pcnav.perception.regions import RegionSearch, candidate_regions
+from pcnav.perception.regions import Region, RegionSearch, candidate_regions
 from pcnav.recordings.sequence import Frame
 from pcnav.target.flatness import flat_extent
 from pcnav.target.rendering import RenderedDepth
@@ -36,10 +36,15 @@ def table_below(camera: PinholeCamera, height_m: float, far_m: float) -> FloatAr
     return np.where(depth < far_m, depth, np.inf)
 
 
+def iou(region: Region, shown: BoolArray) -> float:
+    """Intersection over union of a region with pixels (height, width)."""
+    mask = region.frame.depth_m > 0.0
+    return float((mask & shown).sum() / (mask | shown).sum())
+
+
 def overlap(search: RegionSearch, shown: BoolArray) -> float:
-    """The largest intersection over union of a region with pixels (height, width)."""
-    masks = [region.frame.depth_m > 0.0 for region in search.regions]
-    return max((float((m & shown).sum() / (m | shown).sum()) for m in masks), default=0.0)
+    """The largest of any region."""
+    return max((iou(region, shown) for region in search.regions), default=0.0)
 
 
 def test_a_frame_of_the_target_alone_is_one_region_itself(
@@ -68,9 +73,7 @@ def test_the_target_before_a_wall_is_a_region(
         assert not any(region.is_whole for region in search.regions)
         assert search.n_planes >= 1
         # What is behind is space to the region, not something that hides.
-        own = max(
-            search.regions, key=lambda r: np.count_nonzero(r.frame.depth_m[clean.depth_m > 0])
-        )
+        own = max(search.regions, key=lambda region: iou(region, clean.depth_m > 0.0))
         assert own.frame.unseen is not None
         assert np.mean(own.frame.unseen) < 0.02
 
