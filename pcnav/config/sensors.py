@@ -60,6 +60,21 @@ class CameraTable(Table):
         return R_cam_hill(np.array(self.boresight_hill))
 
 
+class Footprint(StrEnum):
+    """What of a pixel's area must be covered by surfaces for it to return."""
+
+    CENTRE_RAY = "centre_ray"
+    """Its centre: one ray, the pixel has no area."""
+    ANY = "any"
+    QUARTER = "quarter"
+    HALF = "half"
+
+    @property
+    def threshold(self) -> float:
+        """Smallest covered share."""
+        return {Footprint.QUARTER: 0.25, Footprint.HALF: 0.5}.get(self, 0.0)
+
+
 class NoiseTable(Table):
     """[noise]: the faults of the simulated depth sensor.
 
@@ -114,6 +129,12 @@ class NoiseTable(Table):
     multipath_fraction: Fraction = 0.0
     """Share of the light on a point that others of the target's surfaces throw on it, where they
     fill all it sees: lengthens ranges in concave corners."""
+    footprint: Footprint = Footprint.CENTRE_RAY
+    """How much of a pixel must be covered; its range is the mean over the nearest surface."""
+    footprint_rays: Annotated[int, Field(ge=2, le=16)] = 5
+    """Along each side of a pixel that has an edge in it."""
+    footprint_mixes: bool = False
+    """Whether the range is the mean over all surfaces in the pixel."""
     stamp_jitter_s: NonNegative = 0.0
     """Standard deviation of the recorded time from the true one; cut off where frames would change
     their order."""

@@ -19,6 +19,7 @@ from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.writer import write_sequence
+from pcnav.simulation.footprint import FootprintSampler
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.simulation import OnFrame, Simulation, counted
@@ -102,12 +103,13 @@ class Scene:
         pipeline, camera = self.pipeline, self.pipeline.camera.pinhole
         poses, noise = self.truth.poses, pipeline.noise
         renderer = SceneRenderer(self.mesh, poses, self.parts, camera)
+        footprint = FootprintSampler(renderer, noise)
         errors = SystematicErrors.of(pipeline, self.mesh, poses, self.parts)
         for k, time_s in enumerate(self.truth.time_s.tolist()):
             if k in blind:
                 depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
             else:
-                view = renderer.render(k)
+                view = footprint.sampled(renderer.render(k), renderer.poses(k))
                 systematic = errors.of_frame(view, k, time_s)
                 depth_m = add_sensor_faults(view, noise, pipeline.seed, k, systematic)
             T_cam_world, unseen = self.motion.T_cam_world[k], pixels_without_ray(camera)

@@ -68,6 +68,18 @@ class DepthRenderer:
             triangle[window][cast] = faces
         return RenderedDepth(camera, depth_m, triangle, window, planes)
 
+    def cast(self, rays_cam: FloatArray, T_cam_model: FloatArray) -> tuple[FloatArray, IntArray]:
+        """z-depth (n,), m, and face (n,) that rays (n, 3), z = 1, meet first; 0 and -1 for none."""
+        vertices_z = transform_points(T_cam_model, self._vertices)[:, 2]
+        depth = np.zeros(len(rays_cam))
+        if vertices_z.max() <= 0.0 or not len(rays_cam):
+            return depth, np.full(len(rays_cam), -1, dtype=np.intp)
+        planes = self._inverse_depth_planes(T_cam_model)
+        faces = self._first_faces(rays_cam, T_cam_model, float(vertices_z.min()))
+        hit = faces >= 0
+        depth[hit] = self._depths(rays_cam[hit], faces[hit], planes, vertices_z)
+        return depth, faces
+
     def _pixels(self, vertices_cam: FloatArray) -> tuple[Window, BoolArray]:
         """The window of the mesh, and which of its pixels (height, width) may see the mesh."""
         if self._camera.distortion is not None:

@@ -44,16 +44,21 @@ class SceneRenderer:
         parts: Sequence[Part],
         camera: PinholeCamera,
     ) -> None:
-        bodies = [(mesh, T_cam_model), *((part.mesh, part.T_cam_part) for part in parts)]
-        self._renderers = [DepthRenderer(each, camera) for each, _ in bodies]
-        self._poses = [poses for _, poses in bodies]
+        self.meshes = (mesh, *(part.mesh for part in parts))
+        """The target's first."""
+        self.renderers = tuple(DepthRenderer(each, camera) for each in self.meshes)
+        """Of the meshes."""
+        self._poses = (T_cam_model, *(part.T_cam_part for part in parts))
+
+    def poses(self, k: int) -> list[FloatArray]:
+        """(4, 4) of the meshes in frame k; nan of those that are not there."""
+        return [poses[k] for poses in self._poses]
 
     def render(self, k: int) -> SceneView:
-        """The clean image of frame k."""
-        poses = [poses[k] for poses in self._poses]
+        """The clean image of frame k, of the rays through the pixels' centres."""
         rendered = [
             (number, renderer.render(T))
-            for number, (renderer, T) in enumerate(zip(self._renderers, poses, strict=True))
+            for number, (renderer, T) in enumerate(zip(self.renderers, self.poses(k), strict=True))
             if np.isfinite(T).all()
         ]
         view = SceneView.of_target(rendered[0][1])
