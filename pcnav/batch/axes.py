@@ -3,14 +3,19 @@
 Beside the axes listed here, any key of the pipeline file is one, by its path: ``features.count``.
 """
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pcnav.batch.monte_carlo import Case, Run
+from pcnav.config.motion import MotionKind
 from pcnav.config.pipeline_file import Pipeline
+from pcnav.config.sensors import Footprint
+from pcnav.config.surroundings import BackgroundKind, OccluderKind
 from pcnav.config.table import Fraction, NonNegative, Pixels, Positive
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.files.toml_file import checked
@@ -28,6 +33,9 @@ SATELLITE_AXIS = "satellite"
 RANGE_AXIS = "range_m"
 TUMBLE_AXIS = "tumble_deg_s"
 RESOLUTION_AXIS = "resolution_px"
+FRAME_OFFSET_AXIS = "frame_offset_sigma"
+GROWTH_AXIS = "range_noise_growth"
+DISTORTION_AXIS = "distortion_k1"
 ESTIMATOR_AXIS = "estimator"
 """The one axis that changes no frame."""
 _DIGITS = 12
@@ -78,6 +86,25 @@ def _known_estimator(name: str) -> str:
     return name
 
 
+class NoiseGrowth(StrEnum):
+    """With which power of the range the noise grows; at the case's distance it is the same."""
+
+    CONSTANT = "constant"
+    LINEAR = "linear"
+    QUADRATIC = "quadratic"
+
+
+def _one_of(words: type[StrEnum]) -> Any:
+    """The type of an axis of words."""
+
+    def known(word: str) -> str:
+        if word not in set(words):
+            raise ValueError(f"expected some of {', '.join(words)}")
+        return word
+
+    return Annotated[str, AfterValidator(known)]
+
+
 # A case's name is words between spaces.
 _Word = Annotated[str, Field(pattern=r"^\S+$")]
 _ALL = (
@@ -93,6 +120,17 @@ _ALL = (
     Axis("dropout_share", "lost returns", "1", Fraction, "noise.dropout_fraction"),
     Axis("outlier_share", "outliers", "1", Fraction, "noise.outlier_fraction"),
     Axis("mixed_pixel_share", "mixed pixels", "1", Fraction, "noise.mixed_pixel_fraction"),
+    Axis("false_return_share", "false returns", "1", Fraction, "noise.false_return_fraction"),
+    Axis(FRAME_OFFSET_AXIS, "offset of a frame over range noise", "1", NonNegative),
+    Axis(GROWTH_AXIS, "growth of the range noise", "", _one_of(NoiseGrowth)),
+    Axis("footprint", "footprint", "", _one_of(Footprint), "noise.footprint"),
+    Axis("stamp_jitter_s", "jitter of the stamps", "s", NonNegative, "noise.stamp_jitter_s"),
+    Axis(DISTORTION_AXIS, "distortion k1", "1", float),
+    Axis("background", "background", "", _one_of(BackgroundKind), "background.kind"),
+    Axis("occluder", "occluder", "", _one_of(OccluderKind), "occluder.kind"),
+    Axis("occluded_share", "occluded share", "1", Fraction, "occluder.share_fraction"),
+    Axis("motion", "motion", "", _one_of(MotionKind), "motion.kind"),
+    Axis("first_pose", "first pose", "", bool, "scenario.states_first_pose"),
     Axis(
         *(ESTIMATOR_AXIS, "estimator", "", Annotated[str, AfterValidator(_known_estimator)]),
         only_depth=False,
@@ -146,12 +184,47 @@ def with_axes(pipeline: Pipeline, case: GridCase, source: str) -> Pipeline:
         if key is not None:
             table, _, field = key.partition(".")
             found[table][field] = value
-        elif name == RESOLUTION_AXIS:
-            # The field of view and the shape of the image stay.
-            camera, width = found["camera"], int(value)
-            height = max(1, round(width * camera["height_px"] / camera["width_px"]))
-            camera |= {"width_px": width, "height_px": height}
+    axes = dict(case.settings)
+    for name, act in _ACTS.items():
+        if name in axes:
+            act(found, axes)
     return checked(source, Pipeline, found)
+
+
+def _set_resolution(found: dict[str, Any], axes: Mapping[str, AxisValue]) -> None:
+    """The field of view and the shape of the image stay."""
+    camera, width = found["camera"], int(axes[RESOLUTION_AXIS])
+    height = max(1, round(width * camera["height_px"] / camera["width_px"]))
+    camera |= {"width_px": width, "height_px": height}
+
+
+def _set_frame_offset(found: dict[str, Any], axes: Mapping[str, AxisValue]) -> None:
+    noise = found["noise"]
+    noise["frame_offset_sd_m"] = float(axes[FRAME_OFFSET_AXIS]) * noise["range_sigma_m"]
+
+
+def _set_growth(found: dict[str, Any], axes: Mapping[str, AxisValue]) -> None:
+    noise, sigma_m = found["noise"], found["noise"]["range_sigma_m"]
+    distance_m = float(axes.get(RANGE_AXIS, math.hypot(*found["orbit"]["r_hill_m"])))
+    match NoiseGrowth(str(axes[GROWTH_AXIS])):
+        case NoiseGrowth.LINEAR:
+            noise |= {"range_sigma_m": 0.0, "range_sigma_per_m": sigma_m / distance_m}
+        case NoiseGrowth.QUADRATIC:
+            noise |= {"range_sigma_m": 0.0, "range_sigma_per_m2": sigma_m / distance_m**2}
+
+
+def _set_distortion(found: dict[str, Any], axes: Mapping[str, AxisValue]) -> None:
+    k1 = float(axes[DISTORTION_AXIS])
+    found["camera"] |= {"distortion_model": "opencv", "distortion": (k1, 0.0, 0.0, 0.0)}
+
+
+# What follows from the noise that other axes set comes in this order.
+_ACTS: Mapping[str, Callable[[dict[str, Any], Mapping[str, AxisValue]], None]] = {
+    RESOLUTION_AXIS: _set_resolution,
+    FRAME_OFFSET_AXIS: _set_frame_offset,
+    GROWTH_AXIS: _set_growth,
+    DISTORTION_AXIS: _set_distortion,
+}
 
 
 def axis_label(name: str) -> str:

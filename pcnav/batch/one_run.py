@@ -16,6 +16,7 @@ from pcnav.batch.grid import GridBasis
 from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
 from pcnav.batch.run_metrics import BOUNDED, Followed, run_metrics
+from pcnav.config.motion import MotionKind
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.table import Vector3
 from pcnav.core.arrays import FloatArray
@@ -60,8 +61,11 @@ class OneRun:
         entry = ESTIMATORS[name]
         estimator = entry.make(given_to(entry, recording, pipeline, target))
         bound = None
-        # Who is given a true pose knows more than the bound, which knows the frames alone.
-        if isinstance(recording, Scene) and target and entry.first_pose is not FirstPose.EXACT:
+        # Who is given a true pose knows more than the bound, which knows the frames of a free
+        # motion alone.
+        told = entry.first_pose is FirstPose.EXACT or pipeline.scenario.states_first_pose
+        free = pipeline.motion.kind is MotionKind.FREE
+        if isinstance(recording, Scene) and target and free and not told:
             bound = LeastErrors(recording, target)
         with _without_track_messages():
             followed = follow(recording, name, estimator, bound)

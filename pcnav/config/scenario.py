@@ -51,6 +51,12 @@ class ScenarioTable(Table):
     frame_rate_hz: Positive = 2.0
     recording: RecordingKind | None = None
     """What is simulated; None takes what the estimator of the pipeline lives on."""
+    states_first_pose: bool = False
+    """Whether simulated depth frames come with the pose of the first, off by a draw."""
+    first_pose_position_sd_m: Positive | None = None
+    """Deviation of each component of its position; None takes 2 % of the distance."""
+    first_pose_attitude_sd_deg: Positive = 5.0
+    """Deviation of its attitude about each axis."""
 
 
 class OrbitTable(Table):

@@ -11,13 +11,15 @@ import trimesh
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.sensors import NoiseTable
+from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import pixels_without_ray
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import nearest_orthogonal
+from pcnav.core.spatial import exp_rotation, make_transform, nearest_orthogonal
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
+from pcnav.recordings.first_pose import POSITION_SD_SHARE
 from pcnav.recordings.recording import RecordingKind
-from pcnav.recordings.sequence import Frame, SequenceInfo
+from pcnav.recordings.sequence import FirstPosePrior, Frame, SequenceInfo
 from pcnav.recordings.writer import write_sequence
 from pcnav.simulation.footprint import FootprintSampler
 from pcnav.simulation.motion import TrueMotion, true_motion
@@ -30,6 +32,8 @@ from pcnav.simulation.surroundings.view import SceneRenderer
 from pcnav.simulation.systematic import SystematicErrors
 from pcnav.target.satellite import Target, load_target
 
+_FIRST_POSE_STREAM = 5
+"""Beside the seed: whether a first pose is stated changes no frame."""
 _LOG = logging.getLogger("pcnav")
 
 
@@ -83,9 +87,12 @@ class Scene:
         """What a recording of the scene states."""
         pipeline = self.pipeline
         distance_m = float(np.linalg.norm(pipeline.orbit.r_hill_m))
-        sigma_m = stated_range_sigma(pipeline.noise, distance_m)
         return SequenceInfo(
-            self.name, pipeline.orbit.mean_motion_rad_s, sigma_m, target_mesh=self.mesh_path
+            self.name,
+            pipeline.orbit.mean_motion_rad_s,
+            stated_range_sigma(pipeline.noise, distance_m),
+            target_mesh=self.mesh_path,
+            first_pose=stated_first_pose(pipeline, self.truth.poses[0]),
         )
 
     def __len__(self) -> int:
@@ -152,6 +159,21 @@ def stated_range_sigma(noise: NoiseTable, distance_m: float) -> float | None:
         return None
     true_m = float(noise.sigma_at(distance_m))
     return noise.stated_range_sigma_m or true_m or float(noise.quantisation_m / np.sqrt(12.0))
+
+
+def stated_first_pose(pipeline: Pipeline, T_cam_model: FloatArray) -> FirstPosePrior | None:
+    """The true first pose (4, 4), off by a draw of the seed; None where none is stated."""
+    table = pipeline.scenario
+    if not table.states_first_pose:
+        return None
+    rng = np.random.default_rng([pipeline.seed, _FIRST_POSE_STREAM])
+    share = POSITION_SD_SHARE * float(np.linalg.norm(T_cam_model[:3, 3]))
+    position_sd_m = table.first_pose_position_sd_m or share
+    attitude_sd_rad = float(np.deg2rad(table.first_pose_attitude_sd_deg))
+    p_cam = T_cam_model[:3, 3] + position_sd_m * rng.standard_normal(3)
+    turn = exp_rotation(attitude_sd_rad * rng.standard_normal(3))
+    stated = make_transform(T_cam_model[:3, :3] @ turn, p_cam)
+    return FirstPosePrior(stated, position_sd_m, attitude_sd_rad)
 
 
 def as_recorded(frame: Frame, noise: NoiseTable) -> Frame:

@@ -182,6 +182,11 @@ def _uneven(of: Setting) -> Tables:
     return {"noise": {"face_offset_sd_m": of.sigma_m, "face_tilt_sd_deg": 0.3}}
 
 
+def _mixed(_: Setting) -> Tables:
+    """Pixels that average what is in them, the target's rim and the wall behind it among that."""
+    return {"noise": {"footprint": "any", "footprint_mixes": True}}
+
+
 def _stated(factor: float) -> Callable[[Setting], Tables]:
     return lambda of: {"noise": {"stated_range_sigma_m": factor * of.sigma_m}}
 
@@ -212,6 +217,11 @@ CASES: Mapping[str, AbroadCase] = {
     "stated_triple": AbroadCase(_stated(3.0)),
     "unstated": AbroadCase(_set("noise", states_range_sigma=False)),
     "uneven": AbroadCase(_uneven, loses_information=True),
+    "footprint_any": AbroadCase(_set("noise", footprint="any")),
+    "footprint_quarter": AbroadCase(_set("noise", footprint="quarter")),
+    "footprint_half": AbroadCase(_set("noise", footprint="half")),
+    "mixed_wall": AbroadCase(_mixed, shared=_set("background", kind="wall")),
+    "distorted": AbroadCase(_set("camera", distortion=(-0.25, 0.08, 0.001, -0.0005))),
     "jitter": AbroadCase(_set("noise", stamp_jitter_s=0.02), base=FAST),
     "impulse": AbroadCase(_impulse),
     "torque": AbroadCase(_torque),
