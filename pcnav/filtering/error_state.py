@@ -154,8 +154,13 @@ class ErrorStateFilter(Generic[S]):
         squared, size = self.innovation(measurement)
         return squared <= innovation_gate(self._gate_probability, size)
 
-    def update(self, measurements: Sequence[Measurement[S]]) -> UpdateResult:
+    def update(
+        self, measurements: Sequence[Measurement[S]], shared: Sequence[FloatArray] = ()
+    ) -> UpdateResult:
         """Gate, then one iterated update with all measurements that pass.
+
+        Their errors are independent but for those of unit variance that enter each by a matrix
+        (m, k) of ``shared``, and are part of its covariance already.
 
         Gauss-Newton on the posterior: every pass linearises about the last iterate ``x (+) d`` and
         asks the Kalman update for the whole error from the prediction, with the innovation
@@ -170,7 +175,8 @@ class ErrorStateFilter(Generic[S]):
         nis, dof = tuple(t[0] for t in tests), tuple(t[1] for t in tests)
         if not used:
             return UpdateResult(accepted, nis, dof, float("nan"), 0, 0, True)
-        joint = Stack(used)
+        common = [c for c, passed in zip(shared, accepted, strict=True) if passed] if shared else []
+        joint = Stack(used, common)
         joint_nis, joint_dof = self.innovation(joint)
         prior, prior_covariance = self.state, self.covariance.copy()
         error = np.zeros(len(prior_covariance))
@@ -214,11 +220,15 @@ def innovation_gate(probability: float, dof: int) -> float:
 
 
 class Stack(Generic[S]):
-    """Several independent measurements as one."""
+    """Several measurements as one, independent but for errors that they share."""
 
-    def __init__(self, parts: Sequence[Measurement[S]]) -> None:
+    def __init__(self, parts: Sequence[Measurement[S]], shared: Sequence[FloatArray] = ()) -> None:
         self._parts = parts
         self.covariance: FloatArray = np.asarray(block_diag(*(part.covariance for part in parts)))
+        if shared:
+            across = np.vstack(shared)
+            own = block_diag(*(part @ part.T for part in shared))
+            self.covariance = self.covariance + across @ across.T - own
 
     def residual(self, state: S) -> FloatArray:
         return np.concatenate([part.residual(state) for part in self._parts])

@@ -17,6 +17,7 @@ from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picke
 from pcnav.core.camera import PinholeCamera, pixel_rays, project, projection_jacobian
 from pcnav.core.spatial import transform_points
 from pcnav.perception.bent_edges import bent_grid_variances, edge_segments
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.mesh import mesh_diameter
 from pcnav.target.rendering import RenderedDepth
 
@@ -83,6 +84,8 @@ class ContourRuns:
     axes)."""
     triangle: IntArray
     """(n,) of the mesh, seen beside the edge."""
+    shared: FloatArray
+    """(n, 3) by the offsets of the outline, see `SensorNoise.outline_offset_px`."""
 
     def __len__(self) -> int:
         return len(self.value)
@@ -148,6 +151,7 @@ def contour_runs(
     rendered: RenderedDepth,
     doubt: PoseDoubt,
     dropout: float,
+    noise: SensorNoise,
     unknown: BoolArray | None = None,
 ) -> ContourRuns:
     """The outline of a frame against the view rendered at a pose.
@@ -158,10 +162,12 @@ def contour_runs(
         rendered: the view from the pose.
         doubt: about the pose.
         dropout: share of the returns that are lost at random.
+        noise: of the sensor: where it sees an outline.
         unknown: (height, width) pixels that say nothing of the outline, see `OutlineFrame`.
     """
     samples = _sampled(edges, rendered.camera, doubt.T_cam_model)
     shift_px = _offsets(len(edges.ends), doubt.T_cam_model)[samples.edge]
+    shift_px = shift_px + samples.by_offsets(0) @ noise.outline_offset_px
     jacobian = _displacement_jacobian(samples, rendered.camera, doubt)
     variance_px = np.einsum("ij,jk,ik->i", jacobian, doubt.covariance, jacobian)
     doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
@@ -170,7 +176,8 @@ def contour_runs(
     if unknown is not None:
         counted = replace(counted, usable=counted.usable & ~_any_beside(samples, unknown, reach))
     kept = _between_others(samples, counted)
-    return _runs(picked(samples, kept), picked(counted, kept), jacobian[kept], doubt, reach)
+    counted = replace(picked(counted, kept), shift_px=shift_px[kept])
+    return _runs(picked(samples, kept), counted, jacobian[kept], doubt, reach, noise)
 
 
 def contour_reach(doubt_px: float) -> int:
@@ -211,6 +218,13 @@ class _Samples:
     """(n, 3) point of the edge, m."""
     is_bent: bool
     """Whether edges are curves in the image."""
+
+    def by_offsets(self, kind: int | IntArray) -> FloatArray:
+        """(n, 3) outward displacement, pixels, by the offsets of the outline; ``kind`` (n,) as in
+        `_Counted`."""
+        before_space = np.broadcast_to(np.equal(kind, 0), self.slope.shape)
+        steepness = np.abs(self.slope) * before_space
+        return np.column_stack([before_space, steepness, ~before_space]).astype(np.float64)
 
     @property
     def pixels(self) -> FloatArray:
@@ -303,6 +317,8 @@ class _Counted:
     kind: IntArray
     """(n,) 0 where space lies behind the edge, 1 where another surface does."""
     triangle: IntArray
+    shift_px: FloatArray
+    """(n,) how far outward of the predicted edge pixels were counted."""
 
 
 def _count(
@@ -381,7 +397,7 @@ def _count(
     # Which pixels are lost is chance: of those looked at on the part that stands before space, of
     # those displaced before another surface.
     extra = np.where(space, reach * dropout / (1.0 - dropout), unknown / (1.0 - unknown))
-    return _Counted(usable, displacement, extra, (~space).astype(np.intp), near_triangle)
+    return _Counted(usable, displacement, extra, (~space).astype(np.intp), near_triangle, shift_px)
 
 
 def _any_beside(samples: _Samples, mask: BoolArray, reach: int) -> BoolArray:
@@ -417,12 +433,18 @@ def _between_others(samples: _Samples, counted: _Counted) -> BoolArray:
 
 
 def _runs(
-    samples: _Samples, counted: _Counted, jacobian: FloatArray, doubt: PoseDoubt, reach: int
+    samples: _Samples,
+    counted: _Counted,
+    jacobian: FloatArray,
+    doubt: PoseDoubt,
+    reach: int,
+    noise: SensorNoise,
 ) -> ContourRuns:
     edge, kind, displacement = samples.edge, counted.kind, counted.displacement_px
     if len(edge) == 0:
         empty = np.empty(0)
-        return ContourRuns(empty, empty, np.empty((0, 6)), np.empty(0, dtype=np.intp))
+        none = np.empty(0, dtype=np.intp)
+        return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 3)))
     breaks = (np.diff(edge) != 0) | (np.diff(samples.major) != 1) | (np.diff(kind) != 0)
     breaks |= samples.upright[1:] != samples.upright[:-1]
     starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
@@ -431,31 +453,44 @@ def _runs(
     spread = np.add.reduceat(offset**2, starts)
     tilt_weight = offset / np.repeat(np.maximum(spread, 0.5), n)
     mean_weight = np.repeat(1.0 / n, n)
-    doubt_px2 = np.add.reduceat(doubt.variance(jacobian), starts) / n
-    displaced = np.hypot(OFFSET_PX, _MEAN_ABS_NORMAL * np.sqrt(doubt_px2))
+    by_offsets = samples.by_offsets(kind)
+    expected = by_offsets @ noise.outline_offset_px
+    offset_px2 = ((by_offsets[starts] * noise.outline_offset_sd_px) ** 2).sum(axis=1)
+    pose_px2 = np.add.reduceat(doubt.variance(jacobian), starts) / n
+    doubt_px2 = pose_px2 + offset_px2
+    # Where a line as far from the edge as these would be, pixels were counted.
+    apart = np.abs(np.abs(expected - counted.shift_px)[starts])
+    displaced = np.hypot(apart, _MEAN_ABS_NORMAL * np.sqrt(doubt_px2))
     if samples.is_bent:
         grid = bent_grid_variances(samples.minor, (mean_weight, tilt_weight), starts, displaced)
     else:
         grid = grid_variances(n, samples.slope[starts], displaced)
     extra = counted.extra_variance[starts] * np.where(kind[starts] == 0, 1.0, displaced)
     # As far as one looked, or farther: no better known than before.
-    reached = np.abs(np.add.reduceat(displacement * mean_weight, starts)) > _SATURATED * reach
+    looked = displacement - counted.shift_px
+    reached = np.abs(np.add.reduceat(looked * mean_weight, starts)) > _SATURATED * reach
+    edge_px2 = _EDGE_SD_PX**2 + noise.outline_sd_px**2
     rows = []
     for power, weight in enumerate((mean_weight, tilt_weight)):
         H = np.add.reduceat(jacobian * weight[:, None], starts)
-        value = np.add.reduceat(displacement * weight, starts)
+        value = np.add.reduceat((displacement - expected) * weight, starts)
+        shared = np.add.reduceat(by_offsets * weight[:, None], starts)
         variance = grid[power] + extra * np.add.reduceat(weight**2, starts)
-        variance += _EDGE_SD_PX**2 * n * np.add.reduceat(weight**2, starts)
+        variance += edge_px2 * n * np.add.reduceat(weight**2, starts)
         # Displaced pixels are few and whole: one is no outlier.
         one = np.maximum.reduceat(np.abs(weight), starts)
         variance = np.maximum(variance, (one / _ONE_PIXEL_SIGMA) ** 2)
         if power == 0:
             variance += np.where(reached, doubt_px2, 0.0)
         innovation = doubt.variance(H) + variance
+        innovation += ((shared * noise.outline_offset_sd_px) ** 2).sum(axis=1)
         kept = (np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)) & (n > power)
-        rows.append((value[kept], variance[kept], H[kept], counted.triangle[starts][kept]))
-    value, variance, H, triangles = (np.concatenate(part) for part in zip(*rows, strict=True))
-    return ContourRuns(value, variance, H, triangles)
+        picked_rows = (value, variance, H, counted.triangle[starts], shared)
+        rows.append(tuple(part[kept] for part in picked_rows))
+    value, variance, H, triangles, shared = (
+        np.concatenate(part) for part in zip(*rows, strict=True)
+    )
+    return ContourRuns(value, variance, H, triangles, shared)
 
 
 def grid_variances(

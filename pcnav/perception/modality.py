@@ -1,33 +1,66 @@
 """What a modality measures a frame by, and what it answers: evidence of a pose, face by face."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property, reduce
 from typing import NamedTuple
 
-from pcnav.core.arrays import DepthImage, FloatArray, IntArray
-from pcnav.perception.contour import MeshEdges, PoseDoubt
+import numpy as np
+
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.perception.contour import ContourRuns, MeshEdges, PoseDoubt, contour_runs
 from pcnav.perception.outline_frame import OutlineFrame
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.rendering import RenderedDepth
+
+POSE_SIZE = 6
+_MAX_DROPOUT = 0.9
 
 
 class Evidence(NamedTuple):
     """Of the error of a pose: translation of the model origin (m, camera axes), rotation (rad,
-    model axes)."""
+    model axes).
+
+    After these six may stand k errors of the sensor that the faces of a frame share, in standard
+    deviations: what is known of them beforehand, that they have unit variance, is not part of it.
+    """
 
     information: FloatArray
-    """(6, 6) inverse covariance; may be singular."""
+    """(6 + k, 6 + k) inverse covariance; may be singular."""
     vector: FloatArray
-    """(6,) information times the error."""
+    """(6 + k,) information times the error."""
 
     @staticmethod
     def of(value: FloatArray, variance: FloatArray, jacobian: FloatArray) -> "Evidence":
-        """That of independent numbers (n,), measured minus predicted, with derivatives (n, 6)."""
+        """That of independent numbers (n,), measured minus predicted, with derivatives
+        (n, 6 + k)."""
         weighted = jacobian.T / variance
         return Evidence(weighted @ jacobian, weighted @ value)
 
     def with_also(self, other: "Evidence") -> "Evidence":
         """Both, which err independently."""
         return Evidence(self.information + other.information, self.vector + other.vector)
+
+    @property
+    def of_pose(self) -> "Evidence":
+        """Of the pose alone, the shared errors being what they may be."""
+        size = len(self.vector)
+        if size == POSE_SIZE:
+            return self
+        shared = self.information[POSE_SIZE:, POSE_SIZE:] + np.eye(size - POSE_SIZE)
+        cross = self.information[:POSE_SIZE, POSE_SIZE:]
+        both = np.column_stack([cross.T, self.vector[POSE_SIZE:]])
+        solved = np.linalg.solve(shared, both)
+        information = self.information[:POSE_SIZE, :POSE_SIZE] - cross @ solved[:, :-1]
+        return Evidence(
+            0.5 * (information + information.T), self.vector[:POSE_SIZE] - cross @ solved[:, -1]
+        )
+
+    @staticmethod
+    def together(parts: "Iterable[Evidence]", n_shared: int) -> "Evidence":
+        """All of them, which err independently but for ``n_shared`` errors."""
+        size = POSE_SIZE + n_shared
+        return reduce(Evidence.with_also, parts, Evidence(np.zeros((size, size)), np.zeros(size)))
 
 
 @dataclass(frozen=True)
@@ -38,6 +71,36 @@ class RangeFit:
     n_pixels: int
     chi_square_per_dof: float
     """About the face's own best fit."""
+
+
+@dataclass(frozen=True)
+class RangeResiduals:
+    """The returns on the surfaces of a view (n pixels), measured minus predicted range."""
+
+    face: IntArray
+    """(n,) place in the catalogue, -1 for surfaces that are on none of it."""
+    returned: BoolArray
+    agrees: BoolArray
+    """(n,) with the view, to the noise and the doubt about the pose."""
+    residual_m: FloatArray
+    jacobian: FloatArray
+    """(n, 6) by the pose."""
+    range_m: FloatArray
+    """(n,) predicted."""
+    sigma_m: float | FloatArray
+    """White noise of each, or of all."""
+    inside: BoolArray
+    """(height, width) of the window of the view: the pixels they are of."""
+
+    @cached_property
+    def v(self) -> FloatArray:
+        """(n,) row in the window."""
+        return np.nonzero(self.inside)[0].astype(np.float64)
+
+    @cached_property
+    def u(self) -> FloatArray:
+        """(n,) column in the window."""
+        return np.nonzero(self.inside)[1].astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -54,10 +117,23 @@ class SeenFrame:
     """Of the mesh: place in the catalogue, -1 for none."""
     dropout: float
     """Share of the returns that are lost at random."""
+    noise: SensorNoise
     ranges: Mapping[int, RangeFit]
     """By face, of those of which enough is seen."""
+    residuals: "RangeResiduals"
     outline: OutlineFrame | None = None
     """The frame as the outline is read in it, where it holds more than the target."""
+
+    @cached_property
+    def contour(self) -> ContourRuns:
+        """The outline of the frame against that of the view."""
+        depth_m, unknown = self.depth_m, None
+        if self.outline is not None:
+            depth_m, unknown = self.outline.depth_m, self.outline.unknown
+        dropout = min(self.dropout, _MAX_DROPOUT)
+        return contour_runs(
+            *(self.edges, depth_m, self.rendered, self.doubt, dropout, self.noise, unknown)
+        )
 
 
 Modality = Callable[[SeenFrame], Callable[[int], Evidence]]

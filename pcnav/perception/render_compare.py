@@ -19,8 +19,9 @@ from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, agreement
-from pcnav.perception.contour import PoseDoubt, contour_reach, contour_runs, mesh_edges
-from pcnav.perception.modality import Evidence, Modality, RangeFit, SeenFrame
+from pcnav.perception.contour import PoseDoubt, contour_reach, mesh_edges
+from pcnav.perception.correlated_ranges import face_field, range_evidence
+from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
 from pcnav.perception.outline_frame import outline_frame
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
@@ -61,6 +62,13 @@ class FaceEvidence:
     n_pixels: int
     chi_square_per_dof: float
     """Of the range residuals about the face's own best fit."""
+    with_shared: Evidence | None = None
+    """The same with errors that the faces of the frame share as further unknowns, if there are."""
+
+    @property
+    def joint(self) -> Evidence:
+        """All that it says, for a sum over the faces of a frame."""
+        return self.with_shared or Evidence(self.information, self.vector)
 
     @property
     def name(self) -> str:
@@ -80,6 +88,8 @@ class Comparison:
     """Of frame and view, to the noise and the doubt about the pose."""
     labels: IntArray
     """(height, width) index into ``faces`` of the pixels that were used, -1 for none."""
+    seen: SeenFrame
+    """What they were measured in."""
 
 
 def _ranges(seen: SeenFrame) -> Callable[[int], Evidence]:
@@ -87,16 +97,17 @@ def _ranges(seen: SeenFrame) -> Callable[[int], Evidence]:
 
 
 def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
-    depth_m, unknown = seen.depth_m, None
-    if seen.outline is not None:
-        depth_m, unknown = seen.outline.depth_m, seen.outline.unknown
-    dropout = min(seen.dropout, 0.9)
-    runs = contour_runs(seen.edges, depth_m, seen.rendered, seen.doubt, dropout, unknown)
+    runs = seen.contour
     run_face = seen.face_of_triangle[runs.triangle]
+    jacobian = runs.jacobian
+    if seen.noise.has_shared_errors:
+        no_offset = np.zeros((len(runs), 1))
+        shared = runs.shared * seen.noise.outline_offset_sd_px
+        jacobian = np.hstack([jacobian, no_offset, shared])
 
     def of_face(face: int) -> Evidence:
         own = run_face == face
-        return Evidence.of(runs.value[own], runs.variance[own], runs.jacobian[own])
+        return Evidence.of(runs.value[own], runs.variance[own], jacobian[own])
 
     return of_face
 
@@ -239,10 +250,13 @@ class RenderComparer:
             returned = surroundings.labels[rendered.window][pixels.inside] > 0
         dropout = float(np.mean(~returned)) if len(returned) else 0.0
         index = self._face_of_triangle[pixels.triangle]
-        ranges = self._ranges(index, agrees, residual, jacobian, sigma_m)
+        residuals = RangeResiduals(
+            index, returned, agrees, residual, jacobian, pixels.range_m, sigma_m, pixels.inside
+        )
+        ranges = self._ranges(residuals)
         seen = SeenFrame(
-            *(depth_m, rendered, doubt, self._edges, self._face_of_triangle, dropout, ranges),
-            outline=outline,
+            *(depth_m, rendered, doubt, self._edges, self._face_of_triangle, dropout),
+            *(self._noise, ranges, residuals, outline),
         )
         labels = np.full(depth_m.shape, _NO_FACE, dtype=np.intp)
         label_of_face = np.full(len(self._target.rectangles) + 1, _NO_FACE, dtype=np.intp)
@@ -256,6 +270,7 @@ class RenderComparer:
             self._faces(seen),
             agreement(depth_m, rendered, tolerance, surroundings),
             labels,
+            seen,
         )
 
     def _faces(self, seen: SeenFrame) -> tuple[FaceEvidence, ...]:
@@ -265,29 +280,23 @@ class RenderComparer:
         )
         faces = []
         for face, fit in seen.ranges.items():
-            evidence = reduce(Evidence.with_also, (of_face(face) for of_face in measured))
+            joint = reduce(Evidence.with_also, (of_face(face) for of_face in measured))
             rectangle = None if face == _NO_FACE else rectangles[face]
-            faces.append(FaceEvidence(rectangle, *evidence, fit.n_pixels, fit.chi_square_per_dof))
+            of_pose = joint.of_pose
+            fitted = fit.n_pixels, fit.chi_square_per_dof
+            faces.append(FaceEvidence(rectangle, *of_pose, *fitted, joint))
         return tuple(faces)
 
-    def _ranges(
-        self,
-        index: IntArray,
-        agrees: BoolArray,
-        residual: FloatArray,
-        jacobian: FloatArray,
-        sigma_m: float | FloatArray,
-    ) -> dict[int, RangeFit]:
+    def _ranges(self, seen: RangeResiduals) -> dict[int, RangeFit]:
         """By face of which enough pixels agree."""
         found = {}
-        index = np.where(agrees, index, len(self._target.rectangles) + 1)
-        for face in np.unique(index[agrees]).tolist():
+        index = np.where(seen.agrees, seen.face, len(self._target.rectangles) + 1)
+        for face in np.unique(index[seen.agrees]).tolist():
             chosen = index == face
             n = int(np.count_nonzero(chosen))
             if n < _MIN_PIXELS:
                 continue
-            H, r = jacobian[chosen], residual[chosen]
-            scale_m = sigma_m
+            H, r, scale_m = seen.jacobian[chosen], seen.residual_m[chosen], seen.sigma_m
             if isinstance(scale_m, np.ndarray):
                 # Weighted about the face's own typical noise.
                 own = scale_m[chosen]
@@ -295,8 +304,14 @@ class RenderComparer:
                 H, r = H * (scale_m / own)[:, None], r * (scale_m / own)
             information, vector = H.T @ H, H.T @ r
             misfit = _misfit(information, vector, float(r @ r), n, scale_m)
-            weight = 1.0 / (scale_m**2 * _inflation(misfit, n))
-            found[face] = RangeFit(Evidence(information * weight, vector * weight), n, misfit)
+            variance = scale_m**2 * _inflation(misfit, n)
+            if self._noise.is_white:
+                weight = 1.0 / variance
+                evidence = Evidence(information * weight, vector * weight)
+            else:
+                field = face_field(seen.u[chosen], seen.v[chosen])
+                evidence = range_evidence(H, r, field, variance, self._noise)
+            found[face] = RangeFit(evidence, n, misfit)
         return found
 
 

@@ -13,6 +13,8 @@ import numpy as np
 
 from pcnav.core.arrays import DepthImage, FloatArray
 
+Offsets = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class SensorNoise:
@@ -29,10 +31,12 @@ class SensorNoise:
     tilts at one standard deviation of its pixels; drawn anew for every face and frame."""
     frame_sd_m: float = 0.0
     """Standard deviation of an offset along the rays that a whole frame shares."""
-    outline_offset_px: float = 0.0
-    """How far outward the outline before space is seen, in all frames alike."""
-    outline_offset_sd_px: float = 0.0
-    """How well that is known."""
+    outline_offset_px: Offsets = (0.0, 0.0, 0.0)
+    """How far outward the outline is seen, along pixel rows or columns, in all frames alike: before
+    space where it runs along the grid, by how much more per unit of its slope against the grid, and
+    before another surface."""
+    outline_offset_sd_px: Offsets = (0.0, 0.0, 0.0)
+    """How well they are known."""
     outline_sd_px: float = 0.0
     """Standard deviation by which a stretch of the outline is displaced, beyond the pixel grid."""
 
@@ -40,6 +44,21 @@ class SensorNoise:
     def of(noise: "SensorNoise | float") -> "SensorNoise":
         """White noise of a standard deviation in metres, or noise that is known in full."""
         return noise if isinstance(noise, SensorNoise) else SensorNoise(float(noise))
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the errors of all returns and edges are independent."""
+        return self.face_sd_m == 0.0 and not self.has_shared_errors
+
+    @property
+    def has_shared_errors(self) -> bool:
+        """Whether there are errors that the faces of a frame share."""
+        return self.frame_sd_m > 0.0 or any(self.outline_offset_sd_px)
+
+    @property
+    def n_shared(self) -> int:
+        """How many there are: the offset of a frame, and those of the outline."""
+        return 1 + len(self.outline_offset_sd_px) if self.has_shared_errors else 0
 
     @overload
     def sigma_at(self, range_m: float) -> float: ...

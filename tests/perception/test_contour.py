@@ -24,6 +24,7 @@ from pcnav.perception.contour import (
     grid_variances,
     mesh_edges,
 )
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.rendering import DepthRenderer
 
 DrawPose = Callable[..., FloatArray]
@@ -90,6 +91,7 @@ class View:
             self.renderer.render(T),
             PoseDoubt(T, np.diag(np.square(np.repeat(sd, 3))), SIGMA),
             dropout,
+            SensorNoise(SIGMA),
         )
 
 

@@ -17,6 +17,7 @@ from pcnav.perception.contour import (
     mesh_edges,
 )
 from pcnav.perception.outline_frame import OutlineFrame, outline_frame
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import surroundings_of
 from pcnav.target.rendering import DepthRenderer
 
@@ -71,7 +72,8 @@ def runs(
     frame: DepthImage, T: FloatArray, unknown: BoolArray | None = None, dropout: float = 0.0
 ) -> ContourRuns:
     doubt = PoseDoubt(T, np.diag(np.square(np.repeat(SD, 3))), SIGMA)
-    return contour_runs(mesh_edges(BOX), frame, RENDERER.render(T), doubt, dropout, unknown)
+    rendered, noise = RENDERER.render(T), SensorNoise(SIGMA)
+    return contour_runs(mesh_edges(BOX), frame, rendered, doubt, dropout, noise, unknown)
 
 
 def information(found: ContourRuns) -> float:

@@ -94,7 +94,7 @@ class FrameUpdate:
         for _ in range(_COMPARISON_PASSES):
             comparison = reader.compare(frame, pose, spread)
             view = view_of_comparison(frame, comparison, 0.5 * reader.diameter_m, observer)
-            result = kalman.update(view.measurements)
+            result = kalman.update(view.measurements, view.shared)
             if not any(result.accepted):
                 break
             before, (pose, spread) = pose, predicted_pose(kalman, observer)

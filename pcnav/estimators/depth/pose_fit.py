@@ -10,6 +10,7 @@ from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, square_root
 from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.agreement import Agreement
+from pcnav.perception.modality import Evidence
 from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
 
 _MAX_PASSES = 8
@@ -73,8 +74,9 @@ def fit_pose(
         if not comparison.faces:
             return fit
         faces = agreeing(comparison.faces, spread, comparer.lever_m)
-        information = prior + sum(face.information for face in faces)
-        vector = prior @ pose_error(pose, guess) + sum(face.vector for face in faces)
+        seen = Evidence.together((face.joint for face in faces), comparer.noise.n_shared).of_pose
+        information = prior + seen.information
+        vector = prior @ pose_error(pose, guess) + seen.vector
         posterior = np.asarray(np.linalg.inv(information))
         step = posterior @ vector
         pose = moved_pose(pose, step)

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import COM_MODEL, R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.perception.modality import POSE_SIZE
 
 _MIN_SHARE = 1e-9
 """Combinations with less than this share of the largest information are unknown: rounding."""
@@ -64,7 +66,8 @@ class PoseReference:
 class PoseMeasurement:
     """Combinations of the error of a predicted pose, each with unit variance.
 
-    The error is `pose_error` from the reference to the true pose.
+    The error is `pose_error` from the reference to the true pose. Measurements of one frame may err
+    in common, too.
     """
 
     reference: PoseReference
@@ -72,6 +75,8 @@ class PoseMeasurement:
     """(m, 6) the combinations."""
     value: FloatArray
     """(m,) measured."""
+    shared: FloatArray | None = None
+    """(m, k) derivative of the value by errors of unit variance that the frame shares, if any."""
 
     @staticmethod
     def from_information(
@@ -80,17 +85,20 @@ class PoseMeasurement:
         vector: FloatArray,
         lever_m: float,
     ) -> "PoseMeasurement":
-        """From an information matrix (6, 6), maybe singular, and information times error (6,).
+        """From an information matrix (6 + k, 6 + k), maybe singular, and information times error
+        (6 + k,), of the pose and k errors that the frame shares.
 
         ``lever_m`` makes rotations comparable with shifts: half the target's size.
         """
         rows, value = square_root(information, vector, lever_m)
-        return PoseMeasurement(reference, rows, value)
+        shared = rows[:, POSE_SIZE:] if rows.shape[1] > POSE_SIZE else None
+        return PoseMeasurement(reference, rows[:, :POSE_SIZE], value, shared)
 
     @property
     def covariance(self) -> FloatArray:
-        """(m, m) the identity."""
-        return np.eye(len(self.value))
+        """(m, m) the identity, and what the shared errors add to it."""
+        own = np.eye(len(self.value))
+        return own if self.shared is None else own + self.shared @ self.shared.T
 
     def residual(self, state: NavigationState) -> FloatArray:
         """(m,) measured minus predicted, in standard deviations."""
@@ -105,6 +113,12 @@ def joined(measurements: Sequence[PoseMeasurement]) -> PoseMeasurement:
     """All that faces compared with one pose say, in six combinations at most."""
     rows = np.vstack([measurement.rows for measurement in measurements])
     value = np.concatenate([measurement.value for measurement in measurements])
+    common = [measurement.shared for measurement in measurements if measurement.shared is not None]
+    if common:
+        shared = np.vstack(common)
+        root = cholesky(np.eye(len(value)) + shared @ shared.T, lower=True)
+        both = solve_triangular(root, np.column_stack([rows, value]), lower=True)
+        rows, value = both[:, :-1], both[:, -1]
     # An orthogonal turn of whitened rows keeps them white; what is left of the values beyond the
     # sixth says nothing of the pose.
     q, r = np.linalg.qr(rows)
@@ -151,8 +165,9 @@ def pose_covariance(
 def square_root(
     information: FloatArray, vector: FloatArray, lever_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Rows (m, 6) and values (m,) with ``rows^T rows = information``, ``rows^T value = vector``."""
-    scale = np.array([1.0, 1.0, 1.0, lever_m, lever_m, lever_m])
+    """Rows (m, 6 + k) and values (m,) with ``rows^T rows = information``, ``rows^T value =
+    vector``."""
+    scale = np.array([1.0] * 3 + [lever_m] * 3 + [1.0] * (len(vector) - POSE_SIZE))
     strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
     known = strength > _MIN_SHARE * max(float(strength[-1]), 0.0)
     root, axes = np.sqrt(strength[known]), axes[:, known]

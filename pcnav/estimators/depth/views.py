@@ -41,12 +41,22 @@ class FrameView:
     unused: tuple[RectangleRecord, ...]
     inlier_ratio: float
     """Share of the frame that the pose in mind explains; nan where nothing was rendered."""
+    shared: tuple[FloatArray, ...] = ()
+    """Of each measurement, (m, k) how errors of unit variance that the frame shares enter it; none
+    where there are no such errors."""
+    comparison: Comparison | None = None
+    """With the rendered view, where there was one."""
 
     def without_faces(self, reason: str) -> "FrameView":
         """None of the faces used, and why."""
         out = tuple(replace(record, outcome=reason) for record in self.records)
         return replace(
-            self, measurements=(), records=(), face_of_record=(), unused=(*self.unused, *out)
+            self,
+            measurements=(),
+            shared=(),
+            records=(),
+            face_of_record=(),
+            unused=(*self.unused, *out),
         )
 
     def outcomes(self, accepted: tuple[bool, ...]) -> tuple[RectangleRecord, ...]:
@@ -88,17 +98,19 @@ def view_of_comparison(
     faces = comparison.faces
     reference = PoseReference(comparison.T_cam_model, observer)
     named = [k for k, face in enumerate(faces) if face.rectangle is not None]
+    measurements = tuple(
+        PoseMeasurement.from_information(reference, *face.joint, lever_m) for face in faces
+    )
     return FrameView(
         frame,
         comparison.labels,
-        tuple(
-            PoseMeasurement.from_information(reference, face.information, face.vector, lever_m)
-            for face in faces
-        ),
+        measurements,
         tuple(_evidence_record(frame.time_s, faces[k], comparison.T_cam_model) for k in named),
         tuple(named),
         (),
         comparison.agreement.inlier_ratio,
+        tuple(m.shared for m in measurements if m.shared is not None),
+        comparison,
     )
 
 

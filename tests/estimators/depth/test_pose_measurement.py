@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.dynamics.state import STATE_SIZE, NavigationState
+from pcnav.dynamics.state import R_HILL, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
     PoseMeasurement,
@@ -191,10 +191,12 @@ def test_joined_faces_give_the_same_posterior(ranks: tuple[int, ...]) -> None:
     state = random_state(rng)
     T = moved_pose(pose_of(state), rng.normal(0.0, 0.02, 6))
     faces = [measurement(rng, T, rank) for rank in ranks]
-    faces = [PoseMeasurement(faces[0].reference, f.rows, f.value) for f in faces]
+    faces = [PoseMeasurement(faces[0].reference, f.rows, f.value, f.shared) for f in faces]
     # Values that contradict each other a little, as real ones do.
     faces = [
-        PoseMeasurement(f.reference, f.rows, 0.2 * f.value + rng.normal(size=len(f.value)))
+        PoseMeasurement(
+            f.reference, f.rows, 0.2 * f.value + rng.normal(size=len(f.value)), f.shared
+        )
         for f in faces
     ]
     P = prior_covariance(rng)
@@ -239,3 +241,37 @@ def test_sight_is_of_the_turning_hill_frame() -> None:
     observer = ObserverPose.of(np.eye(4), 0.5 * np.pi / 1e-3, 1e-3)
     np.testing.assert_allclose(observer.R_hill_world @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(observer.R_cam_hill @ [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], atol=1e-12)
+
+
+def test_errors_that_a_frame_shares_are_those_of_the_dense_covariance(
+    state: NavigationState, observer: ObserverPose
+) -> None:
+    """An update with two faces, and with both joined, against the update by their covariance."""
+    rng = np.random.default_rng(4)
+    reference = PoseReference(
+        state.T_cam_model(observer.T_cam_world, observer.R_hill_world), observer
+    )
+    faces = [
+        PoseMeasurement(
+            reference,
+            rng.normal(size=(4, 6)) * 100.0,
+            rng.normal(size=4) * 0.3,
+            rng.normal(size=(4, 2)) * [5.0, 2.0],
+        )
+        for _ in range(2)
+    ]
+    P = np.diag(rng.uniform(0.01, 0.02, STATE_SIZE) ** 2)
+    H = np.vstack([face.jacobian(state) for face in faces])
+    common = [face.shared for face in faces if face.shared is not None]
+    shared = np.vstack(common)
+    S = H @ P @ H.T + np.eye(8) + shared @ shared.T
+    gain = np.linalg.solve(S, H @ P).T
+    expected = P - gain @ H @ P
+    value = gain @ np.concatenate([face.residual(state) for face in faces])
+    for measurements, entering in ((faces, common), ([joined(faces)], [])):
+        kalman = ErrorStateFilter(state, P, gate_probability=1.0 - 1e-12, max_iterations=1)
+        kalman.update(measurements, entering)
+        shift = kalman.state.r_hill - state.r_hill
+        np.testing.assert_allclose(shift, value[R_HILL], rtol=1e-6, atol=1e-9)
+        block = kalman.covariance[R_HILL, R_HILL]
+        np.testing.assert_allclose(block, expected[R_HILL, R_HILL], rtol=1e-6, atol=1e-12)

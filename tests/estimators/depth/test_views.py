@@ -1,6 +1,7 @@
 """What a compared frame becomes: measurements for the filter, records for the result."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +51,8 @@ def view_of(
 ) -> FrameView:
     rendered = RenderComparer.__new__(RenderComparer)  # not looked at
     labels = np.zeros(frame.depth_m.shape, dtype=np.intp)
-    comparison = Comparison(T, rendered, faces, Agreement(90, 10), labels)  # type: ignore[arg-type]
+    unseen: Any = rendered
+    comparison = Comparison(T, unseen, faces, Agreement(90, 10), labels, unseen)
     return view_of_comparison(frame, comparison, LEVER_M, observer)
 
 

@@ -1,0 +1,60 @@
+"""Range residuals whose errors are not white: over each face a smooth field, over all an offset.
+
+A real sensor errs alike over a face: matching windows, calibration, paint and the face's own form
+displace and tilt it by more than the mean of its white noise does. The field is an offset and two
+tilts, each of the same deviation, drawn anew for every face; it is marginalised in closed form. The
+offset that a whole frame shares stays an unknown of its evidence.
+"""
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.perception.modality import Evidence
+from pcnav.perception.sensor_noise import SensorNoise
+
+_MIN_SPREAD_PX = 0.5
+"""A row of pixels has no tilt across it."""
+
+
+def face_field(u: FloatArray, v: FloatArray) -> FloatArray:
+    """(n, 3) an offset and two tilts at pixels (n,) of a face, each of unit mean square.
+
+    The tilts are along the principal axes of the pixels, so that the three are orthogonal.
+    """
+    centred = np.column_stack([u - u.mean(), v - v.mean()])
+    spread, axes = np.linalg.eigh(centred.T @ centred / len(u))
+    along = centred @ axes / np.sqrt(np.maximum(spread, _MIN_SPREAD_PX**2))
+    return np.column_stack([np.ones(len(u)), along])
+
+
+def range_evidence(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    field: FloatArray,
+    variance_m2: float,
+    noise: SensorNoise,
+) -> Evidence:
+    """What the ranges of a face say of the pose and of the errors that faces share.
+
+    Args:
+        jacobian: (n, 6) of the ranges by the pose.
+        residual: (n,) measured minus predicted, m.
+        field: (n, 3) as `face_field`.
+        variance_m2: of the white noise of each.
+        noise: what else errs.
+    """
+    H = jacobian
+    if noise.has_shared_errors:
+        shared = np.zeros((len(H), noise.n_shared))
+        shared[:, 0] = noise.frame_sd_m
+        H = np.hstack([H, shared])
+    weight = 1.0 / variance_m2
+    information, vector = H.T @ H * weight, H.T @ residual * weight
+    if noise.face_sd_m > 0.0:
+        # Woodbury: (s^2 1 + f^2 B B^T)^-1, with three columns B.
+        by_field = field.T @ np.column_stack([H, residual]) * weight
+        inner = field.T @ field * weight + np.eye(3) / noise.face_sd_m**2
+        taken = np.linalg.solve(inner, by_field)
+        information = information - by_field[:, :-1].T @ taken[:, :-1]
+        vector = vector - by_field[:, :-1].T @ taken[:, -1]
+    return Evidence(0.5 * (information + information.T), vector)
