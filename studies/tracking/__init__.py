@@ -1,1 +1,1 @@
-"""The tracker against its bars: cold starts, blackouts, consistency and faults, by Monte Carlo."""
+"""The tracker against its bars by Monte Carlo: starts, blackouts, consistency, faults, scenes."""

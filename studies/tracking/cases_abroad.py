@@ -1,11 +1,11 @@
 """Scenes as real sensors see them: what is beside the target, how it moves, what the sensor does.
 
-Each case is a change of a pipeline whose truth is the seed's; the same pipeline without the change
-shows the same frames without the fault.
+Each case is a change of a pipeline whose truth is the seed's, and names the case that shows the
+same frames without the fault.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -61,19 +61,17 @@ class AbroadCase:
     """One case."""
 
     change: Callable[[Setting], Tables]
-    """What is unlike the frames without the fault."""
+    """What its pipeline has that the seed's truth has not."""
     base: Base = ORBIT
-    shared: Callable[[Setting], Tables] = field(default=lambda _: {})
-    """What the frames without the fault have as well."""
+    beside: str | None = "clean"
+    """The case of the same frames without the fault; None of one without any."""
     loses_information: bool = False
     """Whether the best estimate is worse than without the fault."""
 
-    def pipeline(self, seed: int, frames: int, *, faulty: bool = True) -> Pipeline:
-        """The frames of a seed; without the fault where not ``faulty``."""
+    def pipeline(self, seed: int, frames: int) -> Pipeline:
+        """The scenario of a seed."""
         truth = self.base.truth(seed, frames)
-        setting = _setting(self.base, truth)
-        changed = _with(truth, self.shared(setting))
-        return _with(changed, self.change(setting)) if faulty else changed
+        return _with(truth, self.change(_setting(self.base, truth)))
 
 
 def _setting(base: Base, truth: Pipeline) -> Setting:
@@ -110,6 +108,21 @@ def _earth(of: Setting) -> Tables:
             "earth_radius_m": 8.0 * of.diameter_m,
         }
     }
+
+
+def _wall_near(of: Setting) -> Tables:
+    """Behind the middle by little more than half the diameter: a panel may all but touch it."""
+    return {"background": {"kind": "wall", "behind_m": 0.55 * of.diameter_m}}
+
+
+def _wall_rough(of: Setting) -> Tables:
+    return {"background": {"kind": "wall", "roughness_m": 0.03 * of.diameter_m}}
+
+
+def _holes(of: Setting) -> Tables:
+    """Slanted faces and dark patches do not return."""
+    patches = {"dark_fraction": 0.15, "dark_patch_m": 0.05 * of.diameter_m}
+    return {"noise": {"hole_incidence_deg": 70.0, **patches}}
 
 
 def _limb(of: Setting) -> Tables:
@@ -191,49 +204,76 @@ def _stated(factor: float) -> Callable[[Setting], Tables]:
     return lambda of: {"noise": {"stated_range_sigma_m": factor * of.sigma_m}}
 
 
-_HELD = _set("motion", kind="hand")
+def _all_of(*changes: Callable[[Setting], Tables]) -> Callable[[Setting], Tables]:
+    def joined(of: Setting) -> Tables:
+        tables: dict[str, dict[str, Any]] = {}
+        for change in changes:
+            for name, keys in change(of).items():
+                tables[name] = {**tables.get(name, {}), **keys}
+        return tables
+
+    return joined
+
+
+def _plain(_: Setting) -> Tables:
+    return {}
+
+
+_HAND = _set("motion", kind="hand")
+_SPUN = _set("body", omega_body_deg_s=(9.0, 14.0, -8.0))
+_WALL = _set("background", kind="wall")
 CASES: Mapping[str, AbroadCase] = {
-    "clean": AbroadCase(lambda _: {}),
+    # The same frames without a fault.
+    "clean": AbroadCase(_plain, beside=None),
+    "fast": AbroadCase(_plain, FAST, None),
+    "receding": AbroadCase(_receding, beside=None),
+    "laboratory": AbroadCase(_SPUN, LABORATORY, None),
+    # What stands behind.
     "wall": AbroadCase(_set("background", kind="wall", tilt_deg=20.0)),
-    "wall_near": AbroadCase(
-        lambda of: {"background": {"kind": "wall", "behind_m": 0.55 * of.diameter_m}}
-    ),
-    "wall_rough": AbroadCase(
-        lambda of: {"background": {"kind": "wall", "roughness_m": 0.03 * of.diameter_m}}
-    ),
+    "wall_near": AbroadCase(_wall_near),
+    "wall_rough": AbroadCase(_wall_rough),
     "earth": AbroadCase(_earth),
     "earth_limb": AbroadCase(_limb),
+    # What stands before.
     "occluder_40": AbroadCase(_set("occluder", kind="hand", turns=False), loses_information=True),
     "arm": AbroadCase(_crossing, loses_information=True),
     "beam": AbroadCase(_set("occluder", kind="beam", share_fraction=0.25), loses_information=True),
+    # What the sensor does.
     "false_1": AbroadCase(_set("noise", false_return_fraction=0.01)),
     "false_5": AbroadCase(_set("noise", false_return_fraction=0.05)),
-    "false_20": AbroadCase(_set("noise", false_return_fraction=0.2)),
+    "false_20": AbroadCase(_set("noise", false_return_fraction=0.2), loses_information=True),
     "replaced_30": AbroadCase(_set("noise", outlier_fraction=0.3), loses_information=True),
     "replaced_50": AbroadCase(_set("noise", outlier_fraction=0.5), loses_information=True),
     "offset_5": AbroadCase(_offset, loses_information=True),
-    "growing": AbroadCase(_growing, shared=_receding, loses_information=True),
+    "growing": AbroadCase(_all_of(_receding, _growing), beside="receding", loses_information=True),
     "stated_third": AbroadCase(_stated(1.0 / 3.0)),
     "stated_triple": AbroadCase(_stated(3.0)),
     "unstated": AbroadCase(_set("noise", states_range_sigma=False)),
     "uneven": AbroadCase(_uneven, loses_information=True),
+    "multipath": AbroadCase(_set("noise", multipath_fraction=0.05), loses_information=True),
+    "holes": AbroadCase(_holes, loses_information=True),
     "footprint_any": AbroadCase(_set("noise", footprint="any")),
     "footprint_quarter": AbroadCase(_set("noise", footprint="quarter")),
     "footprint_half": AbroadCase(_set("noise", footprint="half")),
-    "mixed_wall": AbroadCase(_mixed, shared=_set("background", kind="wall")),
+    "mixed_wall": AbroadCase(_all_of(_WALL, _mixed), loses_information=True),
     "distorted": AbroadCase(_set("camera", distortion=(-0.25, 0.08, 0.001, -0.0005))),
-    "jitter": AbroadCase(_set("noise", stamp_jitter_s=0.02), base=FAST),
+    "jitter": AbroadCase(_set("noise", stamp_jitter_s=0.02), FAST, "fast"),
+    # How the target moves.
     "impulse": AbroadCase(_impulse),
     "torque": AbroadCase(_torque),
-    "laboratory": AbroadCase(lambda _: {}, LABORATORY, _set("body", omega_body_deg_s=(4, -6, 5))),
-    "spin": AbroadCase(
-        _set("motion", kind="spin"), LABORATORY, _set("body", omega_body_deg_s=(9.0, 14.0, -8.0))
+    "spin": AbroadCase(_all_of(_SPUN, _set("motion", kind="spin")), LABORATORY, "laboratory"),
+    "sway": AbroadCase(_set("motion", kind="sway", extent_m=0.1), LABORATORY, "laboratory"),
+    "path": AbroadCase(
+        _set("motion", kind="path", extent_m=0.15, leg_s=2.0), LABORATORY, "laboratory"
     ),
-    "sway": AbroadCase(_set("motion", kind="sway", extent_m=0.1), LABORATORY),
-    "path": AbroadCase(_set("motion", kind="path", extent_m=0.15, leg_s=2.0), LABORATORY),
-    "hand": AbroadCase(_HELD, LABORATORY),
-    "camera_hand": AbroadCase(_set("motion", kind="hand", mover="camera"), LABORATORY),
-    "held": AbroadCase(_set("occluder", kind="hand"), LABORATORY, _HELD, loses_information=True),
-    "table": AbroadCase(_table, LABORATORY, _standing),
+    "hand": AbroadCase(_HAND, LABORATORY, "laboratory"),
+    "camera_hand": AbroadCase(
+        _set("motion", kind="hand", mover="camera"), LABORATORY, "laboratory"
+    ),
+    "held": AbroadCase(
+        _all_of(_HAND, _set("occluder", kind="hand")), LABORATORY, "hand", loses_information=True
+    ),
+    "standing": AbroadCase(_standing, LABORATORY, "laboratory"),
+    "table": AbroadCase(_all_of(_standing, _table), LABORATORY, "standing"),
 }
 """By name."""

@@ -10,12 +10,12 @@ from ..folder import Study
 from ..tables import verdict
 from ..text import study_of
 from ..work import Work
-from . import blackouts, consistency, faults, starts
+from . import abroad, blackouts, consistency, faults, starts
 from .blackouts import Phases
 
 RUNS = 100
 """Monte Carlo runs of the consistency chapter unless told otherwise; the others follow from it."""
-_STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT = 3, 10, 20
+_STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD = 3, 10, 20, 50
 _QUICK_RUNS = 5
 
 
@@ -25,10 +25,11 @@ class Lengths:
 
     consistency: int = consistency.FRAMES
     faults: int = faults.FRAMES
+    abroad: int = abroad.FRAMES
     blackout: Phases = field(default_factory=Phases)
 
 
-_QUICK = Lengths(consistency=16, faults=8, blackout=Phases(before=8, after=6))
+_QUICK = Lengths(consistency=16, faults=8, abroad=5, blackout=Phases(before=8, after=6))
 """With fewer runs than `_QUICK_RUNS`: a look at the machinery."""
 _CUT = (
     "Because of the few runs asked for, sequences were cut to a few frames: this shows that the "
@@ -44,9 +45,12 @@ def study(runs: int, work: Work) -> Study:
     """
     lengths = _QUICK if runs < _QUICK_RUNS else Lengths()
     phases = lengths.blackout
-    few, fewer = (max(2, runs // per) for per in (_RUNS_PER_BLACKOUT, _RUNS_PER_FAULT))
+    per_case = (_RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD)
+    few, fewer, fewest = (max(2, runs // per) for per in per_case)
     black_out = partial(blackouts.run_blackout, phases=phases)
     track = partial(consistency.run_consistency, frames=lengths.consistency)
+    go_abroad = partial(abroad.run_abroad, frames=lengths.abroad)
+    scenes = abroad.QUICK_CASES if lengths == _QUICK else abroad.CASES
     disturb = partial(faults.run_fault, frames=lengths.faults)
     cold = work.repeat(
         starts.run_start, starts.NAME, starts.CASES, _STARTS_PER_RUN * runs, starts.FRAMES
@@ -56,6 +60,7 @@ def study(runs: int, work: Work) -> Study:
         track, consistency.NAME, {consistency.NAME: ()}, runs, lengths.consistency
     )
     disturbed = work.repeat(disturb, faults.NAME, faults.CASES, fewer, lengths.faults)
+    away = work.repeat(go_abroad, abroad.NAME, scenes, fewest, lengths.abroad)
     work.run()
     judged = consistency.Judged.of(repeated.results)
     claims = [
@@ -63,6 +68,7 @@ def study(runs: int, work: Work) -> Study:
         *(claim for own in dark.by_case.values() for claim in blackouts.claims(own)),
         *consistency.claims(judged),
         *faults.claims(disturbed.by_case),
+        *abroad.claims(away.by_case),
     ]
     relocked = [each.relocked for each in dark.results]
     missed = relocked.count(None)
@@ -78,6 +84,7 @@ def study(runs: int, work: Work) -> Study:
             *blackouts.tables(dark.by_case),
             *consistency.tables(judged),
             *faults.tables(disturbed.by_case),
+            *abroad.tables(away.by_case),
         ],
         [
             *starts.start_figures(cold.by_case),
@@ -96,6 +103,8 @@ def study(runs: int, work: Work) -> Study:
         judged=len(means),
         outside=0.05 * len(means),
         silent=faults.silent_frames(silent),
+        abroad_wrong=abroad.wrong_frames(away.by_case),
+        abroad=abroad,
         cut=_CUT if lengths == _QUICK else "",
         start=starts,
         blackout=blackouts,
