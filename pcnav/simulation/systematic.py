@@ -34,8 +34,8 @@ class SystematicErrors:
     mesh: trimesh.Trimesh
     poses: FloatArray
     """(n, 4, 4) T_cam_model"""
-    face: IntArray
-    """(n_faces,) flat face of every triangle of the target."""
+    face: IntArray | None
+    """(n_faces,) flat face of every triangle of the target; None where no error is of a face."""
     return_fractions: tuple[float, ...]
     """Of the parts."""
     false_span_m: tuple[float, float]
@@ -49,9 +49,10 @@ class SystematicErrors:
         distance = float(np.linalg.norm(poses[0, :3, 3]))
         low, high = noise.false_return_span_m or tuple(distance * k for k in _FALSE_SPAN)
         shares = tuple(part.return_fraction for part in parts)
-        return SystematicErrors(
-            noise, pipeline.seed, mesh, poses, flat_faces(mesh), shares, (low, high)
-        )
+        # Of large meshes this takes long.
+        uneven = noise.face_offset_sd_m > 0.0 or noise.face_tilt_sd_deg > 0.0
+        face = flat_faces(mesh) if uneven else None
+        return SystematicErrors(noise, pipeline.seed, mesh, poses, face, shares, (low, high))
 
     def of_frame(self, view: SceneView, k: int, time_s: float) -> Systematic:
         """Of the clean image of a frame."""
@@ -85,7 +86,7 @@ class SystematicErrors:
     def _face_errors(self, view: SceneView, k: int, time_s: float) -> FloatArray | float:
         """(height, width) offset and tilt of each flat face about its middle in the image."""
         noise = self.noise
-        if noise.face_offset_sd_m == 0.0 and noise.face_tilt_sd_deg == 0.0:
+        if self.face is None:
             return 0.0
         count = int(self.face.max()) + 1
         drawn = self._varying(1, 3 * count, noise.face_correlation_s, k, time_s).reshape(count, 3)
