@@ -17,6 +17,9 @@ _ABOUT_PX = 5
 _REACH = 0.6
 """What lies no farther than this share of the diameter from the middle of a view may be the
 target's."""
+_IN_FRONT = 0.25
+"""Weight of a pixel hidden by what cannot be the target: it may as well stand before it as the view
+be sunk into it."""
 _MAX_HIDDEN = 3
 """With more than so many times as many pixels hidden as agree, a view is not seen."""
 
@@ -112,8 +115,8 @@ def _among_others(
     hidden = int(np.count_nonzero(nearer & candidates[part]))
     beside = candidates[about] & outside & _at_its_depth(depth_m[about], rendered, surroundings)
     going_on = round(agree * continued_share(depth_m, rendered, agrees, tolerance_m, space_share))
+    hidden += round(_IN_FRONT * foreign)
     conflict = through + hidden + int(np.count_nonzero(beside)) + going_on
-    conflict += max(foreign - _MAX_HIDDEN * agree, 0)
     return Agreement(agree - going_on, conflict, hidden, through)
 
 

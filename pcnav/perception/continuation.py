@@ -50,8 +50,11 @@ def continued_share(
     part = (slice(top, bottom), slice(left, right))
     inside = np.zeros((bottom - top, right - left), dtype=np.bool_)
     inside[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = agrees
-    distance, nearest = ndimage.distance_transform_edt(~inside, return_indices=True)
-    ring = (distance > clear) & (distance <= margin)
+    core = _inside_surfaces(rendered, part, inside, clear, tolerance_m)
+    if not core.any():
+        return 0.0
+    distance, nearest = ndimage.distance_transform_edt(~core, return_indices=True)
+    ring = (distance > clear) & (distance <= margin) & ~inside
     i, j = nearest[:, ring]
     planes = rendered.inverse_depth_planes[rendered.triangle[part][i, j]]
     with np.errstate(divide="ignore"):
@@ -65,3 +68,36 @@ def continued_share(
     behind += round(space_share * np.count_nonzero(~returned))
     told = continued + behind
     return continued / told if told >= _MIN_RING_PIXELS else 0.0
+
+
+def _inside_surfaces(
+    rendered: RenderedDepth,
+    part: tuple[slice, slice],
+    agrees: BoolArray,
+    step: int,
+    tolerance_m: float,
+) -> BoolArray:
+    """(height, width) of a part: pixels that agree with a view as parts of smooth surfaces do.
+
+    Beside a crease of the model a strip of one face may agree with what is another, or with
+    something else that runs through there. It does not where the face is continued by its width.
+    """
+    depth, triangle = rendered.depth_m[part], rendered.triangle[part]
+    rays, planes = pixel_rays(rendered.camera)[part], rendered.inverse_depth_planes
+    found = agrees.copy()
+    for axis in (0, 1):
+        beside = np.zeros(agrees.shape, dtype=np.bool_)
+        first, second, whole = slice(None, -step), slice(step, None), slice(None)
+        pairs = (
+            ((first, whole), (second, whole)) if axis == 0 else ((whole, first), (whole, second))
+        )
+        for here, there in (pairs, pairs[::-1]):
+            both = agrees[here] & agrees[there]
+            ray = rays[there][both]
+            with np.errstate(divide="ignore"):
+                extended = 1.0 / np.einsum("ij,ij->i", planes[triangle[here][both]], ray)
+            smooth = np.abs(extended - depth[there][both]) < 0.5 * tolerance_m
+            beside[here] |= both
+            found[here][both] &= smooth
+        found &= beside
+    return found

@@ -31,6 +31,9 @@ from pcnav.target.satellite import Rectangle, Target
 
 _GATE_SIGMA = 4.0
 """A range residual beyond this many standard deviations is no return of the predicted surface."""
+_LOOSE_FRACTION = 0.01
+"""However uncertain a pose is, its view explains what lies within this share of the diameter, and
+the noise, of it."""
 _CREASE_SIGMA = 0.5
 """A pixel is inside a surface when the faces of its neighbours, extended to it, differ from its own
 by less than this many standard deviations of the noise."""
@@ -206,6 +209,11 @@ class RenderComparer:
         sigma_m = self._noise.sigma_in(depth_m)
         return self._surroundings.of(depth_m, self.camera, sigma_m, self._stride)
 
+    def _loosest(self, sigma_m: float) -> float:
+        """The largest difference in depth, m, at which anything is said to agree: where little of a
+        pose is known, much would."""
+        return _GATE_SIGMA * sigma_m + _LOOSE_FRACTION * self._diameter_m
+
     def doubt_px(self, T_cam_model: FloatArray, pose_covariance: FloatArray) -> float:
         """How far a point at the target's rim may be from where a pose (4, 4) shows it, pixels."""
         shift = float(np.trace(pose_covariance[:3, :3])) / 3.0
@@ -268,7 +276,7 @@ class RenderComparer:
             T_cam_model,
             rendered,
             self._faces(seen),
-            agreement(depth_m, rendered, tolerance, surroundings),
+            agreement(depth_m, rendered, min(tolerance, self._loosest(typical_m)), surroundings),
             labels,
             seen,
         )
