@@ -36,20 +36,25 @@ class OutlineFrame:
 def outline_frame(
     depth_m: DepthImage,
     rendered: RenderedDepth,
-    surroundings: Surroundings,
+    surroundings: Surroundings | None,
     tolerance_m: float,
     reach_px: int,
-) -> OutlineFrame:
-    """The frame for the outline of a view.
+    unseen: BoolArray | None = None,
+) -> OutlineFrame | None:
+    """The frame for the outline of a view; None where it is the frame itself.
 
     Args:
         depth_m: (height, width) the frame.
         rendered: the view.
-        surroundings: the parts of the frame.
+        surroundings: the parts of the frame, where it holds more than the target.
         tolerance_m: returns so near to a predicted surface belong to it.
         reach_px: the outline may be so far from where it is predicted.
+        unseen: (height, width) pixels of which nothing is known.
     """
-    cleared, unknown = depth_m.copy(), np.zeros(depth_m.shape, dtype=np.bool_)
+    if surroundings is None:
+        return None if unseen is None else OutlineFrame(depth_m, unseen)
+    nothing = np.zeros(depth_m.shape, dtype=np.bool_)
+    cleared, unknown = depth_m.copy(), nothing if unseen is None else unseen.copy()
     # Lone returns are false ones: where they are, nothing is known to have returned.
     cleared[surroundings.labels == 0] = 0.0
     margin = reach_px + _MARGIN_PX
@@ -72,7 +77,7 @@ def outline_frame(
     attached = off & returned & ~behind
     hiding = surface & returned & (seen < predicted - tolerance_m)
     hidden = ndimage.binary_dilation(attached | hiding, iterations=reach_px + 1)
-    unknown[part] = hidden | _holes(returned, surface)
+    unknown[part] |= hidden | _holes(returned, surface)
     cleared[part] = np.where(behind, 0.0, seen)
     return OutlineFrame(cleared, unknown)
 

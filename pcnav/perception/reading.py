@@ -231,7 +231,9 @@ class FrameReader:
             self._comparers[frame.camera] = RenderComparer(
                 *(self._target, frame.camera, self._noise), modalities=self._settings.modalities
             )
-        return self._comparers[frame.camera]
+        comparer = self._comparers[frame.camera]
+        comparer.unseen = frame.unseen
+        return comparer
 
     def compare(
         self, frame: Frame, T_cam_model: FloatArray, pose_covariance: FloatArray
@@ -282,6 +284,8 @@ class FrameReader:
         return View(perceived, faces, unused, ratio)
 
     def _agreement(self, frame: Frame, rendered: RenderedDepth, tolerance_m: float) -> Agreement:
+        if frame.unseen is not None:
+            rendered = rendered.without(frame.unseen)
         surroundings = self._surroundings.of(frame.depth_m, frame.camera, self._sigma_in(frame))
         return agreement(frame.depth_m, rendered, tolerance_m, surroundings)
 

@@ -143,6 +143,7 @@ class RenderComparer:
         self._face_of_triangle = rectangle_of_triangle(target)
         self._diameter_m = target.diameter_m
         self._surroundings = SurroundingsFinder(target.diameter_m)
+        self._unseen: BoolArray | None = None
 
     def coarse(
         self, depth_m: DepthImage, T_cam_model: FloatArray | None = None
@@ -166,6 +167,7 @@ class RenderComparer:
             self._coarser[stride] = RenderComparer(
                 self._target, self.camera, self._noise, stride, self._modalities
             )
+            self._coarser[stride].unseen = self._unseen
         return self._coarser[stride]
 
     def _span_px(self, T_cam_model: FloatArray) -> float:
@@ -184,6 +186,24 @@ class RenderComparer:
         for comparer in self._coarser.values():
             comparer.noise = noise
 
+    @property
+    def unseen(self) -> BoolArray | None:
+        """(height, width) pixels of the frames compared next of which nothing is known."""
+        return self._unseen
+
+    @unseen.setter
+    def unseen(self, unseen: BoolArray | None) -> None:
+        self._unseen = unseen
+        for comparer in self._coarser.values():
+            comparer.unseen = unseen
+
+    def _view(self, T_cam_model: FloatArray) -> RenderedDepth:
+        """From a pose (4, 4), as far as it is seen."""
+        rendered = self._renderer.render(T_cam_model)
+        if self._unseen is None:
+            return rendered
+        return rendered.without(self._unseen[:: self._stride, :: self._stride])
+
     def with_noise(self, noise: SensorNoise | float) -> "RenderComparer":
         """The same for frames of other noise."""
         other = copy(self)
@@ -200,7 +220,7 @@ class RenderComparer:
 
     def score(self, depth_m: DepthImage, T_cam_model: FloatArray, tolerance_m: float) -> Agreement:
         """How well the target at a pose (4, 4) explains a frame, by depths this close."""
-        rendered = self._renderer.render(T_cam_model)
+        rendered = self._view(T_cam_model)
         surroundings = self._surroundings_of(depth_m)
         depth_m = depth_m[:: self._stride, :: self._stride]
         return agreement(depth_m, rendered, tolerance_m, surroundings)
@@ -232,7 +252,7 @@ class RenderComparer:
             T_cam_model: (4, 4) predicted.
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
         """
-        rendered = self._renderer.render(T_cam_model)
+        rendered = self._view(T_cam_model)
         surroundings = self._surroundings_of(depth_m)
         depth_m = depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
@@ -250,10 +270,12 @@ class RenderComparer:
         agrees = returned & (residual**2 < _GATE_SIGMA**2 * (sigma_m**2 + variance))
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = _GATE_SIGMA * float(np.sqrt(typical_m**2 + typical))
-        outline = None
+        reach = contour_reach(self.doubt_px(T_cam_model, pose_covariance))
+        unseen = None
+        if self._unseen is not None:
+            unseen = self._unseen[:: self._stride, :: self._stride]
+        outline = outline_frame(depth_m, rendered, surroundings, tolerance, reach, unseen)
         if surroundings is not None:
-            reach = contour_reach(self.doubt_px(T_cam_model, pose_covariance))
-            outline = outline_frame(depth_m, rendered, surroundings, tolerance, reach)
             # Lone returns are false ones: where they are, one is lost.
             returned = surroundings.labels[rendered.window][pixels.inside] > 0
         dropout = float(np.mean(~returned)) if len(returned) else 0.0

@@ -1,6 +1,6 @@
 """Clean depth images of a mesh by ray casting, exact to the facet."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -32,6 +32,11 @@ class RenderedDepth:
     """Rows and columns outside which there is no return."""
     inverse_depth_planes: FloatArray
     """(n_faces, 3) m with ``1 / z = m . ray`` for a ray (z = 1) that meets the face's plane."""
+
+    def without(self, pixels: BoolArray) -> "RenderedDepth":
+        """The same with nothing shown at pixels (height, width)."""
+        depth_m = np.where(pixels, np.float32(0.0), self.depth_m)
+        return replace(self, depth_m=depth_m, triangle=np.where(pixels, -1, self.triangle))
 
 
 class DepthRenderer:

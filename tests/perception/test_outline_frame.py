@@ -65,7 +65,9 @@ def table(T: FloatArray) -> tuple[trimesh.Trimesh, FloatArray]:
 def seen(frame: DepthImage, T: FloatArray) -> OutlineFrame:
     surroundings = surroundings_of(frame, CAMERA, DIAMETER_M, SIGMA)
     assert surroundings is not None
-    return outline_frame(frame, RENDERER.render(T), surroundings, TOLERANCE, 1)
+    outline = outline_frame(frame, RENDERER.render(T), surroundings, TOLERANCE, 1)
+    assert outline is not None
+    return outline
 
 
 def runs(
