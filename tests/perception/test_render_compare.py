@@ -370,3 +370,36 @@ def test_a_score_counts_returns_that_are_explained(
     turned = T.copy()
     turned[:3, :3] = T[:3, :3] @ exp_rotation(np.array([0.0, 0.8, 0.0]))
     assert comparer.score(frame, turned, 0.01).inlier_ratio < 0.2
+
+
+def test_what_is_unseen_speaks_neither_for_nor_against_a_pose(
+    boxsat: Target, camera: PinholeCamera, random_pose: DrawPose
+) -> None:
+    """The left half of the target lies outside a region of interest that cuts it."""
+    comparer = RenderComparer(boxsat, camera, SIGMA)
+    rng = np.random.default_rng(4)
+    z, ratios = [], []
+    for _ in range(12):
+        T = random_pose(rng)
+        error = rng.normal(size=6) * np.repeat([0.003, 4e-4], 3)
+        clean = DepthRenderer(boxsat.mesh, camera).render(moved(T, error))
+        frame = add_sensor_faults(clean, NoiseTable(range_sigma_m=SIGMA), 0, 0)
+        columns = np.flatnonzero((clean.triangle >= 0).any(axis=0))
+        unseen = np.zeros(frame.shape, dtype=np.bool_)
+        unseen[:, : int(columns.mean())] = True
+        comparer.unseen = None
+        whole = comparer.compare(frame, T, PRIOR).agreement.inlier_ratio
+        frame[unseen] = 0.0
+        cut = comparer.compare(frame, T, PRIOR).agreement.inlier_ratio
+        comparer.unseen = unseen
+        comparison = comparer.compare(frame, T, PRIOR)
+        ratios.append((whole, cut, comparison.agreement.inlier_ratio))
+        information, vector = total(comparison)
+        found = np.linalg.solve(information + np.linalg.inv(PRIOR), vector)
+        wrong = found - error
+        z.append(wrong @ (information + np.linalg.inv(PRIOR)) @ wrong / 6.0)
+    whole, cut, seen = np.mean(ratios, axis=0)
+    assert cut < 0.7
+    assert seen == pytest.approx(whole, abs=0.03)
+    # The border of the region is no outline: taken for one, it would pull by pixels.
+    assert np.mean(z) < 2.0
