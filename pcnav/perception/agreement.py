@@ -1,5 +1,6 @@
 """How well a rendered view explains a frame, pixel by pixel."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ _EMPTY_SHARE = 0.35
 """A pixel with fewer returns about it than this looks into space; lone gaps are dropouts. Where a
 frame holds other things, one with fewer at the predicted depth about it looks past the surface."""
 _ABOUT_PX = 5
+_ALONE_RATIO = 0.9
+"""A view that explains so much of all that returned has nothing else about it that matters."""
 _REACH = 0.6
 """What lies no farther than this share of the diameter from the middle of a view may be the
 target's."""
@@ -88,6 +91,25 @@ def agreement(
     empty = int(np.count_nonzero(gaps & _sparse(seen_here))) if gaps.any() else 0
     hidden = int(np.count_nonzero(surface & seen_here & (seen <= predicted - tolerance_m)))
     return Agreement(agree, int(np.count_nonzero(returned)) - agree + empty, hidden, empty)
+
+
+def judged(
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    tolerance_m: float,
+    surroundings: Callable[[], Surroundings | None],
+) -> tuple[Agreement, Surroundings | None]:
+    """How far a view explains a frame, and the surroundings that were needed to say so.
+
+    A view that explains nearly all of the frame needs none.
+    """
+    alone = agreement(depth_m, rendered, tolerance_m)
+    if alone.inlier_ratio >= _ALONE_RATIO:
+        return alone, None
+    found = surroundings()
+    if found is None:
+        return alone, None
+    return _among_others(depth_m, rendered, tolerance_m, found), found
 
 
 def _among_others(

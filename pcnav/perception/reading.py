@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
-from pcnav.perception.agreement import Agreement, agreement
+from pcnav.perception.agreement import Agreement, judged
 from pcnav.perception.association import (
     MeasuredFace,
     Unused,
@@ -286,8 +287,8 @@ class FrameReader:
     def _agreement(self, frame: Frame, rendered: RenderedDepth, tolerance_m: float) -> Agreement:
         if frame.unseen is not None:
             rendered = rendered.without(frame.unseen)
-        surroundings = self._surroundings.of(frame.depth_m, frame.camera, self._sigma_in(frame))
-        return agreement(frame.depth_m, rendered, tolerance_m, surroundings)
+        find = partial(self._surroundings.of, frame.depth_m, frame.camera, self._sigma_in(frame))
+        return judged(frame.depth_m, rendered, tolerance_m, find)[0]
 
     @property
     def depends_on_pose(self) -> bool:

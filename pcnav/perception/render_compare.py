@@ -18,7 +18,7 @@ import numpy as np
 from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
-from pcnav.perception.agreement import Agreement, agreement
+from pcnav.perception.agreement import Agreement, judged
 from pcnav.perception.contour import PoseDoubt, contour_reach, mesh_edges
 from pcnav.perception.correlated_ranges import face_field, range_evidence
 from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
@@ -221,13 +221,17 @@ class RenderComparer:
     def score(self, depth_m: DepthImage, T_cam_model: FloatArray, tolerance_m: float) -> Agreement:
         """How well the target at a pose (4, 4) explains a frame, by depths this close."""
         rendered = self._view(T_cam_model)
-        surroundings = self._surroundings_of(depth_m)
-        depth_m = depth_m[:: self._stride, :: self._stride]
-        return agreement(depth_m, rendered, tolerance_m, surroundings)
+        return self._judged(depth_m, rendered, tolerance_m)[0]
 
-    def _surroundings_of(self, depth_m: DepthImage) -> Surroundings | None:
-        sigma_m = self._noise.sigma_in(depth_m)
-        return self._surroundings.of(depth_m, self.camera, sigma_m, self._stride)
+    def _judged(
+        self, depth_m: DepthImage, rendered: RenderedDepth, tolerance_m: float
+    ) -> tuple[Agreement, Surroundings | None]:
+        def surroundings() -> Surroundings | None:
+            sigma_m = self._noise.sigma_in(depth_m)
+            return self._surroundings.of(depth_m, self.camera, sigma_m, self._stride)
+
+        strided = depth_m[:: self._stride, :: self._stride]
+        return judged(strided, rendered, tolerance_m, surroundings)
 
     def _loosest(self, sigma_m: float) -> float:
         """The largest difference in depth, m, at which anything is said to agree: where little of a
@@ -253,8 +257,7 @@ class RenderComparer:
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
         """
         rendered = self._view(T_cam_model)
-        surroundings = self._surroundings_of(depth_m)
-        depth_m = depth_m[:: self._stride, :: self._stride]
+        whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
         typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
         pixels = _surface_pixels(rendered, typical_m)
@@ -270,6 +273,8 @@ class RenderComparer:
         agrees = returned & (residual**2 < _GATE_SIGMA**2 * (sigma_m**2 + variance))
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = _GATE_SIGMA * float(np.sqrt(typical_m**2 + typical))
+        loosest = min(tolerance, self._loosest(typical_m))
+        explained, surroundings = self._judged(whole_m, rendered, loosest)
         reach = contour_reach(self.doubt_px(T_cam_model, pose_covariance))
         unseen = None
         if self._unseen is not None:
@@ -298,7 +303,7 @@ class RenderComparer:
             T_cam_model,
             rendered,
             self._faces(seen),
-            agreement(depth_m, rendered, min(tolerance, self._loosest(typical_m)), surroundings),
+            explained,
             labels,
             seen,
         )

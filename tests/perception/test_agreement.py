@@ -7,8 +7,8 @@ import trimesh
 from pcnav.core.arrays import DepthImage
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.perception.agreement import Agreement, agreement
-from pcnav.perception.surroundings import surroundings_of
+from pcnav.perception.agreement import Agreement, agreement, judged
+from pcnav.perception.surroundings import Surroundings, surroundings_of
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 
 SIZE = 16
@@ -229,3 +229,23 @@ def test_what_is_nearer_may_stand_before_the_target_of_which_a_quarter_is_seen()
     # What is seen through the surface, or beside it, is not excused.
     frame[3:13, 3:8], frame[3:13, 8:13] = 5.0, 7.0
     assert agreement(frame, view(), TOLERANCE).visible_ratio == 0.5
+
+
+def test_surroundings_are_asked_for_where_a_view_leaves_some_of_a_frame_unexplained() -> None:
+    asked: list[int] = []
+
+    def find() -> Surroundings | None:
+        asked.append(1)
+        return surroundings_of(before_wall(), view().camera, 3.0, 0.01)
+
+    frame = image()
+    frame[PART] = 5.0
+    frame[0, :9] = 5.0
+    found, surroundings = judged(frame, view(), TOLERANCE, find)
+    assert (found.agree, found.conflict, surroundings, asked) == (100, 9, None, [])
+    found, surroundings = judged(before_wall(), view(), TOLERANCE, find)
+    assert (found.conflict, asked) == (0, [1])
+    assert surroundings is not None
+    # A frame that has no surroundings is judged as it is.
+    found, surroundings = judged(frame, view(), 1e-9, lambda: None)
+    assert (found.conflict, surroundings) == (9, None)
