@@ -197,7 +197,7 @@ def _joined(
 
 def _region(frame: Frame, smooth: SmoothFrame, mask: BoolArray, is_window: bool) -> Region:
     """A part of a frame as a frame of its own."""
-    mask = mask & (frame.depth_m > 0.0)
+    mask = mask & smooth.trusted
     points = smooth.points[mask]
     # A few returns of what is behind may cling to its rim.
     far = float(np.quantile(points[:, 2], _FAR_QUANTILE))

@@ -9,10 +9,11 @@ costs the same for any mesh. The best are aligned with the surface seen from out
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import trimesh
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
@@ -34,19 +35,30 @@ _SPAN_FRACTION = 1.12
 """Side of the grid over the diameter."""
 _TURNS = 30
 _FIRST_TURN_STEP = 2
-_DEPTH_SD_FRACTION = 0.04
+_DEPTH_SD_FRACTION = 0.05
 """Depths that scatter by this share of the diameter about a view's count half."""
 _STRAY_WEIGHT = 0.6
 _STRAY_WEIGHT_WINDOW = 0.25
 """What a cell that only the frame covers counts against a view; less where the part of the frame
 was cut out of a larger object."""
-_SHIFTS = ((0.0, 0.0), (0.1, 0.0), (-0.1, 0.0), (0.0, 0.1), (0.0, -0.1))
-"""Where the middle of the target may be beside that of its returns, over the diameter."""
-_MAX_CLOUD = 1_500
+_PADDING = 5
+"""Cells about the grid, to shift it by."""
+_SHIFTS = tuple(
+    sorted(
+        ((x, y) for x in range(-4, 5, 2) for y in range(-4, 5, 2)),
+        key=lambda s: s[0] ** 2 + s[1] ** 2,
+    )
+)
+"""Where the middle of the target may be beside that of its returns, cells."""
+_NEAR_SHIFTS = _SHIFTS[:5]
+_SHIFTS_MATCHED = 4
+_MAX_CLOUD = 3_000
 _SURFACE_POINTS = 6_000
 _VIEWS_AT_ONCE = 60
 _EDGE_ON = 1e-3
 _MIN_COMMON_CELLS = 6
+_ENOUGH_SHARE = 0.4
+"""Of the cells that a typical view covers, for a part of a frame to count in full."""
 _MAX_MATCHES = 60
 _MAX_ALIGNED = 12
 _SAME_ANGLE_RAD = 0.15
@@ -89,17 +101,18 @@ def sample_views(mesh: trimesh.Trimesh) -> SampledViews:
     middle = np.asarray(mesh.bounds).mean(axis=0)
     directions = np.asarray(trimesh.creation.icosphere(_SUBDIVISIONS).vertices)
     R = np.stack([_looking_along(direction) for direction in directions])
-    starts = _grid(diameter) @ R[:, :2] + (middle - diameter * R[:, 2])[:, None]
+    cell = _SPAN_FRACTION * diameter / _CELLS
+    grid = _grid(_CELLS, cell)
+    starts = grid @ R[:, :2] + (middle - diameter * R[:, 2])[:, None]
     depth, normal = _first_hits(mesh, starts, R[:, 2])
     hit = np.isfinite(depth)
-    cell = _SPAN_FRACTION * diameter / _CELLS
     n, c = hit.shape
     covered, shown = np.zeros((n, c), np.float32), np.zeros((n, c), np.float32)
     centre = np.zeros((n, 3))
     square = (_CELLS, _CELLS)
     for k in np.flatnonzero(hit.any(axis=1)).tolist():
         # Centred on what is covered, to whole cells, as a part of a frame is.
-        whole = np.rint(_grid(diameter)[hit[k]].mean(axis=0) / cell).astype(int)
+        whole = np.rint(grid[hit[k]].mean(axis=0) / cell).astype(int)
         mean = float(depth[k, hit[k]].mean())
         covered[k] = _moved(hit[k].reshape(square).astype(float), -whole).ravel()
         relative = np.where(hit[k], depth[k] - mean, 0.0)
@@ -177,11 +190,18 @@ class PartLayout:
     """A part of a frame, laid out to be compared with the views of a target."""
 
     def __init__(self, region: Region, whole: Frame, views: SampledViews) -> None:
-        self._views, self._region, self._whole = views, region, whole
+        self._views, self._whole = views, whole
+        self._cell_m = _SPAN_FRACTION * views.diameter_m / _CELLS
         seen = region.frame.depth_m > 0.0
+        self._is_partial = not region.is_whole or _is_cut(seen)
         depth = region.frame.depth_m[seen][:, None].astype(np.float64)
         points = pixel_rays(region.frame.camera)[seen] * depth
         self.cloud: FloatArray = points[:: -(-len(points) // _MAX_CLOUD)]
+        # Between the returns of a part nothing is seen through, nor just beside them.
+        hidden = ndimage.binary_dilation(seen, np.ones((3, 3), dtype=np.bool_))
+        if region.frame.unseen is not None:
+            hidden |= region.frame.unseen
+        self._free = ~hidden
         """(n, 3) returns, camera frame, m."""
         self._mean = self.cloud.mean(axis=0)
         self._R_ray_cam = _looking_along(self._mean / np.linalg.norm(self._mean))
@@ -191,21 +211,37 @@ class PartLayout:
         self._scores: list[FloatArray] = []
 
     def first_score(self) -> float:
-        """0 to 1: how well any view fits, on few directions and turns."""
-        layout = self._laid_out(_SHIFTS[0], _FIRST_TURN_STEP)
-        score, _ = _scores(self._views.templates.first(), layout, self._views, self._stray)
-        return float(score.max())
+        """0 to 1: how well any view fits, on few directions, turns and shifts."""
+        few = _NEAR_SHIFTS if self._is_partial else _NEAR_SHIFTS[:1]
+        score = max(self._coarse_score(shift) for shift in few)
+        # A patch much smaller than the target fits anywhere on it.
+        typical = float(np.median(self._views.templates.covered.sum(axis=1)))
+        share = float(self._padded.covered.sum(axis=(1, 2)).max()) / max(typical, 1.0)
+        return score * float(min(share / _ENOUGH_SHARE, 1.0) ** 0.5)
 
-    def match(self, *, shifted: bool) -> float:
-        """Compare with all views, centred or shifted, and keep the best; how well that fits."""
-        for shift in _SHIFTS[1:] if shifted else _SHIFTS[:1]:
-            layout = self._laid_out(shift, 1)
+    def match(self) -> float:
+        """Compare with all views and keep the best; how well that fits.
+
+        Where part of the target may be hidden, its middle is not that of its returns: what few
+        views say of all shifts chooses those that all views are compared at.
+        """
+        shifts = _SHIFTS[:1]
+        if self._is_partial:
+            scores = np.array([self._coarse_score(shift) for shift in _SHIFTS])
+            shifts = [_SHIFTS[k] for k in np.argsort(-scores)[:_SHIFTS_MATCHED].tolist()]
+        for shift in shifts:
+            layout = self._padded.at(shift, 1, self._cell_m)
             score, offset = _scores(self._views.templates, layout, self._views, self._stray)
             best = np.argpartition(-score.ravel(), _MAX_MATCHES)[:_MAX_MATCHES]
             view, turn = np.unravel_index(best, score.shape)
             self._poses.append(self._poses_of(layout, view, turn, offset[view, turn]))
             self._scores.append(score[view, turn])
         return float(np.concatenate(self._scores).max())
+
+    def _coarse_score(self, shift: tuple[int, int]) -> float:
+        layout = self._padded.at(shift, _FIRST_TURN_STEP, self._cell_m)
+        templates = self._views.templates.first()
+        return float(_scores(templates, layout, self._views, self._stray)[0].max())
 
     def matches(self, target: Target) -> list[ViewMatch]:
         """Poses near those kept, aligned with the returns, the best fitting first."""
@@ -232,42 +268,72 @@ class PartLayout:
         poses[:, :3, 3] = np.einsum("kij,kj->ki", R_cam_turned, at) + self._mean
         return poses
 
-    def _laid_out(self, shift: tuple[float, float], turn_step: int) -> "_Layout":
-        side = _SPAN_FRACTION * self._views.diameter_m
-        cell = side / _CELLS
+    @cached_property
+    def _padded(self) -> "_PaddedLayout":
+        """The part at all turns, on a grid that is wide enough to be shifted."""
+        size = _CELLS + 2 * _PADDING
         # The mean over what is covered, not over returns, which crowd on what faces the sensor.
-        occupied = np.unique(np.floor(self._local[:, :2] / cell).astype(int), axis=0)
-        middle = (occupied + 0.5).mean(axis=0) * cell
-        middle = middle + np.array(shift) * self._views.diameter_m
-        R = _turns()[::turn_step]
-        n, c = len(R), _CELLS**2
+        occupied = np.unique(np.floor(self._local[:, :2] / self._cell_m).astype(int), axis=0)
+        middle = (occupied + 0.5).mean(axis=0) * self._cell_m
+        R = _turns()
+        n, c = len(R), size**2
         about = np.einsum("tij,nj->tni", R[:, :2, :2], self._local[:, :2] - middle)
-        index = np.floor(about / cell + 0.5 * _CELLS).astype(np.intp)
-        inside = ((index >= 0) & (index < _CELLS)).all(axis=2)
-        flat = index[..., 1] * _CELLS + index[..., 0] + c * np.arange(n)[:, None]
+        index = np.floor(about / self._cell_m + 0.5 * size).astype(np.intp)
+        inside = ((index >= 0) & (index < size)).all(axis=2)
+        flat = index[..., 1] * size + index[..., 0] + c * np.arange(n)[:, None]
         z = np.broadcast_to(self._local[:, 2], inside.shape)
-        count = np.bincount(flat[inside], minlength=n * c).reshape(n, c)
-        total = np.bincount(flat[inside], z[inside], minlength=n * c).reshape(n, c)
+        count = np.bincount(flat[inside], minlength=n * c)
+        total = np.bincount(flat[inside], z[inside], minlength=n * c)
         centre = R[:, :2, :2] @ middle
-        covered = count > 0
-        free = self._seen_through(R, centre) & ~covered
-        depth = (total / np.maximum(count, 1)).astype(np.float32)
-        return _Layout(R, covered.astype(np.float32), depth, free.astype(np.float32), centre)
-
-    def _seen_through(self, R: FloatArray, centre: FloatArray) -> BoolArray:
-        """(t, c) where the frame sees past the part's own depth: space, or something behind it."""
-        xy = np.einsum(
-            "tji,tcj->tci", R[:, :2, :2], _grid(self._views.diameter_m) + centre[:, None]
+        square = (n, size, size)
+        covered = (count > 0).reshape(square)
+        free = self._seen_through(R, centre, size).reshape(square) & ~covered
+        depth = (total / np.maximum(count, 1)).reshape(square)
+        return _PaddedLayout(
+            R,
+            covered.astype(np.float32),
+            depth.astype(np.float32),
+            free.astype(np.float32),
+            centre,
         )
-        points = xy @ self._R_ray_cam[:2] + self._mean
+
+    def _seen_through(self, R: FloatArray, centre: FloatArray, size: int) -> BoolArray:
+        """(t, size^2) where the frame sees past the part: space, or something behind it."""
+        cells = _grid(size, self._cell_m) + centre[:, None]
+        points = np.einsum("tji,tcj->tci", R[:, :2, :2], cells) @ self._R_ray_cam[:2] + self._mean
         camera = self._whole.camera
-        pixel = np.rint(project(camera, points)).astype(np.intp)
-        inside = ((pixel >= 0) & (pixel < [camera.width, camera.height])).all(axis=2)
+        in_front = points[..., 2] > 1e-6 * self._views.diameter_m
+        points[~in_front] = [0.0, 0.0, 1.0]
+        pixel = np.rint(np.clip(project(camera, points), -1e6, 1e6)).astype(np.intp)
+        inside = ((pixel >= 0) & (pixel < [camera.width, camera.height])).all(axis=2) & in_front
         pixel = np.clip(pixel, 0, [camera.width - 1, camera.height - 1])
-        unseen = self._region.frame.unseen
-        if unseen is not None:
-            inside &= ~unseen[pixel[..., 1], pixel[..., 0]]
-        return np.asarray(inside)
+        return np.asarray(inside & self._free[pixel[..., 1], pixel[..., 0]])
+
+
+@dataclass(frozen=True)
+class _PaddedLayout:
+    """A part of a frame on a grid of s x s cells (rows y), at t turns."""
+
+    R_turned_ray: FloatArray
+    """(t, 3, 3)"""
+    covered: DepthImage
+    """(t, s, s)"""
+    depth: DepthImage
+    """(t, s, s) mean in each cell; 0 where not covered."""
+    free: DepthImage
+    """(t, s, s) 1 where the frame sees past the part."""
+    centre: FloatArray
+    """(t, 2) of the grid, turned ray axes, m."""
+
+    def at(self, shift: tuple[int, int], turn_step: int, cell_m: float) -> "_Layout":
+        """Its inner part about a middle shifted by whole cells (x, y), at every so many turns."""
+        x, y = _PADDING + shift[0], _PADDING + shift[1]
+        part = (slice(None, None, turn_step), slice(y, y + _CELLS), slice(x, x + _CELLS))
+        covered, depth, free = (
+            grid[part].reshape(-1, _CELLS**2) for grid in (self.covered, self.depth, self.free)
+        )
+        centre = self.centre[::turn_step] + np.array(shift) * cell_m
+        return _Layout(self.R_turned_ray[::turn_step], covered, depth, free, centre)
 
 
 @dataclass(frozen=True)
@@ -293,11 +359,16 @@ def _turns() -> FloatArray:
     return np.stack([exp_rotation(np.array([0.0, 0.0, angle])) for angle in angles])
 
 
-def _grid(diameter_m: float) -> FloatArray:
-    """(c, 2) middles of the cells, m, row after row."""
-    axis = ((np.arange(_CELLS) + 0.5) / _CELLS - 0.5) * _SPAN_FRACTION * diameter_m
+def _grid(size: int, cell_m: float) -> FloatArray:
+    """(size^2, 2) middles of the cells of a square grid about zero, m, row after row."""
+    axis = (np.arange(size) + 0.5 - 0.5 * size) * cell_m
     x, y = np.meshgrid(axis, axis)
     return np.column_stack([x.ravel(), y.ravel()])
+
+
+def _is_cut(seen: BoolArray) -> bool:
+    """Whether returns (height, width) reach the border of the image."""
+    return bool(seen[[0, -1]].any() or seen[:, [0, -1]].any())
 
 
 def _scores(

@@ -16,12 +16,10 @@ from pcnav.perception.sampled_views import PartLayout, SampledViews, ViewMatch
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
-_MAX_COMPARED = 8
+_MAX_COMPARED = 6
 """Parts that are compared with all views, those first that some view fits best."""
-_MIN_FIRST_SHARE = 0.5
+_MIN_FIRST_SHARE = 0.4
 """Of the best part's score on few views, for another part to be compared with all."""
-_MAX_SHIFTED = 3
-"""Parts whose middle is taken for that of the target only as a guess."""
 _MAX_LAG = 0.25
 _MAX_RENDERED = 24
 """Poses that are scored by rendering; each part has its best two among them."""
@@ -100,10 +98,8 @@ def _matches(
     first = np.array([layout.first_score() for layout in layouts])
     order = np.argsort(-first)[:_MAX_COMPARED].tolist()
     chosen = [k for k in order if first[k] >= _MIN_FIRST_SHARE * first.max()]
-    score = {k: layouts[k].match(shifted=False) for k in chosen}
-    for k in sorted(chosen, key=lambda k: -score[k])[:_MAX_SHIFTED]:
-        if not regions[k].is_whole:
-            layouts[k].match(shifted=True)
+    for k in chosen:
+        layouts[k].match()
     return [(k, layouts[k].matches(target)) for k in chosen]
 
 

@@ -41,7 +41,7 @@ def round_body(boxsat: Target) -> Target:
 def matched(frame: Frame, target: Target, views: SampledViews) -> list[FloatArray]:
     search = candidate_regions(frame, target, SIGMA)
     layout = PartLayout(search.regions[0], frame, views)
-    layout.match(shifted=False)
+    layout.match()
     return [match.T_cam_model for match in layout.matches(target)]
 
 
@@ -95,8 +95,7 @@ def test_a_target_cut_by_the_border_of_the_image_is_proposed(
     assert np.any(clean.depth_m[:, -1] > 0.0)
     search = candidate_regions(frame, round_body, SIGMA)
     layout = PartLayout(search.regions[0], frame, views)
-    layout.match(shifted=False)
-    layout.match(shifted=True)
+    layout.match()
     found = [match.T_cam_model for match in layout.matches(round_body)]
     apart = [transform_points(invert_transform(pose) @ T, np.zeros((1, 3))) for pose in found]
     turn = [float(rotation_angle(pose[:3, :3].T @ T[:3, :3])) for pose in found]
