@@ -37,8 +37,14 @@ _INLIER_SIGMA = 3.0
 """A return further than this from the depth that a pose predicts is no inlier."""
 _ENOUGH_RETURNS = 3_000
 """So many returns suffice to find a target: about those of one that spans 60 pixels."""
-_ENOUGH_SPAN_PX = 55.0
-_TYPICAL_DEPTH = 0.5
+_RIVAL_LAG = 0.3
+_SAME_ANGLE_RAD = 0.15
+_SAME_SHIFT_FRACTION = 0.1
+"""Poses closer than this angle and share of the diameter are one."""
+_MAX_RETURNS = 60_000
+"""Of a frame that holds other things, too: twice as many take twice the time."""
+_ENOUGH_SPAN_PX = 50.0
+_TYPICAL_DEPTH = 0.4
 _MAX_STRIDE = 4
 _MAX_COMPARERS = 8
 """One for each camera of a sequence and each grid; some sequences state a camera for each frame."""
@@ -88,7 +94,13 @@ class FrameReader:
     def __init__(
         self, target: Target, settings: PerceptionTable, noise: SensorNoise | float, seed: int
     ) -> None:
-        """``noise`` that is a number is white and of that standard deviation, m."""
+        """``noise`` that is a number is white and of that standard deviation, m.
+
+        Raises `InputError` when rectangles are to be measured on a target that has none.
+        """
+        if settings.measured_by is Measurements.RECTANGLES and not target.rectangles:
+            expected = 'expected a rectangular face for measurements = "rectangles", found none'
+            raise InputError(target.mesh_path, "faces", expected)
         self._target, self._settings = target, settings
         self._noise, self._seed = SensorNoise.of(noise), seed
         self._predictor: ViewPredictor | None = None
@@ -130,13 +142,14 @@ class FrameReader:
             # Other things return, too: the target alone is no larger than its size allows.
             nearer_half = float(np.quantile(frame.depth_m[seen], _TYPICAL_DEPTH))
             span_px = self.diameter_m * max(frame.camera.fx, frame.camera.fy) / nearer_half
-            stride = min(stride, int(span_px / _ENOUGH_SPAN_PX))
+            least = int(np.sqrt(np.count_nonzero(seen) / _MAX_RETURNS))
+            stride = min(stride, max(int(span_px / _ENOUGH_SPAN_PX), least))
         return frame.strided(min(max(stride, 1), _MAX_STRIDE))
 
     def look(self, frame: Frame) -> PerceivedFrame:
         """What a frame shows without any prediction."""
         catalogue = self._target.rectangles
-        if not self._shows_target_alone(frame):
+        if not self.shows_target_alone(frame):
             # Walls and tables would be all that a search for planes finds.
             window = window_of_returns(frame)
             shape = (0, 0) if window is None else window.shape
@@ -149,7 +162,8 @@ class FrameReader:
         coarse = self.comparer(frame).coarse(frame.depth_m)
         return pose_hypotheses(perceived, self._target, coarse, self._sigma_in(frame))
 
-    def _shows_target_alone(self, frame: Frame) -> bool:
+    def shows_target_alone(self, frame: Frame) -> bool:
+        """Whether nothing else can have returned, by the size of what did."""
         if self.measured_by is Measurements.RECTANGLES:
             return True
         regions = self.regions(frame).regions
@@ -173,6 +187,24 @@ class FrameReader:
         middle[2, 3] = float(np.median(np.concatenate([r.depths for r in found.regions])))
         coarse = self.comparer(frame).coarse(frame.depth_m, middle)
         return view_hypotheses(frame, found, self._views, self._target, coarse)
+
+    def rivals(self, frame: Frame, poses: Sequence[FloatArray]) -> list[FloatArray]:
+        """Poses (4, 4) that the shape of the target makes the likeliest to be taken for the first
+        of others, and that explain about as much of the frame: half turns of it."""
+        best = poses[0]
+        coarse = self.comparer(frame).coarse(frame.depth_m, best)
+        tolerance = depth_tolerance(self._target, self._sigma_in(frame))
+        least = coarse.score(frame.depth_m, best, tolerance).inlier_ratio - _RIVAL_LAG
+        turned = [best @ motion for motion in self._target.half_turns]
+        new = [
+            T
+            for T in turned
+            if not any(
+                self._target.shows_alike(T, pose, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)
+                for pose in poses
+            )
+        ]
+        return [T for T in new if coarse.score(frame.depth_m, T, tolerance).inlier_ratio >= least]
 
     def judged(self, frame: Frame, T_cam_model: FloatArray, sigma_m: float) -> Agreement:
         """How the target at a pose (4, 4) that is roughly right explains a frame of such noise."""

@@ -8,6 +8,7 @@ the view shows a surface and the frame sees through it, cells that only the fram
 costs the same for any mesh. The best are aligned with the surface seen from outside, all at once.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -225,7 +226,7 @@ class PartLayout:
         Where part of the target may be hidden, its middle is not that of its returns: what few
         views say of all shifts chooses those that all views are compared at.
         """
-        shifts = _SHIFTS[:1]
+        shifts: Sequence[tuple[int, int]] = _SHIFTS[:1]
         if self._is_partial:
             scores = np.array([self._coarse_score(shift) for shift in _SHIFTS])
             shifts = [_SHIFTS[k] for k in np.argsort(-scores)[:_SHIFTS_MATCHED].tolist()]

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcnav.core.arrays import FloatArray
+from pcnav.perception.agreement import Agreement
 from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance
 from pcnav.perception.regions import Region, RegionSearch
 from pcnav.perception.render_compare import RenderComparer
@@ -86,8 +88,23 @@ def view_hypotheses(
         agreement = comparer.score(frame.depth_m, match.T_cam_model, tolerance)
         hypotheses.append(PoseHypothesis(match.T_cam_model, agreement, _PROPOSED_BY, part))
         best[region] = float(np.fmax(best[region], agreement.inlier_ratio))
-    hypotheses.sort(key=lambda hypothesis: -np.nan_to_num(hypothesis.agreement.inlier_ratio))
-    return tuple(hypotheses), report_of(search, best, target.diameter_m)
+    weights = evidence_weights([(h.T_cam_model, h.agreement) for h in hypotheses])
+    order = np.argsort(-weights, kind="stable").tolist()
+    return tuple(hypotheses[k] for k in order), report_of(search, best, target.diameter_m)
+
+
+def evidence_weights(found: Sequence[tuple[FloatArray, Agreement]]) -> FloatArray:
+    """(n,) how much speaks for each of poses (4, 4) in one frame, 0 to 1.
+
+    That nothing speaks against a pose means little where hardly anything speaks for it: it may lie
+    behind other things, or on a patch of them. The surface explained counts, in square metres, so
+    that a far target weighs as much as a near one.
+    """
+    areas = np.array(
+        [max(agreement.support, 0) * float(T[:3, 3] @ T[:3, 3]) for T, agreement in found]
+    )
+    ratios = np.array([np.nan_to_num(agreement.inlier_ratio) for _, agreement in found])
+    return ratios * np.sqrt(areas / max(float(areas.max(initial=0.0)), 1e-12))
 
 
 def _matches(

@@ -23,7 +23,7 @@ from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, read_mesh, uniform_mass_properties
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
-from pcnav.target.symmetry import group_name, symmetry_motions
+from pcnav.target.symmetry import group_name, half_turns, symmetry_motions
 
 __all__ = ["Rectangle", "Target", "describe", "load_target", "write_target_toml"]
 
@@ -66,6 +66,12 @@ class Target:
         """How far its largest flat part extends."""
         return flat_extent(self.mesh)
 
+    @cached_property
+    def half_turns(self) -> FloatArray:
+        """(3, 4, 4) half turns of the model frame about the principal axes of the surface: what is
+        nearly a symmetry of a satellite is mostly one of them."""
+        return half_turns(self.mesh)
+
     def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
         """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""
         return np.asarray(T_frame_model @ self.symmetry_transforms)
@@ -90,7 +96,8 @@ def load_target(mesh_path: Path) -> Target:
 
     A mesh without a true rectangle is catalogued by the equivalent rectangles (named
     equivalent_1, ...) of the faces that are rectangles to 15 %: equal in centroid, axes and second
-    moments. Raises `InputError` when either file is unusable or no rectangle is found.
+    moments. One without any is found and followed by the whole of its surface. Raises `InputError`
+    when either file is unusable.
     """
     mesh_path = Path(mesh_path)
     mesh = read_mesh(mesh_path)
@@ -103,9 +110,6 @@ def load_target(mesh_path: Path) -> Target:
     rectangles = rectangles or rectangles_among(
         faces, minimum_side, EQUIVALENT_TOLERANCE, "equivalent"
     )
-    if not rectangles:
-        expected = f"expected a rectangular face with sides over {minimum_side:.3g} m, found none"
-        raise InputError(mesh_path, "faces", expected)
     com, ratios = _mass_properties(mesh, sidecar.mass, sidecar_path)
     return Target(
         name=sidecar.name or mesh_path.stem,

@@ -71,6 +71,24 @@ def group_name(motions: FloatArray) -> str:
     return {12: "T", 24: "O", 60: "I"}.get(count, f"a group of {count}")
 
 
+def half_turns(mesh: trimesh.Trimesh) -> FloatArray:
+    """(3, 4, 4) half turns about the principal axes of a mesh's surface, model frame."""
+    corners, area = np.asarray(mesh.triangles), np.asarray(mesh.area_faces)
+    middles = corners.mean(axis=1)
+    weight = area / area.sum()
+    centre = weight @ middles
+    # The second moment of a triangle is that of its corners and, ninefold, of its middle, over 12.
+    corners, middles = corners - centre, middles - centre
+    second = np.einsum("n,nki,nkj->ij", weight, corners, corners)
+    second = (second + 9.0 * np.einsum("n,ni,nj->ij", weight, middles, middles)) / 12.0
+    axes = np.linalg.eigh(second)[1]
+    turns = []
+    for axis in axes.T:
+        R = 2.0 * np.outer(axis, axis) - np.eye(3)
+        turns.append(make_transform(R, centre - R @ centre))
+    return np.stack(turns)
+
+
 def _axis_name(axis: FloatArray) -> str:
     aligned = np.abs(axis) > np.cos(_SAME_ANGLE_RAD)
     if aligned.any():

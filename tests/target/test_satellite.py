@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from rich.console import Console
+from scipy.spatial import cKDTree
 
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import transform_points
@@ -95,7 +96,6 @@ BAD_FILES = {
     "nan.obj": (b"v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "vertices"),
     "huge.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1e300 0\nf 1 2 3\n", "vertices"),
     "flat.obj": (b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "faces"),
-    "triangle.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "faces"),
     "points.ply": (
         b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
         b"property float z\nend_header\n0 0 0\n",
@@ -113,6 +113,19 @@ def test_bad_mesh_is_one_clear_line(tmp_path, name):
     assert caught.value.field == field
     assert str(tmp_path / name) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_mesh_without_rectangles_has_an_empty_catalogue(tmp_path):
+    body = trimesh.creation.icosphere(subdivisions=2)
+    body.apply_scale([1.0, 1.4, 2.0])
+    body.export(tmp_path / "ellipsoid.stl")
+    target = load_target(tmp_path / "ellipsoid.stl")
+    assert target.rectangles == ()
+    # Turned half about any of its axes, it lies on itself.
+    tree = cKDTree(np.asarray(trimesh.sample.sample_surface(target.mesh, 20_000, seed=0)[0]))
+    for motion in target.half_turns:
+        moved = transform_points(motion, np.asarray(target.mesh.vertices))
+        assert float(np.max(tree.query(moved)[0])) < 0.05
 
 
 def test_missing_mesh(tmp_path):

@@ -30,7 +30,7 @@ from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.pose_hypotheses import PoseHypothesis
 from pcnav.perception.reading import FrameReader, Trust, View
-from pcnav.perception.view_hypotheses import SearchReport
+from pcnav.perception.view_hypotheses import SearchReport, evidence_weights
 from pcnav.recordings.sequence import Frame
 
 _MAX_HYPOTHESES = 4
@@ -41,6 +41,8 @@ _MIN_INLIER_RATIO = 0.5
 _SETTLED_INLIER_RATIO = 0.9
 """Of the best pose that rectangles lead to, for nothing else to be tried."""
 _MAX_VIEW_HYPOTHESES = 6
+_MIN_WEIGHT_SHARE = 0.6
+"""Of the best pose's weight of evidence, for another one in the same frame to be a hypothesis."""
 _ALIGNED_DOUBT = 0.3
 """How far a pose that was aligned with the returns may be off, in terms of those that rectangles
 propose."""
@@ -96,23 +98,51 @@ def search(
     proposed = _likely(reader.hypotheses(perceived)[:_MAX_HYPOTHESES])
     poses = [reader.nearest_equivalent(hypothesis.T_cam_model, near) for hypothesis in proposed]
     found = best_first(refitted(poses, perceived, reader))
-    settled = bool(found) and found[0].inlier_ratio >= _SETTLED_INLIER_RATIO
-    if settled or reader.measured_by is Measurements.RECTANGLES:
+    if reader.measured_by is Measurements.RECTANGLES:
         return found, reader.report(frame, found[0].inlier_ratio if found else np.nan)
+    if found and found[0].inlier_ratio >= _SETTLED_INLIER_RATIO:
+        rivals = reader.rivals(frame, [pose.T_cam_model for pose in found])
+        found = best_first(
+            [*found, *_others(found, compared_poses(rivals, frame, reader), frame, reader)]
+        )
+        return found, reader.report(frame, found[0].inlier_ratio)
     seen, report = reader.view_hypotheses(frame)
-    fitted = list(found)
+    new: list[SingleFramePose] = []
     for hypothesis in _likely(seen[:_MAX_VIEW_HYPOTHESES]):
         T_cam_model = reader.nearest_equivalent(hypothesis.T_cam_model, near)
         region = hypothesis.region
         assert region is not None, "sampled views are compared with regions"
-        for pose in compared_poses(
-            [T_cam_model], region.frame, reader, _ALIGNED_DOUBT, region.sigma_m
-        ):
-            moved = [reader.moved_px(pose.T_cam_model, f.T_cam_model, frame) for f in fitted]
-            if min(moved, default=np.inf) > _SAME_PX:
-                judged = reader.judged(frame, pose.T_cam_model, region.sigma_m)
-                fitted.append(replace(pose, agreement=judged))
-    return best_first(fitted), report
+        fits = compared_poses([T_cam_model], region.frame, reader, _ALIGNED_DOUBT, region.sigma_m)
+        for pose in _others([*found, *new], fits, frame, reader):
+            judged = reader.judged(frame, pose.T_cam_model, region.sigma_m)
+            new.append(replace(pose, agreement=judged))
+    if reader.shows_target_alone(frame):
+        return best_first([*found, *new]), report
+    return _weightiest([*found, *new]), report
+
+
+def _others(
+    known: Sequence[SingleFramePose],
+    poses: Sequence[SingleFramePose],
+    frame: Frame,
+    reader: FrameReader,
+) -> list[SingleFramePose]:
+    """Those of poses that are none of the known ones, nor an earlier one of themselves."""
+    kept: list[SingleFramePose] = []
+    for pose in poses:
+        moved = [
+            reader.moved_px(pose.T_cam_model, other.T_cam_model, frame) for other in (*known, *kept)
+        ]
+        if min(moved, default=np.inf) > _SAME_PX:
+            kept.append(pose)
+    return kept
+
+
+def _weightiest(poses: Sequence[SingleFramePose]) -> tuple[SingleFramePose, ...]:
+    """Those for which most speaks where the frame holds other things, too, the best first."""
+    weights = evidence_weights([(pose.T_cam_model, pose.agreement) for pose in poses])
+    order = np.argsort(-weights, kind="stable").tolist()
+    return tuple(poses[k] for k in order if weights[k] >= _MIN_WEIGHT_SHARE * weights.max())
 
 
 def _likely(hypotheses: Sequence[PoseHypothesis]) -> list[PoseHypothesis]:

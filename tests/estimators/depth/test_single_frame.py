@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
+from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
 from pcnav.estimators.depth.single_frame import fuse_faces, search, single_frame_pose
 from pcnav.perception.association import MeasuredFace, measure_by_prediction
@@ -148,3 +150,50 @@ def test_the_target_alone_is_found_by_rectangles_alone(
     assert errors(found[0].T_cam_model)[0] < 3.0
     assert len(report.tried) == 1
     assert report.best_inlier_ratio == found[0].inlier_ratio
+
+
+def test_a_target_without_rectangles_is_found(tmp_path: Path) -> None:
+    parts = [trimesh.creation.icosphere(subdivisions=2) for _ in range(3)]
+    for part, size, place in zip(
+        parts,
+        ([1.2, 1.4, 2.8], [2.0, 0.4, 0.4], [0.9, 0.9, 0.7]),
+        ([0.0, 0.0, 0.0], [1.6, 0.3, 1.4], [-0.4, 0.8, -2.6]),
+        strict=True,
+    ):
+        part.apply_scale(size)
+        part.apply_translation(place)
+    trimesh.util.concatenate(parts).export(tmp_path / "tank.stl")
+    tank = load_target(tmp_path / "tank.stl")
+    reader = FrameReader(tank, PerceptionTable(), SIGMA_M, 1)
+    clean = DepthRenderer(tank.mesh, CAMERA).render(POSE)
+    depth_m = add_sensor_faults(clean, NoiseTable(range_sigma_m=SIGMA_M), 1, 0)
+    found, _ = search(reader.look(Frame(0, 0.0, depth_m, CAMERA, np.eye(4))), reader)
+    shift_mm, turn_deg = errors(found[0].T_cam_model)
+    assert shift_mm < 40.0
+    assert turn_deg < 1.0
+    with pytest.raises(InputError, match="rectangular face"):
+        FrameReader(tank, PerceptionTable(measurements=Measurements.RECTANGLES), SIGMA_M, 1)
+
+
+def test_half_turns_are_the_rivals_of_a_near_symmetric_target(tmp_path: Path) -> None:
+    # A bar with a thin collar at one end: turned end for end, it explains nearly the whole frame.
+    bar = trimesh.creation.box([1.2, 1.6, 6.0])
+    collar = trimesh.creation.box([1.3, 1.7, 0.4])
+    collar.apply_translation([0.0, 0.0, 2.4])
+    trimesh.util.concatenate([bar, collar]).export(tmp_path / "bar.stl")
+    target = load_target(tmp_path / "bar.stl")
+    reader = FrameReader(target, PerceptionTable(), SIGMA_M, 1)
+    clean = DepthRenderer(target.mesh, CAMERA).render(POSE)
+    depth_m = add_sensor_faults(clean, NoiseTable(range_sigma_m=SIGMA_M), 1, 0)
+    frame = Frame(0, 0.0, depth_m, CAMERA, np.eye(4))
+    found, _ = search(reader.look(frame), reader)
+    assert target.shows_alike(POSE, found[0].T_cam_model, 0.01, 0.01)
+    rivals = reader.rivals(frame, [POSE])
+    # About its long axis it lies on itself; about the other two, end for end.
+    assert len(rivals) == 2
+    for T in rivals:
+        assert errors(T)[1] == pytest.approx(180.0, abs=1e-6)
+        assert abs(float(T[:3, 2] @ POSE[:3, 2])) == pytest.approx(1.0, abs=1e-6)
+        assert not target.shows_alike(POSE, T, 0.1, 0.1)
+    # A rival that is already known is no new one.
+    assert len(reader.rivals(frame, [POSE, rivals[0]])) == 0
