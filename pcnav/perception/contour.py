@@ -85,7 +85,7 @@ class ContourRuns:
     triangle: IntArray
     """(n,) of the mesh, seen beside the edge."""
     shared: FloatArray
-    """(n, 3) by the offsets of the outline, see `SensorNoise.outline_offset_px`."""
+    """(n, 4) by the offsets of the outline, see `SensorNoise.outline_offset_px`."""
 
     def __len__(self) -> int:
         return len(self.value)
@@ -220,11 +220,12 @@ class _Samples:
     """Whether edges are curves in the image."""
 
     def by_offsets(self, kind: int | IntArray) -> FloatArray:
-        """(n, 3) outward displacement, pixels, by the offsets of the outline; ``kind`` (n,) as in
+        """(n, 4) outward displacement, pixels, by the offsets of the outline; ``kind`` (n,) as in
         `_Counted`."""
-        before_space = np.broadcast_to(np.equal(kind, 0), self.slope.shape)
-        steepness = np.abs(self.slope) * before_space
-        return np.column_stack([before_space, steepness, ~before_space]).astype(np.float64)
+        space = np.broadcast_to(np.equal(kind, 0), self.slope.shape)
+        steepness = np.abs(self.slope)
+        both = [space, steepness * space, ~space, steepness * ~space]
+        return np.column_stack(both).astype(np.float64)
 
     @property
     def pixels(self) -> FloatArray:
@@ -444,7 +445,7 @@ def _runs(
     if len(edge) == 0:
         empty = np.empty(0)
         none = np.empty(0, dtype=np.intp)
-        return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 3)))
+        return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 4)))
     breaks = (np.diff(edge) != 0) | (np.diff(samples.major) != 1) | (np.diff(kind) != 0)
     breaks |= samples.upright[1:] != samples.upright[:-1]
     starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])

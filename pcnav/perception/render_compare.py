@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
+from scipy import ndimage
 
 from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
@@ -43,6 +44,9 @@ _MIN_COSINE = 0.1
 """Surfaces seen at more than 84 degrees are not used: within a pixel their range varies widely."""
 _MISFIT_SD = 3.0
 """Residuals this much above the noise's own spread are no chance: the face is not as modelled."""
+_WHOLE_SHARE, _MIN_WHOLE = 0.5, 300
+"""While it is not known what a pixel sees, those beside an edge are left out of a view of which
+this share and so many pixels remain."""
 _COARSEST_STRIDE = 4
 _MIN_COARSE_PIXELS = 300
 """A coarse grid keeps about so many pixels on the target."""
@@ -260,7 +264,7 @@ class RenderComparer:
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
         typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
-        pixels = _surface_pixels(rendered, typical_m)
+        pixels = _surface_pixels(rendered, typical_m, self._noise)
         seen_m = depth_m[rendered.window][pixels.inside] * pixels.range_per_depth
         returned = seen_m > 0.0
         residual = seen_m - pixels.range_m
@@ -365,7 +369,8 @@ class _Pixels:
     """(n, 3) plane, ``m . ray = 1 / range``."""
 
 
-def _surface_pixels(rendered: RenderedDepth, sigma_m: float) -> _Pixels:
+def _surface_pixels(rendered: RenderedDepth, sigma_m: float, noise: SensorNoise) -> _Pixels:
+    """``sigma_m`` is that of the noise where the target is."""
     triangle = rendered.triangle[rendered.window]
     depth = rendered.depth_m[rendered.window].astype(np.float64)
     rays = pixel_rays(rendered.camera)[rendered.window]
@@ -386,6 +391,12 @@ def _surface_pixels(rendered: RenderedDepth, sigma_m: float) -> _Pixels:
             smooth = (mine >= 0) & (other >= 0)
             smooth &= np.abs(gap) * depth[here][i, j] ** 2 < _CREASE_SIGMA * sigma_m
             inside[here][i[~smooth], j[~smooth]] = False
+    if noise.may_have_footprint:
+        # Pixels that see nothing but their surface in all of their area.
+        whole = ndimage.binary_erosion(inside, np.ones((3, 3), dtype=np.bool_))
+        left, n = np.count_nonzero(whole), np.count_nonzero(inside)
+        if noise.has_footprint or left > max(_WHOLE_SHARE * n, _MIN_WHOLE):
+            inside = whole
     kept = triangle[inside]
     per_depth = range_per_depth(rendered.camera)[rendered.window][inside]
     m = planes[kept]

@@ -13,7 +13,13 @@ import numpy as np
 
 from pcnav.core.arrays import DepthImage, FloatArray
 
-Offsets = tuple[float, float, float]
+Offsets = tuple[float, float, float, float]
+
+OUTLINE_PRIOR_SD_PX = 0.3
+"""How far off an outline may be seen, before any frame: pixels return from none to all of their
+area covered, which displaces it by up to half a pixel."""
+_CLEAR_SD, _EXACT_PX = 3.0, 0.02
+"""An outline is known to be displaced where it is by so many deviations, and more than that."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +37,11 @@ class SensorNoise:
     tilts at one standard deviation of its pixels; drawn anew for every face and frame."""
     frame_sd_m: float = 0.0
     """Standard deviation of an offset along the rays that a whole frame shares."""
-    outline_offset_px: Offsets = (0.0, 0.0, 0.0)
+    outline_offset_px: Offsets = (0.0, 0.0, 0.0, 0.0)
     """How far outward the outline is seen, along pixel rows or columns, in all frames alike: before
-    space where it runs along the grid, by how much more per unit of its slope against the grid, and
-    before another surface."""
-    outline_offset_sd_px: Offsets = (0.0, 0.0, 0.0)
+    space where it runs along the grid, and by how much more per unit of its slope against the grid;
+    before another surface, likewise."""
+    outline_offset_sd_px: Offsets = (0.0, 0.0, 0.0, 0.0)
     """How well they are known."""
     outline_sd_px: float = 0.0
     """Standard deviation by which a stretch of the outline is displaced, beyond the pixel grid."""
@@ -44,6 +50,24 @@ class SensorNoise:
     def of(noise: "SensorNoise | float") -> "SensorNoise":
         """White noise of a standard deviation in metres, or noise that is known in full."""
         return noise if isinstance(noise, SensorNoise) else SensorNoise(float(noise))
+
+    @staticmethod
+    def before_any_frame(sigma_m: float) -> "SensorNoise":
+        """White noise as it is stated, and an outline that may be seen anywhere near."""
+        sd = OUTLINE_PRIOR_SD_PX
+        return SensorNoise(sigma_m, outline_offset_sd_px=(sd, sd, sd, sd))
+
+    @property
+    def has_footprint(self) -> bool:
+        """Whether pixels are known to see an area and not a line: beside an edge they then mix what
+        lies on both sides."""
+        both = zip(self.outline_offset_px, self.outline_offset_sd_px, strict=True)
+        return any(abs(offset) > max(_CLEAR_SD * sd, _EXACT_PX) for offset, sd in both)
+
+    @property
+    def may_have_footprint(self) -> bool:
+        """Whether they may, for all that is known."""
+        return any(self.outline_offset_px) or any(self.outline_offset_sd_px)
 
     @property
     def is_white(self) -> bool:

@@ -23,12 +23,14 @@ from pcnav.estimators.depth.measuring import (
     pose_of,
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
+from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_measurement import ObserverPose
 from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult
 from pcnav.perception.reading import FrameReader
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.frame_guard import FrameGuard
 from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
 from pcnav.runs.estimate import Estimate, Output
@@ -86,7 +88,9 @@ class Tracker(Estimator):
     ) -> None:
         self._target, self._info, self._filtering = target, info, filtering
         sigma_m = stated_or_default_sigma(info, perception.range_sigma_m)
-        self._reader = FrameReader(target, perception, sigma_m, seed)
+        noise = SensorNoise.before_any_frame(sigma_m)
+        self._reader = FrameReader(target, perception, noise, seed)
+        self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
         self._model = MassCentreModel(
@@ -108,6 +112,11 @@ class Tracker(Estimator):
         return self._best_view
 
     @property
+    def sensor_noise(self) -> SensorNoise:
+        """Noise of the sensor, as far as it is known now."""
+        return self._noise.noise
+
+    @property
     def prior(self) -> PriorMass | None:
         """Prior of the mass before the first frame; None until there is a track."""
         return self._belief.prior if self._has_tracked else None
@@ -119,6 +128,7 @@ class Tracker(Estimator):
         than the one before.
         """
         self._guard.check(frame)
+        self._noise.begin(frame)
         observer = ObserverPose.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
         if self._track is None:
             estimate, view = self._acquire(frame, observer)
@@ -187,6 +197,9 @@ class Tracker(Estimator):
         updated = self._overruled(recovery, track, updated)
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)
+            if status is not Status.LOST and updated.result is not None:
+                pose = pose_of(track.motion.kalman, observer)
+                self._noise.learn(updated.view, updated.result.accepted, pose)
         else:
             updated, status = self._search(recovery, track, updated)
         estimate = self._estimate(updated.view, updated.result, status, observer)
@@ -273,6 +286,8 @@ class Tracker(Estimator):
         """
         was_right = not (track.was_wrong or track.open_question or track.evidence.is_doubtful)
         belief = self._belief
+        if track.was_wrong:
+            self._noise.start_again()
         if was_right and not track.symmetric:
             belief = track.motion.learnt_mass or belief
         self._track = None

@@ -1,0 +1,108 @@
+"""Learns the noise of the sensor from the frames of a track, and tells perception.
+
+Only frames that the track explains are learnt from, so that a wrong lock cannot explain itself by
+noise; what is stated holds until frames contradict it.
+"""
+
+import logging
+
+from pcnav.core.arrays import FloatArray
+from pcnav.estimators.depth.pose_measurement import pose_error
+from pcnav.estimators.depth.views import FrameView
+from pcnav.perception.modality import Evidence
+from pcnav.perception.outline_belief import OutlineBelief
+from pcnav.perception.range_level import RangeLevel, face_levels, first_guess
+from pcnav.perception.reading import FrameReader
+from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.recordings.sequence import Frame
+
+_log = logging.getLogger("pcnav")
+
+_MIN_INLIER_RATIO = 0.7
+"""Of a frame, to be learnt from."""
+_EVERY_FRAME = 25
+"""So many frames are all learnt from; afterwards every so many of"""
+_EVERY = 5
+_MOVED_PX = 0.3
+"""A view that has moved by less errs as it did before."""
+_CONTRADICTED = 1.5
+"""Noise that differs from what is stated by this factor is told."""
+
+
+class NoiseLearner:
+    """The sensor noise of one recording, and what it is learnt from."""
+
+    def __init__(self, reader: FrameReader, stated_m: float | None) -> None:
+        """``reader`` is told; ``stated_m`` is None where nothing is known of the range noise."""
+        self._reader, self._stated_m = reader, stated_m
+        self._begun = reader.noise
+        self._guessed = stated_m is not None
+        self._told = False
+        self._forget()
+
+    def _forget(self) -> None:
+        self._outline, self._level = OutlineBelief(), RangeLevel(self._stated_m)
+        self._frames, self._seen = 0, 0
+        self._last_pose: FloatArray | None = None
+
+    @property
+    def noise(self) -> SensorNoise:
+        """As far as it is known now."""
+        return self._reader.noise
+
+    def begin(self, frame: Frame) -> None:
+        """Make a first guess from a frame, where nothing is stated and nothing was seen yet."""
+        if self._guessed:
+            return
+        guess = first_guess(frame.depth_m, frame.camera)
+        if guess is not None:
+            self._guessed = True
+            self._begun = self._reader.noise = SensorNoise.before_any_frame(guess)
+            _log.info("range noise is not stated: %.3g m in the first frame", guess)
+
+    def start_again(self) -> None:
+        """Forget what a track taught that was wrong."""
+        self._forget()
+        self._reader.noise = self._begun
+
+    def learn(self, view: FrameView, accepted: tuple[bool, ...], pose: FloatArray) -> None:
+        """Take in a frame that a track was updated with, to a pose (4, 4)."""
+        comparison = view.comparison
+        if comparison is None or view.inlier_ratio < _MIN_INLIER_RATIO:
+            return
+        self._seen += 1
+        if self._frames > _EVERY_FRAME and self._seen % _EVERY:
+            return
+        before = self.noise
+        if before != comparison.seen.noise or not self._has_moved(pose, view.frame):
+            return
+        self._frames += 1
+        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
+        together = Evidence.together((face.joint for face in used), before.n_shared)
+        error = pose_error(comparison.T_cam_model, pose)
+        outline = self._outline.with_frame(together, before, 0.5 * self._reader.diameter_m)
+        self._outline = outline.with_runs(comparison.seen.contour, error, before)
+        self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
+        noise = self._level.applied(self._outline.applied(before))
+        if noise != before:
+            self._reader.noise = noise
+        self._tell(view.frame)
+
+    def _has_moved(self, pose: FloatArray, frame: Frame) -> bool:
+        last = self._last_pose
+        if last is not None and self._reader.moved_px(last, pose, frame) < _MOVED_PX:
+            return False
+        self._last_pose = pose
+        return True
+
+    def _tell(self, frame: Frame) -> None:
+        stated, learnt = self._stated_m, self.noise.sigma_in(frame.depth_m)
+        if stated is None or self._told:
+            return
+        if not 1.0 / _CONTRADICTED < learnt / stated < _CONTRADICTED:
+            self._told = True
+            _log.warning(
+                "range_sigma_m is stated as %.3g m, the frames show %.3g m: that is used",
+                stated,
+                learnt,
+            )

@@ -1,0 +1,105 @@
+"""The sensor's noise, learnt by a tracker from frames whose noise is known here and not stated."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcnav.config.depth import PerceptionTable
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.camera import PinholeCamera
+from pcnav.estimators.depth.tracker import Tracker
+from pcnav.perception.range_level import FaceLevel, RangeLevel, first_guess
+from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.recordings.sequence import SequenceInfo
+from pcnav.simulation.depth import Scene
+from pcnav.target.satellite import Target, load_target
+
+FRAMES, SIGMA_M = 14, 0.02
+
+
+@pytest.fixture(scope="module")
+def target(repository: Path) -> Target:
+    return load_target(repository / "meshes" / "boxsat.obj")
+
+
+def learnt(target: Target, stated_m: float | None, **noise: object) -> SensorNoise:
+    """By a tracker that has seen a simulated recording."""
+    pipeline = Pipeline.model_validate(
+        {
+            "seed": 5,
+            "scenario": {"frames": FRAMES, "frame_rate_hz": 1.0},
+            "orbit": {"r_hill_m": [20.0, 0.2, -0.1]},
+            "body": {
+                "attitude_rotvec_deg": [25.0, 40.0, -30.0],
+                "omega_body_deg_s": [2.0, -1.4, 2.5],
+            },
+            "camera": {"horizontal_fov_deg": 30.0},
+            "noise": {"range_sigma_m": SIGMA_M, **noise},
+        }
+    )
+    scene = Scene.showing(target, pipeline)
+    info = SequenceInfo("test", pipeline.orbit.mean_motion_rad_s, stated_m, None)
+    tracker = Tracker(target, info, PerceptionTable(), pipeline.filter, 1)
+    for frame in scene:
+        tracker.step(frame)
+    return tracker.sensor_noise
+
+
+def test_an_exact_sensor_is_found_to_be_one(target: Target) -> None:
+    noise = learnt(target, SIGMA_M)
+    assert noise.sigma_m == SIGMA_M
+    assert noise.outline_offset_px[:2] == noise.outline_offset_sd_px[:2] == (0.0, 0.0)
+    assert noise.outline_sd_px == 0.0
+
+
+def test_pixels_that_return_from_any_of_their_area_show_a_larger_outline(target: Target) -> None:
+    noise = learnt(target, SIGMA_M, footprint="any")
+    # Five rays along a side: the outermost are 0.4 px from the middle, along rows and columns.
+    assert noise.outline_offset_px[:2] == pytest.approx((0.4, 0.4), abs=0.1)
+    assert noise.has_footprint
+
+
+@pytest.mark.parametrize("factor", [1.0 / 3.0, 3.0, None])
+def test_a_level_that_is_not_stated_or_stated_wrongly_is_learnt(
+    target: Target, factor: float | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.INFO, "pcnav"):
+        noise = learnt(target, None if factor is None else factor * SIGMA_M)
+    assert noise.sigma_m == pytest.approx(SIGMA_M, rel=0.06)
+    said = [r.message for r in caplog.records if "range_sigma_m" in r.message]
+    assert len(said) == (0 if factor is None else 1)
+
+
+@pytest.mark.parametrize("growth", [0, 1, 2])
+def test_the_growth_of_noise_with_range_is_learnt_from_a_target_that_comes_nearer(
+    growth: int,
+) -> None:
+    rng, level = np.random.default_rng(growth), RangeLevel(0.01)
+    for range_m in np.linspace(20.0, 10.0, 60):
+        variance = (0.01 * (range_m / 20.0) ** growth) ** 2
+        faces = [
+            FaceLevel(range_m, variance * float(rng.chisquare(500)) / 500, 500) for _ in range(3)
+        ]
+        level = level.with_levels(faces)
+    noise = level.applied(SensorNoise(0.01))
+    assert noise.growth == growth
+    for range_m in (10.0, 15.0):
+        assert noise.sigma_at(range_m) == pytest.approx(0.01 * (range_m / 20.0) ** growth, rel=0.1)
+
+
+def test_first_guess_of_a_frame_of_slanted_planes_and_steps() -> None:
+    camera = PinholeCamera.from_field_of_view(96, 96, 0.4)
+    v, u = np.mgrid[:96, :96]
+    depth = 5.0 + 0.004 * u + 0.002 * v + np.where(u > 40, 0.5, 0.0)
+    depth[:20] = 0.0
+    noise = np.random.default_rng(3).normal(0.0, 0.01, depth.shape)
+    frame = np.where(depth > 0.0, depth + noise, 0.0)
+    guess = first_guess(frame.astype(np.float32), camera)
+    assert guess == pytest.approx(0.01, rel=0.1)
+    # Noise below the step that depths are stored in cannot be seen, but that of rounding is there.
+    rounded = np.round(np.where(depth > 0.0, depth, 0.0) / 0.05) * 0.05
+    guess = first_guess(rounded.astype(np.float32), camera)
+    assert guess is not None and 0.3 < guess / (0.05 / np.sqrt(12.0)) < 3.0
+    assert first_guess(np.zeros((96, 96), dtype=np.float32), camera) is None
