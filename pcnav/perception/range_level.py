@@ -147,7 +147,7 @@ def first_guess(depth_m: DepthImage, camera: PinholeCamera) -> float | None:
             found.append(_MAD_TO_SD * float(np.median(bend)) / np.sqrt(6.0))
     if not found:
         return None
-    return max(min(found), step_m / np.sqrt(12.0))
+    return float(max(min(found), step_m / np.sqrt(12.0)))
 
 
 def _step(depth_m: DepthImage) -> float:

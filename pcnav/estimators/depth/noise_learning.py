@@ -6,6 +6,8 @@ noise; what is stated holds until frames contradict it.
 
 import logging
 
+import numpy as np
+
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.pose_measurement import pose_error
 from pcnav.estimators.depth.views import FrameView
@@ -14,6 +16,7 @@ from pcnav.perception.outline_belief import OutlineBelief
 from pcnav.perception.range_level import RangeLevel, face_levels, first_guess
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.perception.shared_levels import FaceErrors, FrameErrors
 from pcnav.recordings.sequence import Frame
 
 _log = logging.getLogger("pcnav")
@@ -42,6 +45,7 @@ class NoiseLearner:
 
     def _forget(self) -> None:
         self._outline, self._level = OutlineBelief(), RangeLevel(self._stated_m)
+        self._faces, self._offsets = FaceErrors(), FrameErrors()
         self._frames, self._seen = 0, 0
         self._last_pose: FloatArray | None = None
 
@@ -71,6 +75,7 @@ class NoiseLearner:
         if comparison is None or view.inlier_ratio < _MIN_INLIER_RATIO:
             return
         self._seen += 1
+        self._follow_distance(view, accepted)
         if self._frames > _EVERY_FRAME and self._seen % _EVERY:
             return
         before = self.noise
@@ -83,10 +88,27 @@ class NoiseLearner:
         outline = self._outline.with_frame(together, before, 0.5 * self._reader.diameter_m)
         self._outline = outline.with_runs(comparison.seen.contour, error, before)
         self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
+        typical_m = float(before.sigma_at(float(np.linalg.norm(pose[:3, 3]))))
+        lever_m = 0.5 * self._reader.diameter_m
+        self._faces = self._faces.with_frame(comparison.seen, lever_m, typical_m)
         noise = self._level.applied(self._outline.applied(before))
+        noise = self._offsets.applied(self._faces.applied(noise, typical_m))
         if noise != before:
             self._reader.noise = noise
         self._tell(view.frame)
+
+    def _follow_distance(self, view: FrameView, accepted: tuple[bool, ...]) -> None:
+        """Whether the distance scatters as one that is measured with an offset in each frame."""
+        comparison = view.comparison
+        assert comparison is not None, "the caller saw to it"
+        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
+        self._offsets = self._offsets.with_frame(
+            view.frame.time_s,
+            comparison.T_cam_model,
+            [Evidence(face.information, face.vector) for face in used],
+            0.5 * self._reader.diameter_m,
+            comparison.seen.noise.frame_sd_m,
+        )
 
     def _has_moved(self, pose: FloatArray, frame: Frame) -> bool:
         last = self._last_pose
