@@ -25,8 +25,10 @@ from pcnav.evaluation.observability.sources import tables_of_run
 from pcnav.recordings.first_pose import prior_of
 from pcnav.recordings.frame_survey import FrameSurvey, FrameSurveyor
 from pcnav.recordings.images import ImageSequence
+from pcnav.recordings.intake import Intake, skipped_frames_csv
 from pcnav.recordings.opening import open_recording
 from pcnav.recordings.recording import Recording, truth_folder
+from pcnav.recordings.region_files import resolved
 from pcnav.recordings.sequence import Frame, Sequence
 from pcnav.recordings.stereo_tracks import read_truth_features
 from pcnav.recordings.truth import read_truth
@@ -36,7 +38,13 @@ from pcnav.report.run_report import write_report
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import read_run
-from pcnav.runs.result_files import KNOWLEDGE_FILE, METRICS_FILE, PIPELINE_FILE, REPORT_FILE
+from pcnav.runs.result_files import (
+    KNOWLEDGE_FILE,
+    METRICS_FILE,
+    PIPELINE_FILE,
+    REPORT_FILE,
+    SKIPPED_FRAMES_FILE,
+)
 from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target, load_target
@@ -97,6 +105,12 @@ class _Inputs:
         as_run = self.as_run.model_copy(update={"initial_pose": initial_pose})
         return replace(self, as_run=as_run)
 
+    def frames(self) -> Recording | Intake:
+        """What the estimator is given; of depth frames what the settings leave of them."""
+        if not isinstance(self.recording, Sequence):
+            return self.recording
+        return Intake(self.recording, self.as_run.region, self.as_run.skip_bad_frames)
+
     def make_estimator(self) -> Estimator:
         """The one that is run."""
         about: Any = self.recording
@@ -153,7 +167,11 @@ def run(
         writer.write_text(PIPELINE_FILE, pipeline_toml(inputs.as_run, versions, of_a_run=True))
         if on_start is not None:
             on_start(inputs.as_run, running.output)
-        survey = _estimate(inputs, running, writer, on_estimate)
+        frames = inputs.frames()
+        survey = _estimate(inputs, frames, running, writer, on_estimate)
+        remarks = frames.remarks if isinstance(frames, Intake) else ()
+        if isinstance(frames, Intake) and frames.skipped:
+            writer.write_text(SKIPPED_FRAMES_FILE, skipped_frames_csv(frames.skipped))
         staging = writer.finish_tables()
         if isinstance(inputs.recording, TrackedImages):
             inputs.recording.write(staging)
@@ -169,6 +187,7 @@ def run(
         if gain is not None:
             writer.write_text(KNOWLEDGE_FILE, gain_csv(gain))
         says = diagnosis(found, _facts(inputs, running, survey))
+        warnings = (*remarks, *says.warnings)
         picture, caption = _picture(inputs.target, running)
         content = ReportContent(
             title=inputs.recording.name,
@@ -183,10 +202,10 @@ def run(
             versions=versions,
             picture=picture,
             picture_caption=caption,
-            warnings=says.warnings,
+            warnings=warnings,
         )
         write_report(staging / REPORT_FILE, content)
-    for sentence in says.warnings:
+    for sentence in warnings:
         _LOG.warning("%s", sentence)
     return RunSummary(out, metrics, gain, says)
 
@@ -200,7 +219,8 @@ def _open(
     source: Path | str,
 ) -> _Inputs:
     choice = chosen(path, pipeline, estimator, source)
-    recording = open_recording(path, target_mesh, (choice.kind,))
+    skip_bad_frames = pipeline is not None and pipeline.skip_bad_frames
+    recording = open_recording(path, target_mesh, (choice.kind,), skip_bad_frames)
     assert recording.path is not None, "it was read from a file"
     pipeline, inputs, target = pipeline or Pipeline(), [recording.path], None
     as_run: dict[str, object] = {"sequence": str(recording.path.resolve())}
@@ -210,6 +230,7 @@ def _open(
         mesh = target_mesh or _mesh_of(recording, pipeline)
         inputs.append(mesh)
         as_run["target_mesh"] = str(mesh.resolve())
+        as_run["region"] = resolved(pipeline.region, recording.path)
     for each in inputs:
         # Replacing a result folder must not delete what the new result is made from.
         if each.resolve().is_relative_to(out.resolve()):
@@ -238,20 +259,24 @@ def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
 
 
 def _estimate(
-    inputs: _Inputs, estimator: Estimator, writer: RunWriter, on_estimate: OnEstimate | None
+    inputs: _Inputs,
+    frames: Recording | Intake,
+    estimator: Estimator,
+    writer: RunWriter,
+    on_estimate: OnEstimate | None,
 ) -> FrameSurvey | None:
     """Give the estimator every frame; the estimates go to the writer as they come.
 
     What is returned tells what depth frames hold.
     """
     done, surveyor = 0, FrameSurveyor()
-    for done, frame in enumerate(inputs.recording, start=1):
+    for done, frame in enumerate(frames, start=1):
         if isinstance(frame, Frame):
             surveyor.add(frame)
         estimate = writer.add(estimator.step(frame))
         if on_estimate is not None:
             # A damaged video may end before, or after, what its header says.
-            on_estimate(estimate, done, max(len(inputs.recording), done))
+            on_estimate(estimate, done, max(len(frames), done))
     if not done:
         raise InputError(inputs.path, "file", "expected at least one frame that can be read")
     revised = estimator.finish()

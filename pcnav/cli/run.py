@@ -1,10 +1,20 @@
 """``pcnav run``: estimate a motion from a recording."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pcnav.cli.frame_options import (
+    Background,
+    Box,
+    Masks,
+    MaxRange,
+    MinRange,
+    SkipBadFrames,
+    with_frame_options,
+)
 from pcnav.cli.names import mesh_of_pipeline, named_mesh, named_pipeline
 from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
@@ -63,6 +73,12 @@ def run(
             "2 % of the distance and 5 deg unless told."
         ),
     ] = None,
+    masks: Masks = None,
+    min_range: MinRange = None,
+    max_range: MaxRange = None,
+    box: Box = None,
+    background: Background = None,
+    skip_bad_frames: SkipBadFrames = False,
     overwrite: Overwrite = False,
     view: Annotated[
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
@@ -87,8 +103,14 @@ def run(
         first = parsed_first_pose(initial_pose, initial_pose_sd)
     elif initial_pose_sd is not None:
         raise InputError(sequence, "--initial-pose-sd", "expected --initial-pose, which it is of")
-    view_port = port if view else None
-    run_into(sequence, target, pipeline, out, overwrite, view_port, estimator, first)
+    frame_options = {
+        **{"masks": masks, "min_range": min_range, "max_range": max_range, "box": box},
+        **{"background": background, "skip_bad_frames": skip_bad_frames},
+    }
+    run_into(
+        *(sequence, target, pipeline, out, overwrite, port if view else None, estimator, first),
+        frame_options=frame_options,
+    )
 
 
 def run_into(
@@ -100,6 +122,8 @@ def run_into(
     view_port: int | None = None,
     estimator: str | None = None,
     initial_pose: "FirstPoseTable | None" = None,
+    *,
+    frame_options: Mapping[str, Any] | None = None,
 ) -> None:
     """Run, show how far it is, and say what was found."""
     from pcnav.estimators.choice import chosen, refuse_mesh
@@ -107,6 +131,7 @@ def run_into(
     from pcnav.recordings.recording import RecordingKind
 
     path, content = (Path("pipeline"), None) if pipeline is None else named_pipeline(pipeline)
+    content = with_frame_options(content, path, **(frame_options or {}))
     choice = chosen(sequence, content, estimator, path)
     if target_mesh is not None:
         refuse_mesh(sequence, choice)

@@ -19,6 +19,7 @@ from pcnav.config.image_motion import FeatureTrackerTable, ImageMotionTable
 from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.config.motion import MotionTable
 from pcnav.config.principal_axes import PrincipalAxesTable
+from pcnav.config.region import RegionTable
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.config.sensors import (
     CameraTable,
@@ -52,7 +53,7 @@ class EstimatorKind(StrEnum):
 
 
 SETTINGS: Mapping[str, tuple[str, ...]] = {
-    EstimatorKind.DEPTH: ("perception", "filter"),
+    EstimatorKind.DEPTH: ("perception", "filter", "region"),
     EstimatorKind.PRINCIPAL_AXES: ("principal_axes", "orbit"),
     EstimatorKind.INERTIA_BANK: ("inertia_bank", "orbit"),
     EstimatorKind.IMAGE_MOTION: ("image_motion", "feature_tracker", "attitude_inertia"),
@@ -60,7 +61,9 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
 }
 """The tables that a run with an estimator reads, beside [estimator]. The view turns stereo tracks
 without their recording by the orbit."""
-_OF_A_RUN = ("seed", "target_mesh", "sequence", "initial_pose", "estimator")
+_UNSAID = ("skip_bad_frames", "region")
+"""What a run states only where it was asked for."""
+_OF_A_RUN = ("seed", "target_mesh", "sequence", "initial_pose", "skip_bad_frames", "estimator")
 
 
 class EstimatorTable(Table):
@@ -96,6 +99,8 @@ class Pipeline(Table):
     """Folder the run was made from, written by `pcnav run`, ignored otherwise."""
     initial_pose: FirstPoseTable | None = None
     """Of the target in the first depth frame; replaces the one a sequence states."""
+    skip_bad_frames: bool = False
+    """Whether depth images may be missing or damaged: the estimator coasts over them."""
     scenario: ScenarioTable = ScenarioTable()
     orbit: OrbitTable = OrbitTable()
     body: BodyTable = BodyTable()
@@ -111,6 +116,7 @@ class Pipeline(Table):
     estimator: EstimatorTable = EstimatorTable()
     perception: PerceptionTable = PerceptionTable()
     filter: FilterTable = FilterTable()
+    region: RegionTable = RegionTable()
     principal_axes: PrincipalAxesTable = PrincipalAxesTable()
     inertia_bank: InertiaBankTable = InertiaBankTable()
     image_motion: ImageMotionTable = ImageMotionTable()
@@ -121,14 +127,16 @@ class Pipeline(Table):
         """Its tables, every default spelled out, as a file can state them.
 
         Keys whose value is None are left out: TOML has no null, and None is their default.
-        ``of_a_run`` leaves out what a run does not read; of an estimator that is not listed here,
-        settings that are the default.
+        ``of_a_run`` leaves out what a run does not read, and of `_UNSAID`, and of an estimator that
+        is not listed here, settings that are the default.
         """
-        read = SETTINGS.get(self.estimator.kind)
+        default, read = Pipeline(), SETTINGS.get(self.estimator.kind)
+        unsaid = set(_UNSAID)
         if read is None:
-            default, known = Pipeline(), set[str]().union(*SETTINGS.values())
-            read = tuple(name for name in known if getattr(self, name) != getattr(default, name))
-        names = {*_OF_A_RUN, *read} if of_a_run else None
+            read = tuple(set[str]().union(*SETTINGS.values()))
+            unsaid |= set(read)
+        unsaid = {name for name in unsaid if getattr(self, name) == getattr(default, name)}
+        names = {*_OF_A_RUN, *read} - unsaid if of_a_run else None
         return self.model_dump(mode="json", exclude_none=True, include=names)
 
     @model_validator(mode="before")

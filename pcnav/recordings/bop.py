@@ -7,7 +7,7 @@ from pathlib import Path
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, read_scene_camera
 from pcnav.recordings.depth_form import PLAIN
-from pcnav.recordings.depth_image import SUFFIXES, depth_image_size, image_of
+from pcnav.recordings.depth_image import SUFFIXES, first_size, image_of
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file
 
@@ -21,12 +21,15 @@ def depth_file_name(number: int) -> str:
     return f"{_stem(number)}.png"
 
 
-def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
+def read_bop(
+    path: Path, target_mesh: Path | None = None, skip_bad_frames: bool = False
+) -> Sequence:
     """A BOP scene folder; sequence.toml is read where there is one.
 
     Without sequence.toml the sequence is a laboratory recording of unknown noise; what the files
     leave out is said in one warning. ``target_mesh`` replaces the mesh that
-    sequence.toml names. Everything but the pixels is checked here. Raises `InputError`.
+    sequence.toml names. Everything but the pixels is checked here. With ``skip_bad_frames`` images
+    may be missing, but for one. Raises `InputError`.
     """
     if not path.is_dir():
         raise InputError(path, "folder", f"expected a folder with {SCENE_CAMERA_FILE}")
@@ -42,7 +45,7 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
     if info.range_sigma_m is None:
         assumed.append("no range_sigma_m: the range noise is unknown")
     images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()
-    files = _images(images, numbers)
+    files = _images(images, numbers, skip_bad_frames)
     if assumed:
         _LOG.warning("%s: %s", path, "; ".join(assumed))
     return Sequence(
@@ -50,7 +53,7 @@ def read_bop(path: Path, target_mesh: Path | None = None) -> Sequence:
         info=info,
         images=images,
         files=files,
-        size=depth_image_size(images / files[0]),
+        size=first_size(images, files, skip_bad_frames),
         times_s=scene.time_s,
         intrinsics=scene.intrinsics,
         depth_step_m=scene.depth_step_m,
@@ -63,7 +66,7 @@ def _stem(number: int) -> str:
     return f"{number:06d}"
 
 
-def _images(folder: Path, numbers: list[int]) -> tuple[str, ...]:
+def _images(folder: Path, numbers: list[int], may_be_missing: bool) -> tuple[str, ...]:
     """Names of the depth images of frames. Raises `InputError` for one that is not there."""
     if not folder.is_dir():
         raise InputError(folder, "folder", "expected a folder with the depth images")
@@ -71,7 +74,9 @@ def _images(folder: Path, numbers: list[int]) -> tuple[str, ...]:
     files = []
     for number in numbers:
         file = image_of(folder, _stem(number), present)
-        if file is None:
+        if file is None and may_be_missing:
+            file = depth_file_name(number)
+        elif file is None:
             expected = f"expected the depth image of frame {number} of {SCENE_CAMERA_FILE}"
             kinds = ", ".join(SUFFIXES)
             raise InputError(folder / depth_file_name(number), "file", f"{expected} ({kinds})")

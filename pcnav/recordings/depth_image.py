@@ -7,7 +7,7 @@
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from io import BytesIO
 from math import prod
 from pathlib import Path
@@ -57,9 +57,21 @@ def read_depth_image(path: Path) -> StoredDepth:
     return stored
 
 
-def depth_image_size(path: Path) -> ImageSize:
-    """Size of a depth image. Raises `InputError` as `read_depth_image` does."""
-    return size_of(read_depth_image(path))
+def first_size(folder: Path, files: Sequence[str], skip_bad: bool = False) -> ImageSize:
+    """Size of the first of some images in a folder; with ``skip_bad`` of the first good one.
+
+    Raises `InputError` as `read_depth_image` does, for the first of them.
+    """
+    failure: InputError | None = None
+    for file in files:
+        try:
+            return size_of(read_depth_image(folder / file))
+        except InputError as error:
+            failure = failure or error
+            if not skip_bad:
+                break
+    assert failure is not None, "there is a file"
+    raise failure
 
 
 def size_of(stored: StoredDepth) -> ImageSize:

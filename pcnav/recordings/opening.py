@@ -32,7 +32,8 @@ class RecordingFormat:
     """What tells it, in words."""
     fits: Callable[[Path], bool]
     read: Callable[..., Recording]
-    """From the path and, of depth frames, the target's mesh where it is given."""
+    """From the path and, of depth frames, the target's mesh where it is given, and whether images
+    may be bad."""
 
 
 def _depth(name: str, markers: tuple[str, ...], read: Callable[..., Sequence]) -> RecordingFormat:
@@ -77,12 +78,14 @@ def open_recording(
     path: Path,
     target_mesh: Path | None = None,
     kinds: Collection[RecordingKind] = ALL_KINDS,
+    skip_bad_frames: bool = False,
 ) -> Recording:
     """Open a recording; of depth frames ``target_mesh`` replaces the mesh it names.
 
-    ``kinds`` are those that can be made use of: a folder may hold several. Raises `InputError`,
-    which names what would tell each format, when the path is missing or of no known format of these
-    kinds; when it is invalid; and for a mesh where none is shown.
+    With ``skip_bad_frames`` some of its depth images may be missing or damaged. ``kinds`` are those
+    that can be made use of: a folder may hold several. Raises `InputError`, which names what would
+    tell each format, when the path is missing or of no known format of these kinds; when it is
+    invalid; and for a mesh where none is shown.
     """
     found = format_of(path, kinds)
     if found is None:
@@ -91,7 +94,7 @@ def open_recording(
         in_it = f"expected {markers} in it" if path.is_dir() else ""
         raise InputError(path, "folder", in_it or f"expected a folder with {markers}")
     if found.kind is RecordingKind.DEPTH:
-        return found.read(path, target_mesh)
+        return found.read(path, target_mesh, skip_bad_frames)
     if target_mesh is not None:
         raise InputError(path, "target_mesh", "expected none: only depth frames need a mesh")
     return found.read(path)

@@ -178,11 +178,34 @@ class Sequence:
     def __len__(self) -> int:
         return len(self.files)
 
+    def camera(self, index: int) -> PinholeCamera:
+        """The camera that took a frame."""
+        fx, fy, cx, cy = self.intrinsics[index].tolist()
+        return PinholeCamera(*self.size, fx, fy, cx, cy, self.form.lens)
+
     def frame(self, index: int) -> Frame:
         """Read one frame. Raises `InputError` when its file is missing or damaged."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
-        path = self.images / self.files[index]
+        depth_m = self.read_depth(self.images / self.files[index], index)
+        camera, time_s = self.camera(index), float(self.times_s[index])
+        unseen = pixels_without_ray(camera)
+        if unseen is not None:
+            depth_m[unseen] = 0.0
+        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index], unseen)
+
+    def blind_frame(self, index: int) -> Frame:
+        """A frame of which nothing is known but its time and camera."""
+        camera, time_s = self.camera(index), float(self.times_s[index])
+        shape = (camera.height, camera.width)
+        depth_m, unseen = np.zeros(shape, dtype=np.float32), np.ones(shape, dtype=np.bool_)
+        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index], unseen)
+
+    def read_depth(self, path: Path, index: int) -> DepthImage:
+        """(height, width) z-depth, m, of an image in the form that the one of a frame has.
+
+        Raises `InputError`.
+        """
         stored = read_depth_image(path)
         require_size(path, stored, self.size)
         step_m = float(self.depth_step_m[index])
@@ -191,14 +214,7 @@ class Sequence:
                 expected = "expected the mm of one unit, as integers have no unit of their own"
                 raise InputError(path, "depth_scale", expected)
             step_m = 1.0
-        fx, fy, cx, cy = self.intrinsics[index].tolist()
-        camera = PinholeCamera(*self.size, fx, fy, cx, cy, self.form.lens)
-        depth_m = depth_in_metres(stored, step_m, self.form, camera)
-        unseen = pixels_without_ray(camera)
-        if unseen is not None:
-            depth_m[unseen] = 0.0
-        time_s = float(self.times_s[index])
-        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index], unseen)
+        return depth_in_metres(stored, step_m, self.form, self.camera(index))
 
     def __iter__(self) -> Iterator[Frame]:
         return (self.frame(index) for index in range(len(self)))

@@ -15,7 +15,7 @@ from pcnav.core.spatial import (
     orthonormality_error,
 )
 from pcnav.recordings.depth_form import DepthForm
-from pcnav.recordings.depth_image import depth_image_size
+from pcnav.recordings.depth_image import first_size
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 
@@ -28,12 +28,14 @@ _EXACT = 1e-9
 _LOG = logging.getLogger("pcnav")
 
 
-def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
+def read_tsdf_fusion(
+    path: Path, target_mesh: Path | None = None, skip_bad_frames: bool = False
+) -> Sequence:
     """frame-000000.depth.png (mm), frame-000000.pose.txt (camera to world), camera-intrinsics.txt.
 
     Depth 0 and 65535 mean no return. The format has no times and no noise figure: 0, 1, 2, ... s
     are assumed and the noise is unknown; poses are turned into the nearest rotation, all said in
-    one warning. Raises `InputError`.
+    one warning. With ``skip_bad_frames`` images may be damaged, but for one. Raises `InputError`.
     """
     if not path.is_dir():
         raise InputError(path, "folder", f"expected a folder with {INTRINSICS_FILE}")
@@ -42,7 +44,7 @@ def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
     if not names:
         raise InputError(path, "folder", "expected images named frame-000000.depth.png")
     names.sort(key=lambda match: int(match[1]))
-    n, size = len(names), depth_image_size(path / names[0][0])
+    n, files = len(names), tuple(match[0] for match in names)
     K = _matrix(path / INTRINSICS_FILE, 3)
     _require_pinhole(path / INTRINSICS_FILE, K)
     poses = [_pose(path / f"frame-{match[1]}.pose.txt") for match in names]
@@ -55,8 +57,8 @@ def read_tsdf_fusion(path: Path, target_mesh: Path | None = None) -> Sequence:
         path=path,
         info=SequenceInfo(path.absolute().name, 0.0, None, target_mesh),
         images=path,
-        files=tuple(match[0] for match in names),
-        size=size,
+        files=files,
+        size=first_size(path, files, skip_bad_frames),
         times_s=np.arange(float(n)),
         intrinsics=np.tile([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], (n, 1)),
         depth_step_m=np.full(n, 0.001),

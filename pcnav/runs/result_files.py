@@ -12,6 +12,8 @@ SEGMENTS_FILE = "segments.csv"
 METRICS_FILE = "metrics.json"
 KNOWLEDGE_FILE = "knowledge.csv"
 REPORT_FILE = "report.html"
+SKIPPED_FRAMES_FILE = "skipped_frames.csv"
+"""Depth frames that could not be read, where there were any."""
 PIPELINE_FILE = "pipeline.toml"
 
 FEATURE_COLUMNS = (

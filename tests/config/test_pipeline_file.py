@@ -179,6 +179,7 @@ def test_every_number_carries_its_unit() -> None:
         "clutter_count",
         "footprint",  # a word, whose type has the letters of int
         "footprint_rays",
+        "mask_object",
     }
     checked = 0
     for table in Pipeline.model_fields.values():

@@ -197,3 +197,29 @@ def test_an_estimator_that_does_not_fit_is_refused(made: Made, tmp_path: Path) -
         run(made.recording, tmp_path / "result", estimator="principal_axes")
     with pytest.raises(InputError, match=r"estimator\.kind: expected one of"):
         run(made.recording, tmp_path / "result", Pipeline(estimator=EstimatorTable(kind="nobody")))
+
+
+def test_a_bad_frame_is_coasted_over_and_listed_where_that_is_allowed(
+    made: Made, tmp_path: Path, caplog: pytest.LogCaptureFixture, quick_drawings: None
+) -> None:
+    recording = tmp_path / "recording"
+    shutil.copytree(made.recording, recording)
+    image = recording / "depth" / "000012.png"
+    image.write_bytes(image.read_bytes()[:200])
+    with pytest.raises(InputError, match="--skip-bad-frames"):
+        run(recording, tmp_path / "none", target_mesh=made.mesh)
+    assert not (tmp_path / "none").exists()
+    result = tmp_path / "result"
+    with caplog.at_level(logging.WARNING, logger="pcnav"):
+        run(recording, result, Pipeline(skip_bad_frames=True), target_mesh=made.mesh)
+    said = "1 of 24 frames could not be read and were coasted over: 12"
+    assert any(said in record.getMessage() for record in caplog.records)
+    track = read_run(result)
+    assert len(track) == FRAMES
+    assert [track.status[k] for k in (11, 12, 13)] == ["locked", "coasting", "locked"]
+    table = (result / "skipped_frames.csv").read_text(encoding="utf-8").splitlines()
+    assert len(table) == 2
+    assert table[1].startswith("12,")
+    assert said in (result / "report.html").read_text(encoding="utf-8")
+    assert tomllib.loads((result / "pipeline.toml").read_text())["skip_bad_frames"] is True
+    assert not (made.result / "skipped_frames.csv").exists()
