@@ -62,7 +62,7 @@ _DAMAGED_ARCHIVE = (
     zipfile.BadZipFile,
     NotImplementedError,
 )
-_OWN_WORDS = ("outcome",)
+_OWN_WORDS = ("outcome", "motion")
 """Columns of an estimator's own that hold words."""
 _RENAMED = {"explained": "inlier_ratio"}
 """Columns as they were called up to release 0.1."""
