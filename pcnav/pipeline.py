@@ -230,6 +230,7 @@ def _open(
         mesh = target_mesh or _mesh_of(recording, pipeline)
         inputs.append(mesh)
         as_run["target_mesh"] = str(mesh.resolve())
+        as_run["time_zero_s"] = recording.info.time_zero_s
         as_run["region"] = resolved(pipeline.region, recording.path)
     for each in inputs:
         # Replacing a result folder must not delete what the new result is made from.

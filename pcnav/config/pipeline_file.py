@@ -61,9 +61,12 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
 }
 """The tables that a run with an estimator reads, beside [estimator]. The view turns stereo tracks
 without their recording by the orbit."""
-_UNSAID = ("skip_bad_frames", "region")
+_UNSAID = ("time_zero_s", "skip_bad_frames", "region")
 """What a run states only where it was asked for."""
-_OF_A_RUN = ("seed", "target_mesh", "sequence", "initial_pose", "skip_bad_frames", "estimator")
+_OF_A_RUN = (
+    *("seed", "target_mesh", "sequence", "initial_pose", "time_zero_s", "skip_bad_frames"),
+    "estimator",
+)
 
 
 class EstimatorTable(Table):
@@ -99,6 +102,9 @@ class Pipeline(Table):
     """Folder the run was made from, written by `pcnav run`, ignored otherwise."""
     initial_pose: FirstPoseTable | None = None
     """Of the target in the first depth frame; replaces the one a sequence states."""
+    time_zero_s: float = 0.0
+    """Time stamp of the recording that is time 0 of the run, written by `pcnav run`, ignored
+    otherwise."""
     skip_bad_frames: bool = False
     """Whether depth images may be missing or damaged: the estimator coasts over them."""
     scenario: ScenarioTable = ScenarioTable()

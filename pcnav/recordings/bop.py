@@ -1,15 +1,17 @@
 """Reader of BOP scenes, with or without the additions of our own format."""
 
 import logging
+import math
 from dataclasses import replace
 from pathlib import Path
 
 from pcnav.core.errors import InputError
-from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, read_scene_camera
+from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, SceneCamera, read_scene_camera
 from pcnav.recordings.depth_form import PLAIN
 from pcnav.recordings.depth_image import SUFFIXES, first_size, image_of
 from pcnav.recordings.sequence import Sequence, SequenceInfo
-from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file
+from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file, stated_time_zero
+from pcnav.recordings.time_line import zero_of
 
 DEPTH_FOLDER = "depth"
 
@@ -44,6 +46,11 @@ def read_bop(
         form = replace(form, distortion=scene.distortion)
     if info.range_sigma_m is None:
         assumed.append("no range_sigma_m: the range noise is unknown")
+    zero_s = time_zero(path, scene)
+    if zero_s != 0.0:
+        _LOG.info("%s: time 0 is the time stamp %.17g s", path, zero_s)
+    info = replace(info, time_zero_s=zero_s)
+    assumed += _doubt_of_zero(info, float(scene.time_s[0]))
     images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()
     files = _images(images, numbers, skip_bad_frames)
     if assumed:
@@ -54,12 +61,28 @@ def read_bop(
         images=images,
         files=files,
         size=first_size(images, files, skip_bad_frames),
-        times_s=scene.time_s,
+        times_s=scene.time_s - zero_s,
         intrinsics=scene.intrinsics,
         depth_step_m=scene.depth_step_m,
         T_cam_world=scene.T_cam_world,
         form=form,
     )
+
+
+def time_zero(path: Path, scene: SceneCamera) -> float:
+    """The time stamp that is time 0 of a scene's frames and truth. Raises `InputError`."""
+    return zero_of(float(scene.time_s[0]), stated_time_zero(path / SEQUENCE_FILE))
+
+
+def _doubt_of_zero(info: SequenceInfo, first_s: float) -> list[str]:
+    """What is said where the Hill frame would have turned more than once before the first frame."""
+    turned = abs(info.mean_motion_rad_s * (first_s - info.time_zero_s))
+    if turned <= 2.0 * math.pi:
+        return []
+    return [
+        f"the first frame is {first_s - info.time_zero_s:.6g} s after time 0, more than a "
+        f"revolution: [sequence] time_zero_s says which stamp is time 0"
+    ]
 
 
 def _stem(number: int) -> str:

@@ -1,17 +1,18 @@
 """The JSON files of a BOP scene, parsed into compact arrays."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray, picked
 from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, nearest_orthogonal, orthonormality_error
 from pcnav.recordings.frame_checks import ROTATION_TOLERANCE
+from pcnav.recordings.time_line import MAX_STAMP_S, begins_anew, time_line
 
 SCENE_CAMERA_FILE = "scene_camera.json"
 SCENE_GT_FILE = "scene_gt.json"
@@ -51,12 +52,12 @@ _POSES = TypeAdapter(dict[str, list[_PoseEntry]])
 
 @dataclass(frozen=True)
 class SceneCamera:
-    """scene_camera.json, one row per frame in the order of the frame numbers."""
+    """scene_camera.json, one row per frame in order of time."""
 
     numbers: IntArray
     """(n,) frame numbers, which name the images."""
     time_s: FloatArray
-    """(n,) strictly increasing."""
+    """(n,) strictly increasing, as stamped."""
     intrinsics: FloatArray
     """(n, 4) fx, fy, cx, cy, px."""
     depth_step_m: FloatArray
@@ -66,11 +67,16 @@ class SceneCamera:
     distortion: tuple[float, ...]
     """Of the lens, as OpenCV's model has it; empty without any."""
     assumed: tuple[str, ...]
-    """What the file does not say and was assumed, in words."""
+    """What the file does not say and was assumed, and what is odd in it, in words."""
+    left_out: IntArray
+    """(m,) numbers of frames whose time stamp is another's."""
 
 
 def read_scene_camera(path: Path) -> SceneCamera:
-    """Read and check scene_camera.json. Raises `InputError` naming the frame and the field."""
+    """Read and check scene_camera.json, and put its frames in order of time.
+
+    Raises `InputError` naming the frame and the field.
+    """
     entries = _by_number(path, _read_json(path, _CAMERAS))
     if not entries:
         raise InputError(path, "frames", "expected at least one frame")
@@ -80,8 +86,7 @@ def read_scene_camera(path: Path) -> SceneCamera:
     time_s = np.arange(len(numbers), dtype=np.float64)
     if _all_or_none(path, numbers, [c.timestamp_s for c in cameras], "timestamp_s"):
         time_s = np.array([c.timestamp_s for c in cameras], dtype=np.float64)
-        steps = np.concatenate([[True], np.diff(time_s) > 0.0])
-        _require(path, numbers, steps, "timestamp_s", "expected timestamps that increase")
+        _require_seconds(path, numbers, time_s)
     else:
         assumed.append("no timestamp_s: 0, 1, 2, ... s assumed")
     T_cam_world = np.tile(np.eye(4), (len(numbers), 1, 1))
@@ -99,15 +104,20 @@ def read_scene_camera(path: Path) -> SceneCamera:
     depth_step_m = np.full(len(numbers), np.nan)
     if _all_or_none(path, numbers, [c.depth_scale for c in cameras], "depth_scale"):
         depth_step_m = np.array([c.depth_scale for c in cameras], dtype=np.float64) / 1000.0
-    return SceneCamera(
+    line = time_line(time_s, np.array(numbers, dtype=np.intp))
+    scene = SceneCamera(
         numbers=np.array(numbers, dtype=np.intp),
         time_s=time_s,
         intrinsics=_intrinsics(path, numbers, np.array([c.cam_K for c in cameras])),
         depth_step_m=depth_step_m,
         T_cam_world=T_cam_world,
         distortion=_distortion(path, numbers, [c.cam_dist for c in cameras]),
-        assumed=tuple(assumed),
+        assumed=(*assumed, *line.remarks),
+        left_out=np.zeros(0, dtype=np.intp),
     )
+    left_out = np.setdiff1d(scene.numbers, scene.numbers[line.kept])
+    in_order = replace(scene, left_out=np.arange(len(numbers)))
+    return replace(picked(in_order, line.kept), left_out=left_out)
 
 
 def read_scene_poses(path: Path) -> tuple[IntArray, FloatArray]:
@@ -130,6 +140,16 @@ def read_scene_poses(path: Path) -> tuple[IntArray, FloatArray]:
     p_mm = np.array([p.cam_t_m2c for p in found.values()], dtype=np.float64)
     T_cam_model = _poses(path, numbers, R, p_mm, "0.cam_R_m2c")
     return np.array(numbers, dtype=np.intp), T_cam_model
+
+
+def _require_seconds(path: Path, numbers: list[int], time_s: FloatArray) -> None:
+    small = np.abs(time_s) < MAX_STAMP_S
+    expected = "expected seconds; such a number counts milliseconds, microseconds or nanoseconds"
+    _require(path, numbers, small, "timestamp_s", expected)
+    anew = begins_anew(time_s)
+    if anew is not None:
+        expected = "expected the stamps of one clock, but they begin anew here"
+        raise InputError(path, f"{numbers[anew]}.timestamp_s", expected)
 
 
 def _read_json(path: Path, adapter: TypeAdapter[Content]) -> Content:

@@ -120,6 +120,8 @@ class SequenceInfo:
     row_readout_s: float = 0.0
     """Time from the exposure of the first row to that of the last; 0 of a global shutter. The
     time of a frame is that of its middle row."""
+    time_zero_s: float = 0.0
+    """Time stamp of the recording that is time 0 of its frames."""
     first_pose: FirstPosePrior | None = None
     """None where nothing is known of it."""
 

@@ -21,6 +21,7 @@ SEQUENCE_FILE = "sequence.toml"
 
 class _SequenceTable(StrictTable):
     name: str | None = None
+    time_zero_s: float | None = None
     target_mesh: str | None = None
 
 
@@ -90,6 +91,16 @@ def read_sequence_file(
         first_pose=prior_of(content.initial),
     )
     return info, sensor.form
+
+
+def stated_time_zero(path: Path) -> float | None:
+    """Stamp that sequence.toml calls time 0; None where it, or the file, is not there.
+
+    Raises `InputError`.
+    """
+    if not path.exists():
+        return None
+    return read_toml_model(path, SequenceFile).sequence.time_zero_s
 
 
 def write_sequence_file(path: Path, info: SequenceInfo, form: DepthForm = PLAIN) -> None:

@@ -9,15 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_from_xyzw, xyzw_from_rotation
 from pcnav.dynamics.blocks import ATTITUDE, FILE_ORDER, MASS_CENTRE_LAYOUT, POSE_LAYOUT
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.csv_table import read_csv, write_csv
+from pcnav.recordings.bop import time_zero
 from pcnav.recordings.bop_scene import (
     SCENE_CAMERA_FILE,
     SCENE_GT_FILE,
+    SceneCamera,
     read_scene_camera,
     read_scene_poses,
 )
@@ -36,20 +38,28 @@ def read_truth(path: Path) -> Trajectory | None:
     Raises `InputError` when a file is invalid or the two do not speak of the same times.
     """
     has_states = (path / TRUTH_FILE).is_file()
+    has_scene = (path / SCENE_CAMERA_FILE).is_file()
     if not (path / SCENE_GT_FILE).is_file():
-        return _states(path / TRUTH_FILE, None) if has_states else None
+        if not has_states:
+            return None
+        scene = read_scene_camera(path / SCENE_CAMERA_FILE) if has_scene else None
+        return _states(path / TRUTH_FILE, None, time_zero(path, scene) if scene else 0.0)
     scene = read_scene_camera(path / SCENE_CAMERA_FILE)
+    zero_s = time_zero(path, scene)
     numbers, T_cam_model = read_scene_poses(path / SCENE_GT_FILE)
+    kept = ~np.isin(numbers, scene.left_out)
+    numbers, T_cam_model = numbers[kept], T_cam_model[kept]
     known = np.isin(numbers, scene.numbers)
     if not known.all():
         expected = f"expected only frames of {SCENE_CAMERA_FILE}"
         raise InputError(path / SCENE_GT_FILE, str(numbers[int(np.argmin(known))]), expected)
-    time_s = scene.time_s[np.searchsorted(scene.numbers, numbers)]
+    time_s, T_cam_model = _in_order(scene, numbers, T_cam_model)
+    time_s = time_s - zero_s
     if not has_states:
         return Trajectory(time_s, POSE_LAYOUT, T_cam_target=T_cam_model)
-    truth = _states(path / TRUTH_FILE, T_cam_model)
+    truth = _states(path / TRUTH_FILE, T_cam_model, zero_s)
     same = len(truth.time_s) == len(time_s) and np.allclose(
-        truth.time_s, time_s, rtol=0.0, atol=_TIME_TOLERANCE_S
+        truth.time_s, time_s, rtol=0.0, atol=_TIME_TOLERANCE_S + 4.0 * np.spacing(abs(zero_s))
     )
     if not same:
         expected = f"expected the times of the frames in {SCENE_GT_FILE}"
@@ -67,8 +77,18 @@ def write_truth(folder: Path, truth: Trajectory | None) -> None:
     write_csv(folder / TRUTH_FILE, STATE_COLUMNS, rows.tolist())
 
 
-def _states(path: Path, T_cam_model: FloatArray | None) -> Trajectory:
-    """All blocks of truth.csv; the pose is of the model frame."""
+def _in_order(
+    scene: SceneCamera, numbers: IntArray, T_cam_model: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Stamps (n,) and poses (n, 4, 4) of frames by number, in order of time."""
+    by_number = np.argsort(scene.numbers)
+    rows = by_number[np.searchsorted(scene.numbers, numbers, sorter=by_number)]
+    in_time = np.argsort(rows)
+    return scene.time_s[rows[in_time]], T_cam_model[in_time]
+
+
+def _states(path: Path, T_cam_model: FloatArray | None, zero_s: float) -> Trajectory:
+    """All blocks of truth.csv, its times from a stamp on; the pose is of the model frame."""
     table = read_csv(path, STATE_COLUMNS)
     table.require_any()
     rows = table.numbers(STATE_COLUMNS)
@@ -80,4 +100,4 @@ def _states(path: Path, T_cam_model: FloatArray | None) -> Trajectory:
     table.require(later, "expected times that increase")
     values = {block.name: table.numbers(block.columns) for block in FILE_ORDER}
     values[ATTITUDE.name] = rotation_from_xyzw(values[ATTITUDE.name])
-    return Trajectory(rows[:, 0], MASS_CENTRE_LAYOUT, values, T_cam_target=T_cam_model)
+    return Trajectory(rows[:, 0] - zero_s, MASS_CENTRE_LAYOUT, values, T_cam_target=T_cam_model)
