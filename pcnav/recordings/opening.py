@@ -100,8 +100,10 @@ def open_recording(
     return found.read(path)
 
 
-def open_sequence(path: Path, target_mesh: Path | None = None) -> Sequence:
+def open_sequence(
+    path: Path, target_mesh: Path | None = None, skip_bad_frames: bool = False
+) -> Sequence:
     """Open a recording of depth frames: see `open_recording`."""
-    found = open_recording(path, target_mesh, (RecordingKind.DEPTH,))
+    found = open_recording(path, target_mesh, (RecordingKind.DEPTH,), skip_bad_frames)
     assert isinstance(found, Sequence)
     return found

@@ -96,7 +96,8 @@ def _with_frames(loaded: LoadedRun, pipeline: Pipeline) -> LoadedRun:
     loaded = replace(loaded, target=load_target(Path(pipeline.target_mesh)))
     assert loaded.target is not None
     try:
-        sequence = open_sequence(Path(pipeline.sequence or ""), Path(pipeline.target_mesh))
+        mesh, path = Path(pipeline.target_mesh), Path(pipeline.sequence or "")
+        sequence = open_sequence(path, mesh, pipeline.skip_bad_frames)
     except InputError:
         gone = f"the depth frames are not at {pipeline.sequence}: states only"
         return replace(loaded, notes=(*loaded.notes, gone))

@@ -204,21 +204,23 @@ def test_a_bad_frame_is_coasted_over_and_listed_where_that_is_allowed(
 ) -> None:
     recording = tmp_path / "recording"
     shutil.copytree(made.recording, recording)
-    image = recording / "depth" / "000012.png"
-    image.write_bytes(image.read_bytes()[:200])
+    for damaged in (recording / "depth" / "000012.png", recording / "depth" / "000023.png"):
+        damaged.write_bytes(damaged.read_bytes()[:200])
     with pytest.raises(InputError, match="--skip-bad-frames"):
         run(recording, tmp_path / "none", target_mesh=made.mesh)
     assert not (tmp_path / "none").exists()
     result = tmp_path / "result"
     with caplog.at_level(logging.WARNING, logger="pcnav"):
         run(recording, result, Pipeline(skip_bad_frames=True), target_mesh=made.mesh)
-    said = "1 of 24 frames could not be read and were coasted over: 12"
+    said = "2 of 24 frames could not be read and were coasted over: 12, 23"
     assert any(said in record.getMessage() for record in caplog.records)
     track = read_run(result)
     assert len(track) == FRAMES
-    assert [track.status[k] for k in (11, 12, 13)] == ["locked", "coasting", "locked"]
+    assert [track.status[k] for k in (11, 12, 13, 23)] == [
+        *("locked", "coasting", "locked", "coasting")
+    ]
     table = (result / "skipped_frames.csv").read_text(encoding="utf-8").splitlines()
-    assert len(table) == 2
+    assert len(table) == 3
     assert table[1].startswith("12,")
     assert said in (result / "report.html").read_text(encoding="utf-8")
     assert tomllib.loads((result / "pipeline.toml").read_text())["skip_bad_frames"] is True

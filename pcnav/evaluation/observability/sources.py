@@ -72,7 +72,8 @@ def observability_of_run(
     # The mesh that images were simulated of is none that their estimator knows.
     named = pipeline.target_mesh if RecordingKind.DEPTH in takes else None
     mesh = None if named is None else Path(named)
-    recording = open_recording(Path(pipeline.sequence), mesh, takes)
+    skip_bad_frames = pipeline.skip_bad_frames
+    recording = open_recording(Path(pipeline.sequence), mesh, takes, skip_bad_frames)
     target = None
     if isinstance(recording, Sequence):
         mesh = mesh or recording.info.target_mesh
@@ -175,7 +176,7 @@ def _subject_of_run(
         title,
         pipeline,
         info,
-        Views(target, recording.frame(last).camera, range_sigma_m, pipeline.perception),
+        Views(target, recording.camera(last), range_sigma_m, pipeline.perception),
         motion,
         run.time_s[first : last + 1],
         np.asarray(R_cam_world @ hill.T),
