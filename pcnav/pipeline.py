@@ -289,7 +289,7 @@ def _estimate(
 def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) -> Facts:
     """What is known of a run beside its tables."""
     diameter_m = float("nan") if inputs.target is None else inputs.target.diameter_m
-    return Facts(survey, diameter_m, estimator.min_frames)
+    return Facts(survey, diameter_m, estimator.min_frames, estimator.search_report)
 
 
 def _picture(target: Target | None, estimator: Estimator) -> tuple[Figure | None, str]:

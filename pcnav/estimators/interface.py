@@ -15,6 +15,7 @@ from pcnav.runs.estimate import Estimate, Output
 
 if TYPE_CHECKING:
     from pcnav.estimators.depth.views import FrameView
+    from pcnav.perception.view_hypotheses import SearchReport
     from pcnav.target.satellite import Target
 
 
@@ -99,6 +100,11 @@ class Estimator(ABC):
     @property
     def best_view(self) -> "tuple[Estimate, FrameView] | None":
         """The frame understood best so far, of one that measures depth frames."""
+        return None
+
+    @property
+    def search_report(self) -> "SearchReport | None":
+        """Where the target was looked for, of one that searches depth frames."""
         return None
 
     @property

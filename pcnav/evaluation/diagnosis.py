@@ -11,6 +11,7 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.files.text_table import number
+from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.frame_survey import FrameSurvey
 from pcnav.runs.run import Run
 from pcnav.runs.status import Status
@@ -56,6 +57,8 @@ class Facts:
     """Of the target with a model."""
     min_frames: int = 1
     """Frames that the estimator takes until there can be an estimate."""
+    search: SearchReport | None = None
+    """Where the target was looked for."""
 
 
 def diagnosis(run: Run, facts: Facts) -> Diagnosis:
@@ -101,7 +104,8 @@ def _reasons(survey: FrameSurvey, facts: Facts) -> list[str]:
         ]
     if n - survey.n_empty < facts.min_frames:
         reasons.append(f"a motion takes {facts.min_frames}")
-    return [*reasons, *_sizes(survey, facts.diameter_m)]
+    reasons += _sizes(survey, facts.diameter_m)
+    return reasons if facts.search is None else [*reasons, _searched(facts.search)]
 
 
 def _sizes(survey: FrameSurvey, diameter_m: float) -> list[str]:
@@ -117,6 +121,18 @@ def _sizes(survey: FrameSurvey, diameter_m: float) -> list[str]:
     if survey.span_m > _SURROUNDED * diameter_m:
         return [f"the returns span {_length(survey.span_m)}, the target {_length(diameter_m)}"]
     return []
+
+
+def _searched(search: SearchReport) -> str:
+    """Where the target was looked for, and how much of the frame it explained there."""
+    planes = f"{_counted(search.n_planes, 'larger plane')} taken out, " if search.n_planes else ""
+    if not search.tried:
+        return f"{planes}no part of a frame is of its size"
+    tried = f"{planes}{_counted(len(search.tried), 'part')} of its size tried"
+    best = search.best_inlier_ratio
+    if not np.isfinite(best):
+        return f"{tried}, none looks like it"
+    return f"{tried}, the best place found for it explains {best:.0%} of what is seen there"
 
 
 def _unit_question(ratio: float) -> str:

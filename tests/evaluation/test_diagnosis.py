@@ -9,6 +9,7 @@ import pytest
 from pcnav.core.camera import PinholeCamera
 from pcnav.dynamics.blocks import POSE_LAYOUT
 from pcnav.evaluation.diagnosis import Diagnosis, Facts, diagnosis
+from pcnav.perception.view_hypotheses import RegionTried, SearchReport
 from pcnav.recordings.frame_survey import FrameSurvey, FrameSurveyor
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.collector import collected
@@ -94,6 +95,21 @@ def test_too_few_frames_for_a_motion_are_told() -> None:
     facts = surveyed(n_returns=np.array([5000]), span_m=0.15)
     (sentence,) = said("a", facts).warnings
     assert sentence == "no target found in 1 frame: a motion takes 3"
+
+
+def test_where_the_target_was_looked_for_is_told() -> None:
+    tried = (RegionTried(0.16, 900, 0.31), RegionTried(0.12, 500, float("nan")))
+    facts = replace(FACTS, search=SearchReport(0.15, 4.3, 1, tried))
+    (sentence,) = said("a" * 20, facts).warnings
+    assert sentence.endswith(
+        "the returns span 4.30 m, the target 0.150 m; 1 larger plane taken out, "
+        "2 parts of its size tried, the best place found for it explains 31% of what is seen there"
+    )
+    (sentence,) = said("a" * 20, replace(facts, search=SearchReport(0.15, 4.3, 0, ()))).warnings
+    assert sentence.endswith("no part of a frame is of its size")
+    nothing = SearchReport(0.15, 4.3, 0, tried[1:])
+    (sentence,) = said("a" * 20, replace(facts, search=nothing)).warnings
+    assert sentence.endswith("1 part of its size tried, none looks like it")
 
 
 def test_a_track_that_ends_early_is_lost_and_says_by_how_much() -> None:

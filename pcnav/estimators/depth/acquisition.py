@@ -29,7 +29,7 @@ from pcnav.estimators.depth.single_frame import (
     agreeing_faces,
     best_first,
     compared_poses,
-    refined_hypotheses,
+    search,
 )
 from pcnav.estimators.depth.views import (
     FrameView,
@@ -42,6 +42,7 @@ from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.perception.association import Unused
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
@@ -87,6 +88,8 @@ class Acquisition:
         self._filtering, self._belief, self._refined = filtering, belief, refined
         self._choice = filtering.motion
         self._units_checked = False
+        self.report: SearchReport | None = None
+        """Of the search that found most."""
         self._start = MotionHypotheses(target)
         self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
 
@@ -127,7 +130,9 @@ class Acquisition:
         perceived = self._reader.look(frame)
         if not self._units_checked:
             self._units_checked = self._reader.check_units(perceived)
-        hypotheses = refined_hypotheses(perceived, self._reader, predicted)
+        hypotheses, report = search(perceived, self._reader, predicted)
+        if self.report is None or not report.best_inlier_ratio < self.report.best_inlier_ratio:
+            self.report = report
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
     def _initialise(self, decision: Decision) -> Initialised | None:

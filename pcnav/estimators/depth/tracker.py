@@ -31,6 +31,7 @@ from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.frame_guard import FrameGuard
 from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
 from pcnav.runs.estimate import Estimate, Output
@@ -115,6 +116,11 @@ class Tracker(Estimator):
     def sensor_noise(self) -> SensorNoise:
         """Noise of the sensor, as far as it is known now."""
         return self._noise.noise
+
+    @property
+    def search_report(self) -> SearchReport | None:
+        """Of the search since the start, or since the last loss, that found most."""
+        return self._acquisition.report
 
     @property
     def prior(self) -> PriorMass | None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from pcnav.estimators.interface import Estimator, EstimatorEntry, Given
 from pcnav.estimators.peers.baseline import Baseline
+from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.status import Status
@@ -23,6 +24,11 @@ class Acquired(Estimator):
         self._peer: Estimator | None = None
         if entry.library is not None:
             entry.library(f"the estimator {given.pipeline.estimator.kind}")
+
+    @property
+    def search_report(self) -> SearchReport | None:
+        """Where the tracker looked for the target."""
+        return self._tracker.search_report
 
     def step(self, frame: Frame, /) -> Estimate:
         """Acquiring until the tracker has a pose; with it the peer takes in the same frame."""

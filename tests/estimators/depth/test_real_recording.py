@@ -176,6 +176,7 @@ def test_frames_of_a_room_without_the_target_end_in_words(
     assert sentence.startswith("no target found in 1 frame: ")
     assert "a motion takes 3" in sentence
     assert "the target 0.147 m" in sentence
+    assert "of its size" in sentence
 
 
 def _files_of(folder: Path, numbers: Iterable[int]) -> list[str]:
