@@ -37,6 +37,14 @@ class CameraTable(Table):
     distortion: tuple[float, ...] = ()
     """k1, k2, p1, p2(, k3(, k4, k5, k6)), or k1 to k4 of "fisheye". The field of view is that of
     the focal length."""
+    position_sd_m: NonNegative = 0.0
+    """Standard deviation of each component of the camera's recorded position, white from frame to
+    frame."""
+    attitude_sd_deg: NonNegative = 0.0
+    """Standard deviation of its recorded attitude about each of its axes, likewise."""
+    row_readout_s: NonNegative = 0.0
+    """Time from the exposure of the first row to that of the last; the time of a frame is that of
+    its middle row."""
 
     @property
     def pinhole(self) -> PinholeCamera:

@@ -15,6 +15,8 @@ from pcnav.core.distortion import Distortion
 
 _PARALLEL_SINE = 1e-6
 """A direction closer to nadir or zenith than this (rad) leaves image down undefined."""
+_PIECES_OF_A_SIDE = 16
+"""That the side of a drawn outline is cut into where a lens bends it."""
 _KEPT = 12
 """Images kept of what depends on the camera alone, of one camera and of its strided ones."""
 
@@ -136,6 +138,16 @@ def project(camera: PinholeCamera, p_cam: FloatArray) -> FloatArray:
     if camera.distortion is not None:
         scaled = camera.distortion.distorted(scaled)
     return np.asarray(scaled * [camera.fx, camera.fy] + [camera.cx, camera.cy])
+
+
+def project_outline(camera: PinholeCamera, corners_cam: FloatArray) -> FloatArray:
+    """(m, 2) pixels along the closed outline of corners (n, 3), z > 0, the first one again at the
+    end; between them where a lens bends the sides."""
+    start, end = corners_cam, np.roll(corners_cam, -1, axis=0)
+    pieces = 1 if camera.distortion is None else _PIECES_OF_A_SIDE
+    share = (np.arange(pieces) / pieces)[None, :, None]
+    points = (start[:, None] + share * (end - start)[:, None]).reshape(-1, 3)
+    return project(camera, np.vstack([points, corners_cam[:1]]))
 
 
 def projection_jacobian(camera: PinholeCamera, p_cam: FloatArray) -> FloatArray:

@@ -1,12 +1,13 @@
 """Straight edges of a mesh whose images are curves, cut into parts that are straight enough."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.core.camera import PinholeCamera, pixel_rays, project
+from pcnav.core.camera import PinholeCamera, pixel_rays
 
 _SEGMENT_SAG_PX = 0.005
 """How far the image of a segment may lie from its chord."""
@@ -14,6 +15,10 @@ _PROBES = 17
 _HARMONICS = 24
 _BEYOND = 1.02
 """Edges are followed so far beyond the outermost ray of the image, over its distance off axis."""
+
+
+Projection = Callable[[FloatArray], FloatArray]
+"""From points (..., 3) in the camera frame, m, to pixels (..., 2)."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +34,12 @@ class EdgeSegments:
 
 
 def edge_segments(
-    camera: PinholeCamera, start_cam: FloatArray, end_cam: FloatArray
+    camera: PinholeCamera, image: Projection, start_cam: FloatArray, end_cam: FloatArray
 ) -> EdgeSegments:
     """Cut edges from (k, 3) to (k, 3), camera frame with z > 0, m; only what the image may show.
 
-    A cut at a share s of the edge on the plane z = 1 has ``1 / z`` linear in s.
+    A cut at a share s of the edge on the plane z = 1 has ``1 / z`` linear in s. ``image`` gives the
+    pixels that points are imaged at.
     """
     first, second = start_cam[:, :2] / start_cam[:, 2:], end_cam[:, :2] / end_cam[:, 2:]
     low, high = _clipped(first, second - first, _reach(camera))
@@ -50,7 +56,7 @@ def edge_segments(
         return np.asarray(rays * z[..., None])
 
     every = np.arange(len(shown))
-    probes = project(camera, points(every[:, None], np.linspace(0.0, 1.0, _PROBES)[None, :]))
+    probes = image(points(every[:, None], np.linspace(0.0, 1.0, _PROBES)[None, :]))
     # A curve c(s) lies at most |c''| h^2 / 8 off the chord of a span h of s.
     bend = np.linalg.norm(np.diff(probes, n=2, axis=1), axis=-1).max(axis=1, initial=0.0)
     sag = bend * (_PROBES - 1) ** 2 / 8.0

@@ -49,6 +49,8 @@ _EDGE_SD_PX = 0.01
 _ONE_PIXEL_SIGMA = 2.5
 """A single displaced pixel may be at most so many standard deviations: its law has a long tail that
 a variance alone does not tell, and the gates go by variances."""
+_ROW_ROUNDS = 2
+"""A row's time moves a point by far less than the rows between."""
 _COPLANAR = 1e-6
 _MEAN_ABS_NORMAL = float(np.sqrt(2.0 / np.pi))
 """Mean absolute value of a standard normal variable."""
@@ -165,7 +167,7 @@ def contour_runs(
         noise: of the sensor: where it sees an outline.
         unknown: (height, width) pixels that say nothing of the outline, see `OutlineFrame`.
     """
-    samples = _sampled(edges, rendered.camera, doubt.T_cam_model)
+    samples = _sampled(edges, rendered, doubt.T_cam_model)
     shift_px = _offsets(len(edges.ends), doubt.T_cam_model)[samples.edge]
     shift_px = shift_px + samples.by_offsets(0) @ noise.outline_offset_px
     jacobian = _displacement_jacobian(samples, rendered.camera, doubt)
@@ -238,14 +240,32 @@ class _Samples:
         )
 
 
-def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -> _Samples:
+def _sampled(edges: MeshEdges, rendered: RenderedDepth, T_cam_model: FloatArray) -> _Samples:
+    camera, moving = rendered.camera, rendered.row_planes
+    is_bent = camera.distortion is not None or moving is not None
+
+    def image(p_cam: FloatArray) -> FloatArray:
+        pixels = project(camera, p_cam)
+        if moving is None:
+            return pixels
+        # The row of a point is that in which it is when that row is exposed.
+        for _ in range(_ROW_ROUNDS):
+            pixels = project(camera, at_row(p_cam, pixels[..., 1]))
+        return pixels
+
+    def at_row(p_cam: FloatArray, row: FloatArray) -> FloatArray:
+        if moving is None:
+            return p_cam
+        p_model = (p_cam - T_cam_model[:3, 3]) @ T_cam_model[:3, :3]
+        return moving.moved(p_model, row)
+
     p_cam = transform_points(T_cam_model, edges.vertices)
     z = p_cam[:, 2]
     in_front = z > 1e-3 * float(np.abs(z).max())
     safe = np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0])
     pixels, ends = project(camera, safe), edges.ends
     # Which side of an edge a point lies on is seen where edges are straight.
-    places = pixels if camera.distortion is None else safe[:, :2] / safe[:, 2:]
+    places = safe[:, :2] / safe[:, 2:] if is_bent else pixels
     along = places[ends[:, 1]] - places[ends[:, 0]]
     to_wings = places[edges.wings] - places[ends[:, 0]][:, None, :]
     cross = along[:, None, 0] * to_wings[..., 1] - along[:, None, 1] * to_wings[..., 0]
@@ -255,10 +275,10 @@ def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -
     edge = np.flatnonzero(bounds)
     start, end = p_cam[ends[edge, 0]], p_cam[ends[edge, 1]]
     first, second = pixels[ends[edge, 0]], pixels[ends[edge, 1]]
-    if camera.distortion is not None:
-        cut = edge_segments(camera, start, end)
+    if is_bent:
+        cut = edge_segments(camera, image, start, end)
         edge, start, end = edge[cut.edge], cut.start_cam, cut.end_cam
-        first, second = project(camera, start), project(camera, end)
+        first, second = image(start), image(end)
     on_left = cross[edge, 0] > 0.0
     upright = np.abs(second - first)[:, 1] > np.abs(second - first)[:, 0]
     axis = upright.astype(np.intp)
@@ -289,10 +309,11 @@ def _sampled(edges: MeshEdges, camera: PinholeCamera, T_cam_model: FloatArray) -
         slope=slope[index],
         side=side[index],
         p_cam=start[index] + weight[:, None] * (end[index] - start[index]),
-        is_bent=camera.distortion is not None,
+        is_bent=is_bent,
     )
-    if not samples.is_bent:
+    if not is_bent:
         return samples
+    samples = replace(samples, p_cam=at_row(samples.p_cam, samples.pixels[:, 1]))
     # The segments of an edge that runs left or up follow each other against their crossings.
     return picked(samples, np.lexsort((samples.major, samples.upright, samples.edge)))
 
@@ -332,7 +353,7 @@ def _count(
     dropout: float,
     diameter_m: float,
 ) -> _Counted:
-    camera, planes = rendered.camera, rendered.inverse_depth_planes
+    camera = rendered.camera
     below = np.floor(samples.minor - samples.side * shift_px).astype(np.intp)
     nearest = np.where(samples.side > 0, below + 1, below)
     # The pixels counted on each side, and after them one more, which tells what should be there:
@@ -350,11 +371,15 @@ def _count(
     triangle = rendered.triangle[v, u]
     rays = pixel_rays(camera)[v, u]
     near_triangle, far_triangle = triangle[:, reach], triangle[:, -1]
+    near_plane, far_plane = (
+        rendered.planes_at(seen, row)
+        for seen, row in ((near_triangle, v[:, reach]), (far_triangle, v[:, -1]))
+    )
     edge_z = samples.p_cam[:, 2]
     edge_rays = samples.p_cam / edge_z[:, None]
-    beside_z = _depths(planes[near_triangle], edge_rays[:, None])[:, 0]
+    beside_z = _depths(near_plane, edge_rays[:, None])[:, 0]
     space = far_triangle < 0
-    far_z = np.where(space, edge_z, _depths(planes[far_triangle], rays[:, -1:])[:, 0])
+    far_z = np.where(space, edge_z, _depths(far_plane, rays[:, -1:])[:, 0])
     gap = np.where(space, np.inf, far_z - edge_z)
     allowed = np.minimum(_NEAR_FRACTION * diameter_m, 0.25 * gap)
     usable = inside & (near_triangle >= 0) & (np.abs(beside_z - edge_z) < allowed)
@@ -362,20 +387,20 @@ def _count(
     if reach > 1:
         # The strip must be plain: the part on one side, one surface or space on the other.
         near_z = rendered.depth_m[v[:, 1:reach], u[:, 1:reach]]
-        predicted = _depths(planes[near_triangle], rays[:, 1:reach])
+        predicted = _depths(near_plane, rays[:, 1:reach])
         usable &= (np.abs(near_z - predicted) < allowed[:, None]).all(axis=1)
         usable &= (triangle[:, reach + 2 :] == far_triangle[:, None]).all(axis=1)
     p_behind = rays[:, -1] * far_z[:, None]
     u, v, rays = u[:, counted], v[:, counted], rays[:, counted]
     seen = depth_m[v, u].astype(np.float64)
     returned = seen > 0.0
-    part_z, behind_z = _depths(planes[near_triangle], rays), _depths(planes[far_triangle], rays)
+    part_z, behind_z = _depths(near_plane, rays), _depths(far_plane, rays)
     # Displaced, the edge shows the rim that lies between it and the pixel beside it.
     half_rim = 0.5 * np.clip(edge_z - beside_z, -allowed, allowed)[:, None]
     part_z = part_z + half_rim
-    part_tolerance = doubt.tolerance(planes[near_triangle], samples.p_cam)[:, None]
+    part_tolerance = doubt.tolerance(near_plane, samples.p_cam)[:, None]
     part_tolerance = part_tolerance + np.abs(half_rim)
-    behind_tolerance = doubt.tolerance(planes[far_triangle], p_behind)[:, None]
+    behind_tolerance = doubt.tolerance(far_plane, p_behind)[:, None]
     is_part = returned & (np.abs(seen - part_z) < part_tolerance)
     is_behind = returned & (np.abs(seen - behind_z) < behind_tolerance)
     # Extended beyond the edge, a steep part may come near what lies behind.

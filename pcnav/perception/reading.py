@@ -31,6 +31,7 @@ from pcnav.perception.surroundings import SurroundingsFinder
 from pcnav.perception.view_hypotheses import SearchReport, report_of, view_hypotheses
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
+from pcnav.target.row_motion import Readout
 from pcnav.target.satellite import Target
 
 _INLIER_SIGMA = 3.0
@@ -108,6 +109,18 @@ class FrameReader:
         self._comparers: dict[PinholeCamera, RenderComparer] = {}
         self._searched: tuple[Frame, RegionSearch] | None = None
         self._views: SampledViews | None = None
+        self._readout: Readout | None = None
+        self.row_readout_s = 0.0
+        """Time from the exposure of the first row of a frame to that of the last."""
+
+    def expect_motion(self, twist: FloatArray | None) -> None:
+        """How the target moves in the camera when the next frame is taken, see `Readout`; None for
+        not known. It matters where rows are read out one after the other."""
+        self._readout = None
+        if twist is not None and self.row_readout_s > 0.0:
+            self._readout = Readout(twist, self.row_readout_s)
+        for comparer in self._comparers.values():
+            comparer.readout = self._readout
 
     @property
     def noise(self) -> SensorNoise:
@@ -266,6 +279,7 @@ class FrameReader:
             )
         comparer = self._comparers[frame.camera]
         comparer.unseen = frame.unseen
+        comparer.readout = self._readout
         return comparer
 
     def compare(

@@ -28,6 +28,7 @@ from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
+from pcnav.target.row_motion import Readout
 from pcnav.target.satellite import Rectangle, Target
 
 _GATE_SIGMA = 4.0
@@ -146,6 +147,8 @@ class RenderComparer:
         self._edges = mesh_edges(target.mesh)
         self._face_of_triangle = rectangle_of_triangle(target)
         self._diameter_m = target.diameter_m
+        self.readout: Readout | None = None
+        """How the target moves while rows are read out; None while that is unknown or nothing."""
         self._surroundings = SurroundingsFinder(target.diameter_m)
         self._unseen: BoolArray | None = None
 
@@ -172,6 +175,7 @@ class RenderComparer:
                 self._target, self.camera, self._noise, stride, self._modalities
             )
             self._coarser[stride].unseen = self._unseen
+        self._coarser[stride].readout = self.readout
         return self._coarser[stride]
 
     def _span_px(self, T_cam_model: FloatArray) -> float:
@@ -203,7 +207,10 @@ class RenderComparer:
 
     def _view(self, T_cam_model: FloatArray) -> RenderedDepth:
         """From a pose (4, 4), as far as it is seen."""
-        rendered = self._renderer.render(T_cam_model)
+        row_poses = None
+        if self.readout is not None:
+            row_poses = self.readout.poses(T_cam_model, self.camera.height, self._stride)
+        rendered = self._renderer.render(T_cam_model, row_poses)
         if self._unseen is None:
             return rendered
         return rendered.without(self._unseen[:: self._stride, :: self._stride])
@@ -400,6 +407,8 @@ def _surface_pixels(rendered: RenderedDepth, sigma_m: float, noise: SensorNoise)
     kept = triangle[inside]
     per_depth = range_per_depth(rendered.camera)[rendered.window][inside]
     m = planes[kept]
+    if rendered.row_planes is not None:
+        m = rendered.row_planes.at(kept, np.nonzero(inside)[0] + rendered.window[0].start)
     norm = np.linalg.norm(m, axis=1)
     unit = rays[inside] / per_depth[:, None]
     inverse = np.einsum("ij,ij->i", m, unit)

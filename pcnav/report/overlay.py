@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import maximum_filter
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
-from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.camera import PinholeCamera, project, project_outline
 from pcnav.core.spatial import transform_points
 from pcnav.report.figures import CATEGORIES, INK
 from pcnav.runs.records import ACCEPTED, RectangleRecord
@@ -133,7 +133,7 @@ def _draw_rectangle(axes: Axes, camera: PinholeCamera, record: RectangleRecord) 
     if not (np.isfinite(corners).all() and (corners[:, 2] > 0.0).all()):
         return
     used = record.outcome == ACCEPTED
-    outline = project(camera, np.vstack([corners, corners[:1]]))
+    outline = project_outline(camera, corners)
     colour = "white" if used else _REFUSED
     style = "solid" if used else "dashed"
     axes.plot(outline[:, 0], outline[:, 1], color=colour, linewidth=1.2, linestyle=style)

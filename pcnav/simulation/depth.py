@@ -21,9 +21,11 @@ from pcnav.recordings.first_pose import POSITION_SD_SHARE
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.sequence import FirstPosePrior, Frame, SequenceInfo
 from pcnav.recordings.writer import write_sequence
+from pcnav.simulation.camera_pose import recorded_poses
 from pcnav.simulation.footprint import FootprintSampler
-from pcnav.simulation.motion import TrueMotion, true_motion
+from pcnav.simulation.motion import TrueMotion, frame_times, true_motion
 from pcnav.simulation.noise import add_sensor_faults
+from pcnav.simulation.readout import RowTimes
 from pcnav.simulation.simulation import OnFrame, Simulation, counted
 from pcnav.simulation.stamps import recorded_times
 from pcnav.simulation.surroundings.part import Part
@@ -93,6 +95,9 @@ class Scene:
             stated_range_sigma(pipeline.noise, distance_m),
             target_mesh=self.mesh_path,
             first_pose=stated_first_pose(pipeline, self.truth.poses[0]),
+            camera_position_sd_m=pipeline.camera.position_sd_m,
+            camera_attitude_sd_rad=float(np.deg2rad(pipeline.camera.attitude_sd_deg)),
+            row_readout_s=pipeline.camera.row_readout_s,
         )
 
     def __len__(self) -> int:
@@ -109,9 +114,13 @@ class Scene:
         """The depth frames one by one; those in ``blind`` have no returns."""
         pipeline, camera = self.pipeline, self.pipeline.camera.pinhole
         poses, noise = self.truth.poses, pipeline.noise
-        renderer = SceneRenderer(self.mesh, poses, self.parts, camera)
+        readout_s, row_times = pipeline.camera.row_readout_s, None
+        if readout_s > 0.0:
+            row_times = RowTimes(frame_times(pipeline), readout_s)
+        renderer = SceneRenderer(self.mesh, poses, self.parts, camera, row_times)
         footprint = FootprintSampler(renderer, noise)
         errors = SystematicErrors.of(pipeline, self.mesh, poses, self.parts)
+        recorded = recorded_poses(self.motion.T_cam_world, pipeline.camera, pipeline.seed)
         for k, time_s in enumerate(self.truth.time_s.tolist()):
             if k in blind:
                 depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
@@ -119,8 +128,7 @@ class Scene:
                 view = footprint.sampled(renderer.render(k), renderer.poses(k))
                 systematic = errors.of_frame(view, k, time_s)
                 depth_m = add_sensor_faults(view, noise, pipeline.seed, k, systematic)
-            T_cam_world, unseen = self.motion.T_cam_world[k], pixels_without_ray(camera)
-            yield Frame(k, time_s, depth_m, camera, T_cam_world, unseen)
+            yield Frame(k, time_s, depth_m, camera, recorded[k], pixels_without_ray(camera))
 
     def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
         """See `Simulation.write`; the same pipeline writes the same images, bit for bit."""

@@ -10,6 +10,7 @@ from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, project
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.target.bent_window import seeing_pixels
+from pcnav.target.row_motion import RowPlanes
 
 Window = tuple[slice, slice]
 
@@ -32,6 +33,14 @@ class RenderedDepth:
     """Rows and columns outside which there is no return."""
     inverse_depth_planes: FloatArray
     """(n_faces, 3) m with ``1 / z = m . ray`` for a ray (z = 1) that meets the face's plane."""
+    row_planes: RowPlanes | None = None
+    """The same row by row, where the target moves while the rows are read out."""
+
+    def planes_at(self, triangle: IntArray, row: IntArray) -> FloatArray:
+        """(k, 3) m of faces (k,) as rows (k,) see them."""
+        if self.row_planes is None:
+            return np.asarray(self.inverse_depth_planes[triangle])
+        return self.row_planes.at(triangle, row)
 
     def without(self, pixels: BoolArray) -> "RenderedDepth":
         """The same with nothing shown at pixels (height, width)."""
@@ -54,24 +63,44 @@ class DepthRenderer:
         # Embree where it is installed, else trimesh's own slow search.
         self._scene = mesh.ray
 
-    def render(self, T_cam_model: FloatArray) -> RenderedDepth:
-        """Depth image of the mesh at a pose. (4, 4), metres."""
+    def render(self, T_cam_model: FloatArray, row_poses: FloatArray | None = None) -> RenderedDepth:
+        """Depth image of the mesh at a pose. (4, 4), metres.
+
+        Each row is seen at the pose of its own time where ``row_poses`` (height, 4, 4) are given.
+        """
         camera = self._camera
         vertices_cam = transform_points(T_cam_model, self._vertices)
-        vertices_z = vertices_cam[:, 2]
-        window, cast = self._pixels(vertices_cam)
         planes = self._inverse_depth_planes(T_cam_model)
         depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
         triangle = np.full((camera.height, camera.width), -1, dtype=np.intp)
+        row_planes, spans = None, [vertices_cam]
+        if row_poses is not None:
+            offsets = np.einsum("ij,ij->i", self._normals, self._first_vertices)
+            row_planes = RowPlanes(self._normals, offsets, row_poses)
+            spans += [transform_points(T, self._vertices) for T in (row_poses[0], row_poses[-1])]
+        rendered = RenderedDepth(
+            *(camera, depth_m, triangle, (slice(0, 0), slice(0, 0)), planes, row_planes)
+        )
+        # The vertices move along lines that are as good as straight.
+        window, cast = self._pixels(np.vstack(spans) if row_poses is not None else vertices_cam)
         rays = pixel_rays(camera)[window][cast]
         if len(rays) > 0:
-            faces = self._first_faces(rays, T_cam_model, float(vertices_z.min()))
-            hit = faces >= 0
+            spans_z = np.stack([span[:, 2] for span in spans])
+            nearest_z = float(spans_z.min())
+            if row_poses is None or row_planes is None:
+                faces = self._first_faces(rays, T_cam_model, nearest_z)
+                hit = faces >= 0
+                m = planes[faces[hit]]
+            else:
+                rows = np.nonzero(cast)[0] + window[0].start
+                faces = self._first_faces_by_row(rays, row_poses[rows], nearest_z)
+                hit = faces >= 0
+                m = row_planes.at(faces[hit], rows[hit])
             depth = np.zeros(len(rays))
-            depth[hit] = self._depths(rays[hit], faces[hit], planes, vertices_z)
+            depth[hit] = self._depths(rays[hit], faces[hit], m, spans_z)
             depth_m[window][cast] = depth
             triangle[window][cast] = faces
-        return RenderedDepth(camera, depth_m, triangle, window, planes)
+        return replace(rendered, window=window)
 
     def cast(self, rays_cam: FloatArray, T_cam_model: FloatArray) -> tuple[FloatArray, IntArray]:
         """z-depth (n,), m, and face (n,) that rays (n, 3), z = 1, meet first; 0 and -1 for none."""
@@ -82,7 +111,8 @@ class DepthRenderer:
         planes = self._inverse_depth_planes(T_cam_model)
         faces = self._first_faces(rays_cam, T_cam_model, float(vertices_z.min()))
         hit = faces >= 0
-        depth[hit] = self._depths(rays_cam[hit], faces[hit], planes, vertices_z)
+        m = planes[faces[hit]]
+        depth[hit] = self._depths(rays_cam[hit], faces[hit], m, vertices_z[None])
         return depth, faces
 
     def _pixels(self, vertices_cam: FloatArray) -> tuple[Window, BoolArray]:
@@ -145,6 +175,15 @@ class DepthRenderer:
         origins = invert_transform(T_cam_model)[:3, 3] + start * directions
         return np.asarray(self._scene.intersects_first(origins, directions), dtype=np.intp)
 
+    def _first_faces_by_row(
+        self, rays_cam: FloatArray, T_cam_model: FloatArray, nearest_z_m: float
+    ) -> IntArray:
+        """The same of rays that each have a pose (n, 4, 4) of their own."""
+        directions = np.einsum("ni,nij->nj", rays_cam, T_cam_model[:, :3, :3])
+        centres = -np.einsum("ni,nij->nj", T_cam_model[:, :3, 3], T_cam_model[:, :3, :3])
+        origins = centres + _START_FRACTION * max(nearest_z_m, 0.0) * directions
+        return np.asarray(self._scene.intersects_first(origins, directions), dtype=np.intp)
+
     def _inverse_depth_planes(self, T_cam_model: FloatArray) -> FloatArray:
         R = T_cam_model[:3, :3]
         p_model_cam = invert_transform(T_cam_model)[:3, 3]
@@ -156,10 +195,13 @@ class DepthRenderer:
     def _depths(
         self, rays: FloatArray, faces: IntArray, planes: FloatArray, vertices_z: FloatArray
     ) -> FloatArray:
-        """(n,) z-depth where each ray meets the plane of its face, in double precision."""
-        inverse_depth = np.einsum("ij,ij->i", planes[faces], rays)
-        face_z = vertices_z[self._face_vertices]
-        low, high = face_z.min(axis=1)[faces], face_z.max(axis=1)[faces]
+        """(n,) z-depth where each ray meets the plane (n, 3) of its face, in double precision.
+
+        ``vertices_z`` (k, n_vertices) has the depths of the vertices at some times, m.
+        """
+        inverse_depth = np.einsum("ij,ij->i", planes, rays)
+        face_z = vertices_z[:, self._face_vertices]
+        low, high = face_z.min(axis=(0, 2))[faces], face_z.max(axis=(0, 2))[faces]
         # A grazing ray that float32 let in at the rim of a face may miss it by a hair and meet its
         # plane far away; the face's own depth span bounds it.
         with np.errstate(divide="ignore"):

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import project
+from pcnav.core.camera import project_outline
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.status import Status
@@ -178,9 +178,9 @@ def frame_picture(
         corners = record.corners_cam
         if not np.isfinite(corners).all() or corners[:, 2].min() <= 0.0:
             continue
-        pixels = (project(camera, corners) - [left, top] + 0.5) * factor
+        pixels = (project_outline(camera, corners) - [left, top] + 0.5) * factor
         colour = ACCEPTED_COLOUR if record.outcome == ACCEPTED else REJECTED_COLOUR
-        pen.line([*map(tuple, pixels), tuple(pixels[0])], fill=colour, width=2)
+        pen.line([*map(tuple, pixels)], fill=colour, width=2)
     return np.asarray(image)
 
 

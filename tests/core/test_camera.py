@@ -13,6 +13,7 @@ from pcnav.core.camera import (
     pixel_rays,
     pixels_without_ray,
     project,
+    project_outline,
     projection_jacobian,
     range_per_depth,
     rays_through,
@@ -148,3 +149,18 @@ def test_pixels_beyond_the_lens_model_have_no_ray() -> None:
     assert blind[radius > 0.71].all()
     assert pixels_without_ray(BENT) is None
     assert pixels_without_ray(UNEVEN) is None
+
+
+def test_outlines_follow_the_sides_that_a_lens_bends() -> None:
+    corners = np.array([[-1.0, -0.8, 4.0], [1.0, -0.8, 4.5], [1.0, 0.8, 4.5], [-1.0, 0.8, 4.0]])
+    plain = project_outline(UNEVEN, corners)
+    np.testing.assert_array_equal(plain, project(UNEVEN, corners[[0, 1, 2, 3, 0]]))
+    bent = project_outline(BENT, corners)
+    assert len(bent) > len(plain)
+    np.testing.assert_array_equal(bent[[0, -1]], project(BENT, corners[[0, 0]]))
+    # All of it on the sides, which are straight in space.
+    rays = rays_through(BENT, bent)
+    a, b = corners[0] / corners[0, 2], corners[1] / corners[1, 2]
+    first_side = rays[: len(bent) // 4 + 1]
+    cross = (first_side - a)[:, 0] * (b - a)[1] - (first_side - a)[:, 1] * (b - a)[0]
+    np.testing.assert_allclose(cross, 0.0, atol=1e-9)

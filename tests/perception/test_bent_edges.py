@@ -1,6 +1,7 @@
 """Edges cut for a lens: they follow the curve, and all of it that the image may show."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ def test_segments_lie_on_the_curve_to_a_hundredth_of_a_pixel(lens: Distortion) -
     end = rng.uniform(-3.0, 3.0, (60, 3)) * [2.0, 1.5, 0.4]
     start[:, 2] += 4.0
     end[:, 2] += 4.0
-    cut = edge_segments(camera, start, end)
+    cut = edge_segments(camera, partial(project, camera), start, end)
     assert len(cut.edge) > 100
     share = np.linspace(0.0, 1.0, 11)[:, None]
     for k in range(0, len(cut.edge), 7):
@@ -54,7 +55,7 @@ def test_segments_lie_on_the_curve_to_a_hundredth_of_a_pixel(lens: Distortion) -
 def test_edges_beside_the_image_are_left_out() -> None:
     camera = replace(CAMERA, distortion=LENSES[0])
     start, end = np.array([[-50.0, 40.0, 5.0]]), np.array([[50.0, 40.0, 5.0]])
-    assert len(edge_segments(camera, start, end).edge) == 0
+    assert len(edge_segments(camera, partial(project, camera), start, end).edge) == 0
 
 
 def test_grid_variances_of_curves_are_those_of_any_phase() -> None:

@@ -26,6 +26,7 @@ from pcnav.perception.contour import (
 )
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.rendering import DepthRenderer
+from pcnav.target.row_motion import Readout
 
 DrawPose = Callable[..., FloatArray]
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -305,6 +306,25 @@ def test_counts_along_bent_edges_are_the_displacement_without_bias(
     view = View(BOX, replace(camera, distortion=LENSES[lens]))
     # Wider on the image than the bodies above: edges bend by pixels.
     sampled(view, lambda rng: random_pose(rng, 11.0, 14.0), sd, 60).check(7e-3, 0.1)
+
+
+def test_counts_of_rows_read_out_in_turn_are_the_displacement_without_bias(
+    camera: PinholeCamera, random_pose: DrawPose
+) -> None:
+    """The edges shear by pixels; what is counted is what the pose at the frame's time does."""
+    view, sd = View(BOX, camera), (0.003, 6e-4)
+    rng, parts = np.random.default_rng(8), []
+    for _ in range(60):
+        T = random_pose(rng, 18.0, 22.0)
+        readout = Readout(rng.normal(size=6) * np.repeat([1.0, 0.5], 3), 0.1)
+        error = rng.normal(size=6) * np.repeat(sd, 3)
+        true = moved(T, error)
+        frame = view.renderer.render(true, readout.poses(true, 256)).depth_m
+        rendered = view.renderer.render(T, readout.poses(T, 256))
+        doubt = PoseDoubt(T, np.diag(np.square(np.repeat(sd, 3))), SIGMA)
+        runs = contour_runs(view.edges, frame, rendered, doubt, 0.0, SensorNoise(SIGMA))
+        parts.append((runs.value, runs.jacobian @ error, runs.variance, is_mean(runs)))
+    Sample(*(np.concatenate(part) for part in zip(*parts, strict=True))).check(7e-3, 0.1)
 
 
 def test_edges_through_a_lens_that_hardly_bends_are_those_of_a_pinhole(

@@ -98,6 +98,7 @@ class Acquisition:
 
         Raises `InputError` when target and frame differ in units.
         """
+        self._camera_noise = observer.noise
         if self._refined:
             frame = self._reader.thinned(frame)
         hypotheses, waiting = self._hypotheses(frame)
@@ -119,6 +120,7 @@ class Acquisition:
         """
         predicted = self._start.predicted(frame.time_s, frame.T_cam_world)
         best = self._start.best
+        self._reader.expect_motion(None if best is None else best.twist(len(best.observations) - 1))
         if self._refined and best is not None:
             doubt = _DOUBT_WITHOUT_RATE if len(best.observations) == 1 else 1.0
             found = compared_poses(predicted, frame, self._reader, doubt)
@@ -143,7 +145,10 @@ class Acquisition:
         arc = InitialArc(self._model, guess, belief)
         by_time = {frame.time_s: frame for frame in self._frames}
         frames = [by_time[observation.time_s] for observation in motion.observations]
-        observers = [ObserverPose.of(frame.T_cam_world, frame.time_s, n) for frame in frames]
+        observers = [
+            ObserverPose.of(frame.T_cam_world, frame.time_s, n, self._camera_noise)
+            for frame in frames
+        ]
         if self._refined:
             views = self._compared(motion, frames, observers)
             arc.frames = [condensed(_timed(view)) for view in views]
@@ -169,12 +174,17 @@ class Acquisition:
     def _compared(
         self, motion: MotionHypothesis, frames: list[Frame], observers: list[ObserverPose]
     ) -> list[FrameView]:
-        views = []
+        views: list[FrameView] = []
         for observation, frame, observer in zip(
             motion.observations, frames, observers, strict=True
         ):
             comparison = observation.pose.comparison
             assert comparison is not None, "poses were fitted by comparison"
+            if self._reader.row_readout_s > 0.0:
+                # Some were fitted before anything was known of how the target moves.
+                self._reader.expect_motion(motion.twist(len(views)))
+                pose, spread = observation.T_cam_model, observation.pose.covariance
+                comparison = self._reader.compare(frame, pose, spread)
             kept = tuple(face for face in comparison.faces if face.name in observation.pose.used)
             comparison = replace(comparison, faces=kept)
             views.append(

@@ -23,6 +23,7 @@ from pcnav.dynamics.state import (
     THETA_BODY,
     NavigationState,
 )
+from pcnav.estimators.depth.camera_noise import EXACT, CameraNoise
 from pcnav.filtering.error_state import MotionModel
 from pcnav.perception.association import MeasuredFace
 
@@ -131,10 +132,15 @@ class RectangleMeasurement:
     """(4, 4) the camera in the Hill frame at the time of the frame."""
     R_hill_world: FloatArray
     """(3, 3) at the time of the frame."""
+    camera_noise: CameraNoise = EXACT
+    """Of T_cam_hill."""
 
     @staticmethod
     def of(
-        face: MeasuredFace, T_cam_hill: FloatArray, R_hill_world: FloatArray
+        face: MeasuredFace,
+        T_cam_hill: FloatArray,
+        R_hill_world: FloatArray,
+        camera_noise: CameraNoise = EXACT,
     ) -> "RectangleMeasurement":
         """Of a face as a frame shows it."""
         return RectangleMeasurement(
@@ -144,12 +150,22 @@ class RectangleMeasurement:
             full_covariance=face.covariance,
             T_cam_hill=T_cam_hill,
             R_hill_world=R_hill_world,
+            camera_noise=camera_noise,
         )
 
     @property
     def covariance(self) -> FloatArray:
-        """(m, m) of the known components."""
-        return self.full_covariance[np.ix_(self.known, self.known)]
+        """(m, m) of the known components, with what the camera's pose adds to it."""
+        own = self.full_covariance[np.ix_(self.known, self.known)]
+        return own + self.shared @ self.shared.T if self.camera_noise.is_there else own
+
+    @property
+    def shared(self) -> FloatArray:
+        """(m, k) derivative by errors of the camera's pose, of unit variance, which all rectangles
+        of the frame share."""
+        made = self.camera_noise.by_unit(self.T_cam_rect)
+        made[:3] = self.T_cam_rect[:3, :3].T @ made[:3]
+        return made[self.known]
 
     def residual(self, state: NavigationState) -> FloatArray:
         """(m,) measured minus predicted: m, then rad."""

@@ -14,8 +14,15 @@ import numpy as np
 from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import NavigationState
-from pcnav.estimators.depth.pose_fit import step_doubt
-from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance, pose_error
+from pcnav.estimators.depth.pose_fit import agreeing, step_doubt
+from pcnav.estimators.depth.pose_measurement import (
+    ObserverPose,
+    PoseMeasurement,
+    UncertainPose,
+    pose_covariance,
+    pose_error,
+    seen_pose,
+)
 from pcnav.estimators.depth.views import FrameView, view_of_comparison, view_of_rectangles
 from pcnav.filtering.error_state import (
     ErrorStateFilter,
@@ -24,12 +31,11 @@ from pcnav.filtering.error_state import (
     innovation_gate,
 )
 from pcnav.perception.reading import FrameReader, Trust
+from pcnav.perception.render_compare import Comparison
 from pcnav.recordings.sequence import Frame
 
 Kalman = ErrorStateFilter[NavigationState]
 Prior = Snapshot[NavigationState]
-UncertainPose = tuple[FloatArray, FloatArray]
-"""T_cam_model (4, 4) and the covariance (6, 6) of its error."""
 
 _MIN_INLIER_RATIO = 0.4
 """Of the view at a prediction, as far as nothing stands before it, for the frame to be used."""
@@ -66,8 +72,13 @@ def pose_of(kalman: Kalman, observer: ObserverPose) -> FloatArray:
 
 def predicted_pose(kalman: Kalman, observer: ObserverPose) -> UncertainPose:
     """It, with its covariance."""
-    covariance = pose_covariance(kalman.state, kalman.covariance, observer)
-    return pose_of(kalman, observer), covariance
+    pose, covariance = (
+        pose_of(kalman, observer),
+        pose_covariance(kalman.state, kalman.covariance, observer),
+    )
+    if observer.noise.is_there:
+        covariance = covariance + observer.noise.of_pose(pose)
+    return pose, covariance
 
 
 @dataclass(frozen=True)
@@ -89,15 +100,15 @@ class FrameUpdate:
         comparison are then independent of those of the prediction.
         """
         reader, frame, kalman, observer = self.reader, self.frame, self.kalman, self.observer
-        prior = kalman.snapshot()
-        pose, spread = self.start or predicted_pose(kalman, observer)
+        prior, predicted = kalman.snapshot(), predicted_pose(kalman, observer)
+        pose, spread = self.start or predicted
         for _ in range(_COMPARISON_PASSES):
-            comparison = reader.compare(frame, pose, spread)
+            comparison = self._consistent(reader.compare(frame, pose, spread), spread)
             view = view_of_comparison(frame, comparison, 0.5 * reader.diameter_m, observer)
             result = kalman.update(view.measurements, view.shared)
             if not any(result.accepted):
                 break
-            before, (pose, spread) = pose, predicted_pose(kalman, observer)
+            before, (pose, spread) = pose, self._pose_after(predicted, view, result)
             if reader.moved_px(before, pose, frame) < _STILL_PX:
                 break
             spread = spread + step_doubt(pose_error(before, pose))
@@ -105,8 +116,31 @@ class FrameUpdate:
             kalman.restore(prior)
         else:
             kalman.restore(after)
+        if observer.noise.is_there:
+            view = replace(view, T_cam_seen=pose)
         # A few returns can always be found where a wrong pose predicts a face.
         return self._supported(view, comparison.agreement.visible_ratio, result, prior)
+
+    def _consistent(self, comparison: Comparison, spread: FloatArray) -> Comparison:
+        """Without faces that the others contradict, where the gates of single faces are as wide as
+        the noise of the camera's pose."""
+        if not self.observer.noise.is_there or not comparison.faces:
+            return comparison
+        faces = agreeing(comparison.faces, spread, 0.5 * self.reader.diameter_m)
+        return replace(comparison, faces=tuple(faces))
+
+    def _pose_after(
+        self, predicted: UncertainPose, view: FrameView, result: UpdateResult
+    ) -> UncertainPose:
+        """Where the target is in the camera, after an update that used some of the frame."""
+        if not self.observer.noise.is_there:
+            return predicted_pose(self.kalman, self.observer)
+        used = [
+            measurement
+            for measurement, accepted in zip(view.measurements, result.accepted, strict=True)
+            if accepted and isinstance(measurement, PoseMeasurement)
+        ]
+        return seen_pose(predicted, used)
 
     def by_rectangles(self) -> Updated:
         """By rectangles in the segmented frame."""
@@ -116,7 +150,8 @@ class FrameUpdate:
         shift, turn = (float(np.sqrt(np.trace(part))) for part in (spread[:3, :3], spread[3:, 3:]))
         is_sharp = reader.pixels(shift, turn, pose, frame) < _SHARP_PX
         view = reader.read(frame, pose, Trust.PIXELS if is_sharp else Trust.PLANES)
-        result = kalman.update(view_of_rectangles(view, observer).measurements)
+        seen = view_of_rectangles(view, observer)
+        result = kalman.update(seen.measurements, seen.shared)
         for _ in range(_RECTANGLE_PASSES - 1):
             before, pose = pose, pose_of(kalman, observer)
             moved_px = reader.moved_px(before, pose, frame)
@@ -127,10 +162,11 @@ class FrameUpdate:
             else:
                 view = reader.read(frame, pose, Trust.PIXELS)
             kalman.restore(prior)
-            result = kalman.update(view_of_rectangles(view, observer).measurements)
+            seen = view_of_rectangles(view, observer)
+            result = kalman.update(seen.measurements, seen.shared)
         # In paper mode nothing was rendered, and the ratio is not known.
         ratio = 1.0 if np.isnan(view.inlier_ratio) else view.inlier_ratio
-        return self._supported(view_of_rectangles(view, observer), ratio, result, prior)
+        return self._supported(seen, ratio, result, prior)
 
     def with_check(self) -> Updated:
         """By comparison; rectangles of planes found by RANSAC are recorded as a check.

@@ -19,6 +19,7 @@ from pcnav.dynamics.state import (
     NavigationState,
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
+from pcnav.estimators.depth.pose_measurement import twist_between
 from pcnav.target.satellite import Target
 
 _MAX_STEP_RAD = 0.5
@@ -104,6 +105,15 @@ class MotionHypothesis:
         before = self.observations[-2]
         share = (time_s - last.time_s) / (last.time_s - before.time_s)
         return np.asarray(last.p_world_model + share * (last.p_world_model - before.p_world_model))
+
+    def twist(self, k: int) -> FloatArray | None:
+        """(6,) rate of the pose in the camera about observation k: m/s, camera axes, rad/s, model
+        axes; None of a single one."""
+        first, last = max(k - 1, 0), min(k + 1, len(self.observations) - 1)
+        if first == last:
+            return None
+        before, after = self.observations[first], self.observations[last]
+        return twist_between((before.time_s, before.T_cam_model), (after.time_s, after.T_cam_model))
 
     def _last_rate(self) -> FloatArray:
         before, last = self.observations[-2:]

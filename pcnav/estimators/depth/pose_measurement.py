@@ -6,7 +6,7 @@ that are known, scaled to unit variance.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -15,6 +15,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import COM_MODEL, R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.estimators.depth.camera_noise import EXACT, CameraNoise
 from pcnav.perception.modality import POSE_SIZE
 
 _MIN_SHARE = 1e-9
@@ -29,16 +30,27 @@ class ObserverPose:
     """(4, 4)"""
     R_hill_world: FloatArray
     """(3, 3)"""
+    noise: CameraNoise = EXACT
+    """Of T_cam_world."""
 
     @staticmethod
-    def of(T_cam_world: FloatArray, time_s: float, mean_motion_rad_s: float) -> "ObserverPose":
+    def of(
+        T_cam_world: FloatArray,
+        time_s: float,
+        mean_motion_rad_s: float,
+        noise: CameraNoise = EXACT,
+    ) -> "ObserverPose":
         """At a time, for a chaser on a circular orbit."""
-        return ObserverPose(T_cam_world, R_hill_world(time_s, mean_motion_rad_s))
+        return ObserverPose(T_cam_world, R_hill_world(time_s, mean_motion_rad_s), noise)
 
     @property
     def R_cam_hill(self) -> FloatArray:
         """(3, 3)"""
         return np.asarray(self.T_cam_world[:3, :3] @ self.R_hill_world.T)
+
+
+UncertainPose = tuple[FloatArray, FloatArray]
+"""T_cam_model (4, 4) and the covariance (6, 6) of its error."""
 
 
 class PoseReference:
@@ -66,8 +78,8 @@ class PoseReference:
 class PoseMeasurement:
     """Combinations of the error of a predicted pose, each with unit variance.
 
-    The error is `pose_error` from the reference to the true pose. Measurements of one frame may err
-    in common, too.
+    The error is `pose_error` from the reference to the true pose as the camera would see it from
+    where it is recorded to be. Measurements of one frame may err in common, too.
     """
 
     reference: PoseReference
@@ -76,7 +88,8 @@ class PoseMeasurement:
     value: FloatArray
     """(m,) measured."""
     shared: FloatArray | None = None
-    """(m, k) derivative of the value by errors of unit variance that the frame shares, if any."""
+    """(m, k) derivative of the value by errors of unit variance that the frame shares, if any: the
+    sensor's, then those of the camera's pose."""
 
     @staticmethod
     def from_information(
@@ -91,8 +104,19 @@ class PoseMeasurement:
         ``lever_m`` makes rotations comparable with shifts: half the target's size.
         """
         rows, value = square_root(information, vector, lever_m)
-        shared = rows[:, POSE_SIZE:] if rows.shape[1] > POSE_SIZE else None
-        return PoseMeasurement(reference, rows[:, :POSE_SIZE], value, shared)
+        shared = rows[:, POSE_SIZE:]
+        if reference.observer.noise.is_there:
+            by_camera = reference.observer.noise.by_unit(reference.T_cam_model)
+            shared = np.hstack([shared, rows[:, :POSE_SIZE] @ by_camera])
+        some = shared if shared.shape[1] else None
+        return PoseMeasurement(reference, rows[:, :POSE_SIZE], value, some)
+
+    @property
+    def in_camera(self) -> "PoseMeasurement":
+        """What it says of the pose in the camera, whatever errors the camera's own pose has."""
+        if self.shared is None or not self.reference.observer.noise.is_there:
+            return self
+        return replace(self, shared=self.shared[:, :-POSE_SIZE])
 
     @property
     def covariance(self) -> FloatArray:
@@ -125,11 +149,33 @@ def joined(measurements: Sequence[PoseMeasurement]) -> PoseMeasurement:
     return PoseMeasurement(measurements[0].reference, r, q.T @ value)
 
 
+def seen_pose(predicted: UncertainPose, measurements: Sequence[PoseMeasurement]) -> UncertainPose:
+    """The pose in the camera as a frame shows it, whose camera's own pose is noisy.
+
+    The error of the camera's pose is that of the prediction, not of what the frame measures.
+
+    Args:
+        predicted: with the noise of the camera's pose.
+        measurements: of the frame, at least one.
+    """
+    at = joined([measurement.in_camera for measurement in measurements])
+    known = np.asarray(np.linalg.inv(predicted[1]))
+    reference = at.reference.T_cam_model
+    covariance = np.asarray(np.linalg.inv(known + at.rows.T @ at.rows))
+    vector = known @ pose_error(reference, predicted[0]) + at.rows.T @ at.value
+    return moved_pose(reference, covariance @ vector), covariance
+
+
 def pose_error(T_cam_from: FloatArray, T_cam_to: FloatArray) -> FloatArray:
     """(6,) from one pose (4, 4) to another: shift of the origin (m, camera axes), rotation vector
     (rad, model axes)."""
     shift = T_cam_to[:3, 3] - T_cam_from[:3, 3]
     return np.concatenate([shift, log_rotation(T_cam_from[:3, :3].T @ T_cam_to[:3, :3])])
+
+
+def twist_between(before: tuple[float, FloatArray], after: tuple[float, FloatArray]) -> FloatArray:
+    """(6,) rate of a pose from one time (s) and pose (4, 4) to another: m/s, rad/s."""
+    return np.asarray(pose_error(before[1], after[1]) / (after[0] - before[0]))
 
 
 def moved_pose(T_cam_model: FloatArray, error: FloatArray) -> FloatArray:

@@ -1,16 +1,19 @@
 """The tracker: acquires a target, follows it frame by frame, says what its estimate is worth."""
 
 import logging
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
+from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
@@ -24,7 +27,7 @@ from pcnav.estimators.depth.measuring import (
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
 from pcnav.estimators.depth.noise_learning import NoiseLearner
-from pcnav.estimators.depth.pose_measurement import ObserverPose
+from pcnav.estimators.depth.pose_measurement import ObserverPose, twist_between
 from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
@@ -92,6 +95,8 @@ class Tracker(Estimator):
         noise = SensorNoise.before_any_frame(sigma_m)
         self._reader = FrameReader(target, perception, noise, seed)
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
+        self._reader.row_readout_s = info.row_readout_s
+        self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
         self._model = MassCentreModel(
@@ -135,11 +140,12 @@ class Tracker(Estimator):
         """
         self._guard.check(frame)
         self._noise.begin(frame)
-        observer = ObserverPose.of(frame.T_cam_world, frame.time_s, self._info.mean_motion_rad_s)
+        observer = self._observer(frame)
         if self._track is None:
             estimate, view = self._acquire(frame, observer)
         else:
             estimate, view = self._follow(frame, observer, self._track)
+        self._remember(estimate)
         if estimate.status != self._status:
             self._log_status(frame, estimate, view.inlier_ratio)
             self._status = Status(estimate.status)
@@ -147,6 +153,25 @@ class Tracker(Estimator):
         if best is None or _rectangles_used(estimate) >= _rectangles_used(best[0]):
             self._best_view = estimate, view
         return estimate
+
+    def _remember(self, estimate: Estimate) -> None:
+        if estimate.T_cam_target is None:
+            self._seen_poses.clear()
+        else:
+            self._seen_poses.append((estimate.time_s, estimate.T_cam_target))
+
+    def _expect_motion(self, observer: ObserverPose, track: _Track) -> None:
+        """Tell the reader how the target moves in the camera, where it matters."""
+        known = list(self._seen_poses)
+        # A noisy camera pose would be taken for a jolt: the last two frames tell more.
+        if not observer.noise.is_there or len(known) < 2:
+            known.append((track.motion.time_s, pose_of(track.motion.kalman, observer)))
+        self._reader.expect_motion(twist_between(*known[-2:]) if len(known) > 1 else None)
+
+    def _observer(self, frame: Frame) -> ObserverPose:
+        info = self._info
+        noise = CameraNoise(info.camera_position_sd_m, info.camera_attitude_sd_rad)
+        return ObserverPose.of(frame.T_cam_world, frame.time_s, info.mean_motion_rad_s, noise)
 
     def _log_status(self, frame: Frame, estimate: Estimate, inlier_ratio: float) -> None:
         group = ""
@@ -198,6 +223,8 @@ class Tracker(Estimator):
         if np.count_nonzero(frame.depth_m) < _MIN_RETURNS:
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, observer), view
+        if self._info.row_readout_s > 0.0:
+            self._expect_motion(observer, track)
         recovery = self._recovery(frame, observer, track)
         updated = self._update(FrameUpdate(self._reader, frame, track.motion.kalman, observer))
         updated = self._overruled(recovery, track, updated)
@@ -321,12 +348,12 @@ class Tracker(Estimator):
         )
         if track is None:
             return estimate
-        kalman = track.motion.kalman
+        kalman, seen = track.motion.kalman, view.T_cam_seen
         return replace(
             estimate,
             values=kalman.state.values,
             covariance=ratio_covariance(kalman.state, track.motion.reported_covariance),
-            T_cam_target=pose_of(kalman, observer),
+            T_cam_target=pose_of(kalman, observer) if seen is None else seen,
         )
 
 

@@ -46,6 +46,9 @@ class FrameView:
     where there are no such errors."""
     comparison: Comparison | None = None
     """With the rendered view, where there was one."""
+    T_cam_seen: FloatArray | None = None
+    """(4, 4) where the frame shows the model to be in the camera, if that is known better than by
+    way of the world: where the camera's recorded pose is noisy."""
 
     def without_faces(self, reason: str) -> "FrameView":
         """None of the faces used, and why."""
@@ -57,6 +60,7 @@ class FrameView:
             records=(),
             face_of_record=(),
             unused=(*self.unused, *out),
+            T_cam_seen=None,
         )
 
     def outcomes(self, accepted: tuple[bool, ...]) -> tuple[RectangleRecord, ...]:
@@ -78,16 +82,19 @@ def view_of_rectangles(view: View, observer: ObserverPose) -> FrameView:
     """A frame read as rectangles."""
     time_s = view.frame.time_s
     T_cam_hill = observer.T_cam_world @ make_transform(observer.R_hill_world.T, np.zeros(3))
+    measurements = tuple(
+        RectangleMeasurement.of(face, T_cam_hill, observer.R_hill_world, observer.noise)
+        for face in view.faces
+    )
     return FrameView(
         view.frame,
         view.image_labels,
-        tuple(
-            RectangleMeasurement.of(face, T_cam_hill, observer.R_hill_world) for face in view.faces
-        ),
+        measurements,
         tuple(_face_record(time_s, face) for face in view.faces),
         tuple(range(len(view.faces))),
         tuple(unused_record(time_s, unused) for unused in view.unused),
         view.inlier_ratio,
+        tuple(m.shared for m in measurements) if observer.noise.is_there else (),
     )
 
 

@@ -8,6 +8,7 @@ import trimesh
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
+from pcnav.simulation.readout import RowTimes
 from pcnav.simulation.surroundings.part import Part
 from pcnav.target.rendering import DepthRenderer, RenderedDepth, Window
 
@@ -43,7 +44,10 @@ class SceneRenderer:
         T_cam_model: FloatArray,
         parts: Sequence[Part],
         camera: PinholeCamera,
+        row_times: RowTimes | None = None,
     ) -> None:
+        """``row_times`` of a sensor that reads its rows out one after the other."""
+        self._row_times, self._height = row_times, camera.height
         self.meshes = (mesh, *(part.mesh for part in parts))
         """The target's first."""
         self.renderers = tuple(DepthRenderer(each, camera) for each in self.meshes)
@@ -57,14 +61,19 @@ class SceneRenderer:
     def render(self, k: int) -> SceneView:
         """The clean image of frame k, of the rays through the pixels' centres."""
         rendered = [
-            (number, renderer.render(T))
-            for number, (renderer, T) in enumerate(zip(self.renderers, self.poses(k), strict=True))
-            if np.isfinite(T).all()
+            (number, renderer.render(poses[k], self._row_poses(poses, k)))
+            for number, (renderer, poses) in enumerate(
+                zip(self.renderers, self._poses, strict=True)
+            )
+            if np.isfinite(poses[k]).all()
         ]
         view = SceneView.of_target(rendered[0][1])
         for number, part in rendered[1:]:
             view = _with_part(view, part, number)
         return view
+
+    def _row_poses(self, poses: FloatArray, k: int) -> FloatArray | None:
+        return None if self._row_times is None else self._row_times.poses(poses, k, self._height)
 
 
 def _with_part(view: SceneView, part: RenderedDepth, number: int) -> SceneView:
@@ -78,6 +87,7 @@ def _with_part(view: SceneView, part: RenderedDepth, number: int) -> SceneView:
         triangle=np.where(nearer, part.triangle + faces, seen.triangle),
         window=_around(seen.window, part.window),
         inverse_depth_planes=np.vstack([seen.inverse_depth_planes, part.inverse_depth_planes]),
+        row_planes=None,
     )
     return replace(view, seen=merged, part=np.where(nearer, number, view.part))
 

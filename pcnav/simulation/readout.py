@@ -1,0 +1,45 @@
+"""Poses at the times at which the rows of a frame are exposed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
+from pcnav.target.row_motion import row_times
+
+
+@dataclass(frozen=True)
+class RowTimes:
+    """When the rows of the frames of a sensor are exposed that reads one after the other."""
+
+    times_s: FloatArray
+    """(n,) true times of the frames, those of their middle rows."""
+    row_readout_s: float
+    """From the exposure of the first row to that of the last."""
+
+    def poses(self, T_cam_body: FloatArray, k: int, height: int) -> FloatArray | None:
+        """(height, 4, 4) poses of a body when the rows of frame k are exposed.
+
+        The motion is taken through the poses T_cam_body (n, 4, 4) in the frame and in those beside
+        it, quadratic in time: over a readout, which is short against the time between frames, what
+        is left out is far below what any sensor resolves. None where the frames beside it do not
+        tell how the body moves.
+        """
+        beside = [j for j in (k - 1, k + 1) if 0 <= j < len(self.times_s)]
+        beside = [j for j in beside if np.isfinite(T_cam_body[j]).all()]
+        if not beside:
+            return None
+        motion = np.stack([_between(T_cam_body[k], T_cam_body[j]) for j in beside])
+        powers = np.arange(1, len(beside) + 1)
+        steps = self.times_s[beside] - self.times_s[k]
+        rates = np.linalg.solve(steps[:, None] ** powers, motion)
+        moved = (row_times(self.row_readout_s, height)[:, None] ** powers) @ rates
+        R, p = T_cam_body[k, :3, :3], T_cam_body[k, :3, 3]
+        return make_transform(R @ exp_rotation(moved[:, 3:]), p + moved[:, :3])
+
+
+def _between(T_from: FloatArray, T_to: FloatArray) -> FloatArray:
+    """(6,) shift (camera axes) and turn (body axes) from one pose (4, 4) to another."""
+    turn = log_rotation(T_from[:3, :3].T @ T_to[:3, :3])
+    return np.concatenate([T_to[:3, 3] - T_from[:3, 3], turn])
