@@ -155,12 +155,16 @@ class ErrorStateFilter(Generic[S]):
         return squared <= innovation_gate(self._gate_probability, size)
 
     def update(
-        self, measurements: Sequence[Measurement[S]], shared: Sequence[FloatArray] = ()
+        self,
+        measurements: Sequence[Measurement[S]],
+        shared: Sequence[FloatArray] = (),
+        max_iterations: int | None = None,
     ) -> UpdateResult:
         """Gate, then one iterated update with all measurements that pass.
 
         Their errors are independent but for those of unit variance that enter each by a matrix
-        (m, k) of ``shared``, and are part of its covariance already.
+        (m, k) of ``shared``, and are part of its covariance already. ``max_iterations`` is that of
+        this update; None takes the filter's own.
 
         Gauss-Newton on the posterior: every pass linearises about the last iterate ``x (+) d`` and
         asks the Kalman update for the whole error from the prediction, with the innovation
@@ -176,12 +180,14 @@ class ErrorStateFilter(Generic[S]):
         if not used:
             return UpdateResult(accepted, nis, dof, float("nan"), 0, 0, True)
         common = [c for c, passed in zip(shared, accepted, strict=True) if passed] if shared else []
-        joint = Stack(used, common)
-        joint_nis, joint_dof = self.innovation(joint)
+        alone = len(measurements) == 1
+        joint = used[0] if alone else Stack(used, common)
+        joint_nis, joint_dof = tests[0] if alone else self.innovation(joint)
+        limit = max_iterations or self._max_iterations
         prior, prior_covariance = self.state, self.covariance.copy()
         error = np.zeros(len(prior_covariance))
         converged, iteration = False, 0
-        while iteration < self._max_iterations and not converged:
+        while iteration < limit and not converged:
             iteration += 1
             iterate = prior.retract(error)
             H = joint.jacobian(iterate) @ retraction_jacobian(prior, error)

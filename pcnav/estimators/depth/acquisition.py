@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 
 from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
+from pcnav.estimators.depth.first_pose import fit_first_pose
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
-from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed, filter_from
+from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.motion_hypotheses import (
     MAX_OBSERVATIONS,
+    MIN_FRAMES,
     Decision,
     MotionHypotheses,
     MotionHypothesis,
@@ -43,7 +45,7 @@ from pcnav.perception.association import Unused
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader, Trust, View
 from pcnav.perception.view_hypotheses import SearchReport
-from pcnav.recordings.sequence import Frame
+from pcnav.recordings.sequence import FirstPosePrior, Frame
 from pcnav.target.satellite import Target
 
 _log = logging.getLogger("pcnav")
@@ -83,7 +85,10 @@ class Acquisition:
         belief: MassBelief,
         *,
         refined: bool,
+        first_pose: FirstPosePrior | None = None,
     ) -> None:
+        """``first_pose``: where the target is said to be in the first frame."""
+        self._first_pose = first_pose
         self._target, self._reader, self._model = target, reader, model
         self._filtering, self._belief, self._refined = filtering, belief, refined
         self._choice = filtering.motion
@@ -101,10 +106,15 @@ class Acquisition:
         self._camera_noise = observer.noise
         if self._refined:
             frame = self._reader.thinned(frame)
-        hypotheses, waiting = self._hypotheses(frame)
+        told = self._told(frame)
+        hypotheses, waiting = told or self._hypotheses(frame)
         if hypotheses:
             self._frames.append(frame)
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
+        if told is not None and self._choice is not MotionChoice.TORQUE_FREE:
+            best = self._start.best
+            assert best is not None, "it has just been begun"
+            decision = Decision(best, undecided=False)
         if decision is None:
             return waiting
         track = self._initialise(decision)
@@ -112,6 +122,23 @@ class Acquisition:
             self._start = MotionHypotheses(self._target)
             return waiting
         return track
+
+    def _told(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView] | None:
+        """The first frame about where the target is said to be; None where that is no help."""
+        stated, self._first_pose = self._first_pose, None
+        if stated is None:
+            return None
+        perceived = self._reader.look(frame)
+        fit = fit_first_pose(stated, perceived, self._reader)
+        if fit.pose is None:
+            _log.warning("frame %d: the first pose is dropped: %s", frame.index, fit.objection)
+            return None
+        _log.info(
+            "frame %d: begun at the first pose (inlier ratio %.0f %%)",
+            frame.index,
+            100.0 * fit.pose.inlier_ratio,
+        )
+        return (fit.pose,), _looked_at(perceived, "no motion decided on yet")
 
     def _hypotheses(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView]:
         """Where the target may be in a frame, and the frame as it was seen.
@@ -152,10 +179,10 @@ class Acquisition:
         if self._refined:
             views = self._compared(motion, frames, observers)
             arc.frames = [condensed(_timed(view)) for view in views]
-            fit = arc.fit() if self._choice is not MotionChoice.KINEMATIC else None
+            fit = arc.fit() if len(views) >= MIN_FRAMES else None
         else:
             fit, views = self._fit_rectangles(arc, motion, frames, observers)
-        if self._choice is MotionChoice.KINEMATIC:
+        if self._choice is MotionChoice.KINEMATIC or len(frames) < MIN_FRAMES:
             fit = None
         elif fit is None:
             after = "" if self._choice is MotionChoice.TORQUE_FREE else ": followed as kinematic"
@@ -165,7 +192,7 @@ class Acquisition:
         measured = [timed for timed in arc.frames if timed.measurements]
         if not measured:
             return None
-        free = None if fit is None else FreeBody(filter_from(fit, self._filtering), arc)
+        free = None if fit is None else FreeBody.of(fit, arc, self._filtering)
         begin = guess if fit is None else fit.states[0]
         setup = MotionSetup(self._model, self._filtering, self._target.diameter_m)
         followed = FollowedMotion(setup, belief, free, begin, measured)

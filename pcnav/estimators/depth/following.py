@@ -14,7 +14,7 @@ from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import NavigationState
-from pcnav.estimators.depth.initial_arc import InitialArc, Timed, condensed, filter_from
+from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed, filter_from
 from pcnav.estimators.depth.kinematic import (
     KinematicFilter,
     densities_through,
@@ -69,6 +69,14 @@ class FreeBody:
 
     kalman: Kalman
     arc: InitialArc | None
+    chi_square: float
+    dof: int
+    """Of the first fit."""
+
+    @staticmethod
+    def of(fit: Fit, arc: InitialArc, table: FilterTable) -> "FreeBody":
+        """As fitted to an arc."""
+        return FreeBody(filter_from(fit, table), arc, fit.chi_square, fit.dof)
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,8 @@ class FollowedMotion:
         self._setup, self._prior, self._belief = setup, belief, belief
         self._free, self._free_in_force = free, free is not None
         self._contest = MotionContest()
+        if free is not None:
+            self._contest = MotionContest(free.chi_square, free.dof)
         self._confirmed: MassBelief | None = None
         self._recent: deque[_Recent] = deque(maxlen=_LONGEST_WAIT)
         self._wait, self._since_try, self._frames_free = _FIRST_WAIT, 0, len(arc)
@@ -168,6 +178,14 @@ class FollowedMotion:
         return self._kinematic
 
     @property
+    def before(self) -> NavigationState:
+        """After the last frame that was measured, as the kinematic filter has it.
+
+        Raises ``IndexError`` where only a free motion is thought of.
+        """
+        return self._recent[-1].state
+
+    @property
     def is_lost(self) -> bool:
         """Whether accelerations may have carried the target anywhere by now."""
         any_motion = None if self._free_in_force else self._kinematic
@@ -210,16 +228,18 @@ class FollowedMotion:
             accepted: which of them that filter used.
         """
         used = tuple(m for m, ok in zip(measurements, accepted, strict=True) if ok)
+        timed = condensed(TimedMeasurements(self.time_s, used))
         if self._free_in_force:
             self._frames_free += 1
-            self._extend_arc(TimedMeasurements(self.time_s, used))
+            self._extend_arc(timed)
         if self._kinematic is None:
             return None
         # What one filter refuses may be what tells that it is wrong.
         other = self._other
         refused = [m for m, ok in zip(measurements, accepted, strict=True) if not ok]
         heard = [m for m in refused if other is not None and other.would_accept(m)]
-        timed = condensed(TimedMeasurements(self.time_s, (*used, *heard)))
+        if heard:
+            timed = condensed(TimedMeasurements(self.time_s, (*used, *heard)))
         self._along(self._kinematic, timed)
         return self._judged() if self._setup.choice is MotionChoice.AUTO else None
 
@@ -326,8 +346,8 @@ class FollowedMotion:
             arc.frames = [each.timed for each in recent]
             fit = arc.fit()
             if fit is not None:
-                self._free = FreeBody(filter_from(fit, self._setup.filtering), arc)
-                self._contest = MotionContest()
+                self._free = FreeBody.of(fit, arc, self._setup.filtering)
+                self._contest = MotionContest(fit.chi_square, fit.dof)
                 return
         self._wait = min(2 * self._wait, _LONGEST_WAIT)
 

@@ -48,8 +48,8 @@ class InitialArc:
         return fit if fit.chi_square < _MAX_ARC_CHI_SQUARE * fit.dof else None
 
     def extend(self, timed: Timed) -> Fit | None:
-        """Add a frame; a fit of the whole when it is time for one."""
-        self.frames.append(condensed(timed))
+        """Add a frame as `condensed` has it; a fit of the whole when it is time for one."""
+        self.frames.append(timed)
         return self.fit() if self._growth.is_due(len(self.frames)) else None
 
     @property

@@ -44,6 +44,7 @@ BRIDGED = (0.06, 0.15)
 LINKED = (0.3, 0.5)
 """... that poses found without a prediction are linked over; and how far a target of which one pose
 is known may have moved in the next frame."""
+_LINEAR_RAD = 0.01
 _LOST_FRACTION, _LOST_RAD = 1.0, 1.0
 """A pose that uncertain is no pose any more."""
 
@@ -173,7 +174,10 @@ class KinematicFilter:
 
         What the level learnt cannot explain is taken for a jolt; what no jolt explains is left out.
         """
-        if not any(self.kalman.update(measurements).accepted):
+        # A turn that is known to half a degree is as good as linear.
+        turn = float(np.sqrt(np.max(np.diag(self.kalman.covariance)[THETA_BODY])))
+        once = 1 if turn < _LINEAR_RAD else None
+        if not any(self.kalman.update(measurements, max_iterations=once).accepted):
             self.widen()
             self.kalman.update(measurements)
 

@@ -58,11 +58,19 @@ class Updated:
     view: FrameView
     result: UpdateResult | None
     """None where the frame was not used: the filter then stays as predicted."""
+    explained: float = float("nan")
+    """Share of the frame that speaks for the view, but for what stands before it; nan where nothing
+    was rendered."""
 
     @property
     def is_good(self) -> bool:
         """Whether any of the frame was used."""
         return self.result is not None and any(self.result.accepted)
+
+    @property
+    def refused(self) -> "Updated":
+        """The frame not used after all; the caller puts the filter back."""
+        return Updated(self.view.without_faces(NOT_EXPLAINED), None, self.explained)
 
 
 def pose_of(kalman: Kalman, observer: ObserverPose) -> FloatArray:
@@ -191,9 +199,9 @@ class FrameUpdate:
     ) -> Updated:
         """The update; or the prediction again, where the frame does not support it."""
         if inlier_ratio >= _MIN_INLIER_RATIO:
-            return Updated(view, result)
+            return Updated(view, result, inlier_ratio)
         self.kalman.restore(prior)
-        return Updated(view.without_faces(NOT_EXPLAINED), None)
+        return Updated(view, result, inlier_ratio).refused
 
 
 UPDATES: Mapping[Measurements, Callable[[FrameUpdate], Updated]] = {

@@ -234,7 +234,7 @@ def first_state(
     inertia_ratios: FloatArray,
     mean_motion_rad_s: float,
 ) -> NavigationState:
-    """State at the first observation: pose from it, rates from the differences of all."""
+    """State at the first observation: pose from it, rates from the differences of all, if any."""
     first, last = motion.observations[0], motion.observations[-1]
     turns = [
         log_rotation(a.R_world_body.T @ b.R_world_body) / (b.time_s - a.time_s)
@@ -245,10 +245,10 @@ def first_state(
     )
     return NavigationState(
         r_hill=r_first,
-        v_hill=(r_last - r_first) / (last.time_s - first.time_s),
+        v_hill=(r_last - r_first) / (last.time_s - first.time_s) if turns else np.zeros(3),
         com_model=com_model,
         R_world_body=first.R_world_body,
-        omega_body=np.mean(turns, axis=0),
+        omega_body=np.mean(turns, axis=0) if turns else np.zeros(3),
         inertia_ratios=inertia_ratios,
     )
 

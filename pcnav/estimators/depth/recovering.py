@@ -1,6 +1,6 @@
 """Where the target is when it is not where the filter in force predicts it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,18 +9,25 @@ from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.kinematic import BRIDGED, LINKED
-from pcnav.estimators.depth.measuring import FrameUpdate, Kalman, Updated, predicted_pose
+from pcnav.estimators.depth.measuring import (
+    FrameUpdate,
+    Kalman,
+    UncertainPose,
+    Updated,
+    predicted_pose,
+)
 from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD
 from pcnav.estimators.depth.pose_fit import SingleFramePose
-from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_error
+from pcnav.estimators.depth.pose_measurement import ObserverPose, moved_pose, pose_error
 from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
 
 _MIN_INLIER_RATIO = 0.5
 """Of a pose found without the track, or off the prediction, for it to be accepted."""
-_MAX_DROP = 0.15
-"""A frame explained by so much less than usual is not explained as it should be."""
+_USUAL_SHARE = 0.8
+"""A frame of which a smaller share than this of the usual is explained is not explained as it
+should be."""
 
 
 @dataclass(frozen=True)
@@ -42,46 +49,56 @@ class Recovery:
             return False
         usual = self.evidence.usual_inlier_ratio
         if np.isfinite(usual):
-            floor = max(floor, usual - _MAX_DROP)
-        # In paper mode nothing is rendered, and the ratio is not known.
-        return not updated.view.inlier_ratio < floor
+            floor = max(floor, _USUAL_SHARE * usual)
+        return not updated.explained < floor
+
+    def start(self, motion: FollowedMotion) -> UncertainPose | None:
+        """Where to compare first, if not at the prediction in all its spread: a comparison finds
+        home over so much, and a view drawn in a wider one tells nothing from nothing."""
+        if motion.is_torque_free:
+            return None
+        pose, spread = predicted_pose(motion.kalman, self.observer)
+        bridged = np.array([BRIDGED[0] * self.reader.diameter_m, BRIDGED[1]]) ** 2
+        parts = np.array([np.trace(spread[:3, :3]), np.trace(spread[3:, 3:])]) / 3.0
+        return pose, spread / max(1.0, float(np.max(parts / bridged)))
 
     def near(self, motion: FollowedMotion) -> Updated | None:
-        """An update of the kinematic filter, about its prediction or one widened by a jolt.
+        """An update of the kinematic filter about where the target may have gone.
 
-        The filter is left as predicted where there is none.
+        That is as predicted, or with a jolt; or the target stayed, or went on twice as far, as it
+        seems to where a frame was repeated or left out. The filter is left as predicted where
+        nothing explains the frame as usual.
         """
         kinematic = motion.kinematic
         if kinematic is None:
             return None
-        for _ in self._widenings(motion):
-            found = self.update(
-                FrameUpdate(self.reader, self.frame, kinematic.kalman, self.observer)
-            )
+        if motion.is_torque_free:
+            found = self._about(kinematic.kalman, None)
             if self.is_as_usual(found):
                 return found
+        kinematic.widen(BRIDGED)
+        predicted, spread = predicted_pose(kinematic.kalman, self.observer)
+        before = motion.before.T_cam_model(self.observer.T_cam_world, self.observer.R_hill_world)
+        beyond = moved_pose(predicted, pose_error(before, predicted))
+        for pose in (predicted, before, beyond):
+            found = self._about(kinematic.kalman, (pose, spread))
+            if self.is_as_usual(found):
+                return found
+            kinematic.widen(BRIDGED)
         kinematic.reset()
         return None
 
-    def nearer(self, motion: FollowedMotion, updated: Updated) -> Updated:
-        """The better of an update of the kinematic filter and one about its widened prediction."""
-        kinematic = motion.kinematic
-        assert kinematic is not None, "it is in force"
-        after = kinematic.kalman.snapshot()
-        again = self.near(motion)
-        if again is not None and not again.view.inlier_ratio < updated.view.inlier_ratio:
-            return again
-        if updated.is_good:
-            kinematic.kalman.restore(after)
-        return updated
+    def _about(self, kalman: Kalman, start: UncertainPose | None) -> Updated:
+        return self.update(FrameUpdate(self.reader, self.frame, kalman, self.observer, start))
 
-    def _widenings(self, motion: FollowedMotion) -> Iterator[None]:
-        kinematic = motion.kinematic
-        assert kinematic is not None, "the caller saw to it"
-        if motion.is_torque_free:
-            yield
-        kinematic.widen(BRIDGED)
-        yield
+    def found(self, motion: FollowedMotion, poses: Sequence[SingleFramePose]) -> Updated | None:
+        """`found_again` of the filter in force; a kinematic one takes what explains as usual."""
+        again = self.found_again(motion.kalman, poses)
+        if again is None or motion.is_torque_free or self.is_as_usual(again):
+            return again
+        if motion.kinematic is not None:
+            motion.kinematic.reset()
+        return None
 
     def found_again(self, kalman: Kalman, found: Sequence[SingleFramePose]) -> Updated | None:
         """An update from where the target is found without the track, if the prediction allows it.
@@ -100,7 +117,7 @@ class Recovery:
             return None
         best = min(allowed, key=lambda pair: pair[0])[1]
         start = (best.T_cam_model, best.covariance)
-        updated = self.update(FrameUpdate(self.reader, self.frame, kalman, self.observer, start))
+        updated = self._about(kalman, start)
         return updated if updated.is_good else None
 
     def found_far(

@@ -36,7 +36,12 @@ from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.frame_guard import FrameGuard
-from pcnav.recordings.sequence import Frame, SequenceInfo, stated_or_default_sigma
+from pcnav.recordings.sequence import (
+    FirstPosePrior,
+    Frame,
+    SequenceInfo,
+    stated_or_default_sigma,
+)
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target
@@ -107,7 +112,7 @@ class Tracker(Estimator):
         self._belief = prior_belief(target, info.initial, filtering)
         self._status = Status.ACQUIRING
         self._track: _Track | None = None
-        self._acquisition = self._new_acquisition(self._belief)
+        self._acquisition = self._new_acquisition(self._belief, info.first_pose)
         self._best_view: tuple[Estimate, FrameView] | None = None
         self._has_tracked = False
         self._guard = FrameGuard(target.diameter_m)
@@ -189,10 +194,13 @@ class Tracker(Estimator):
 
     # Acquiring.
 
-    def _new_acquisition(self, belief: MassBelief) -> Acquisition:
+    def _new_acquisition(
+        self, belief: MassBelief, first_pose: FirstPosePrior | None = None
+    ) -> Acquisition:
         return Acquisition(
             *(self._target, self._reader, self._model, self._filtering, belief),
             refined=self._refined,
+            first_pose=first_pose,
         )
 
     def _acquire(self, frame: Frame, observer: ObserverPose) -> tuple[Estimate, FrameView]:
@@ -226,7 +234,8 @@ class Tracker(Estimator):
         if self._info.row_readout_s > 0.0:
             self._expect_motion(observer, track)
         recovery = self._recovery(frame, observer, track)
-        updated = self._update(FrameUpdate(self._reader, frame, track.motion.kalman, observer))
+        kalman, start = track.motion.kalman, recovery.start(track.motion)
+        updated = self._update(FrameUpdate(self._reader, frame, kalman, observer, start))
         updated = self._overruled(recovery, track, updated)
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)
@@ -258,17 +267,17 @@ class Tracker(Estimator):
     def _overruled(self, recovery: Recovery, track: _Track, updated: Updated) -> Updated:
         """The update about where any motion may have led, if that explains the frame better."""
         motion, result = track.motion, updated.result
-        if not motion.is_torque_free:
-            usual = recovery.is_as_usual(updated)
-            return updated if usual else recovery.nearer(motion, updated)
-        if not updated.is_good or result is None or not track.evidence.is_strained(result):
+        if motion.is_torque_free:
+            strained = result is not None and track.evidence.is_strained(result)
+            again = recovery.near(motion) if updated.is_good and strained else None
+            if again is not None:
+                motion.go_over()
+                self._log_motion(recovery.frame, track, "it leads past this frame")
+            return again or updated
+        if recovery.is_as_usual(updated):
             return updated
-        again = recovery.near(motion)
-        if again is None:
-            return updated
-        motion.go_over()
-        self._log_motion(recovery.frame, track, "it leads past this frame")
-        return again
+        # `near` leaves the filter as predicted where it finds nothing.
+        return recovery.near(motion) or updated.refused
 
     def _search(
         self, recovery: Recovery, track: _Track, updated: Updated
@@ -276,7 +285,7 @@ class Tracker(Estimator):
         """Look for the target where the prediction explains nothing, though there are returns."""
         monitor, motion, frame = track.lock_monitor, track.motion, recovery.frame
         perceived, found = monitor.detect(frame)
-        again = recovery.found_again(motion.kalman, found)
+        again = recovery.found(motion, found)
         if again is None:
             again = recovery.near(motion) if motion.is_torque_free else None
             if again is None:

@@ -11,7 +11,7 @@ from pcnav.core.spatial import exp_rotation, rotation_angle
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
-from pcnav.estimators.depth.initial_arc import InitialArc, Timed, filter_from
+from pcnav.estimators.depth.initial_arc import InitialArc, Timed
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.pose_measurement import (
@@ -80,7 +80,7 @@ def followed(
     initial = InitialArc(FREE, begin, PRIOR)
     initial.frames = arc[:first]
     fit = None if choice is MotionChoice.KINEMATIC else initial.fit()
-    free = None if fit is None else FreeBody(filter_from(fit, table), initial)
+    free = None if fit is None else FreeBody.of(fit, initial, table)
     motion = FollowedMotion(setup, PRIOR, free, begin, arc[:first])
     names, poses = [str(motion.name)] * first, [pose(motion.kalman.state)] * first
     for timed in arc[first:]:
