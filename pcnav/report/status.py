@@ -1,6 +1,7 @@
 """The status of a run over time, on what evidence, and how it changed."""
 
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -48,6 +49,8 @@ def status_and_evidence(content: ReportContent) -> list[Piece]:
         beside.append(f"{len(changes) - _MAX_CHANGES} later changes are not listed.")
     if "ambiguous" in run.status:
         beside.append(_ambiguity(content.symmetry))
+    if any(run.words.get("motion", ())):
+        beside.append(_motion(run))
     return [(figure, tuple(beside))]
 
 
@@ -137,6 +140,27 @@ def _ambiguity(symmetry: str) -> str:
         "itself, so no frame tells which of the equivalent attitudes is the true one; one of them "
         "is followed."
     )
+
+
+def _motion(run: Run) -> str:
+    """As what kind of motion the target was followed, in which share of the frames, and when that
+    changed."""
+    named = [(k, word) for k, word in enumerate(run.words["motion"]) if word]
+    shares = [
+        f"{word.replace('_', ' ')} in {count / len(named):.1%}"
+        for word, count in Counter(word for _, word in named).most_common()
+    ]
+    changes = [
+        f"to {word.replace('_', ' ')} at {number(run.time_s[k])} s (frame {k})"
+        for (_, before), (k, word) in pairwise(named)
+        if word != before
+    ]
+    text = f"Motion, of the frames with a pose: {', '.join(shares)}."
+    if not changes:
+        return text
+    listed = ", ".join(changes[:_MAX_CHANGES])
+    later = len(changes) - _MAX_CHANGES
+    return f"{text} It changed {listed}" + (f", and {later} times later." if later > 0 else ".")
 
 
 def _draw_statuses(axes: Axes, run: Run, spans: Spans) -> None:

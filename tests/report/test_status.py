@@ -121,3 +121,14 @@ def test_the_window_begins_anew_with_a_new_track(content: ReportContent) -> None
     _, before = window_nis_bounds(content.run)
     np.testing.assert_array_equal(upper[:20], before[:20])
     assert (upper[22:38] > before[22:38]).all()
+
+
+@pytest.mark.usefixtures("quick_drawings")
+def test_the_kinds_of_motion_and_their_changes_are_told(content: ReportContent) -> None:
+    words = ("",) * 2 + ("torque_free",) * 18 + ("kinematic",) * 9 + ("torque_free",) * 31
+    run = replace(content.run, words={"motion": words})
+    told = beside(replace(content, run=run))[-1]
+    assert isinstance(told, str)
+    assert "torque free in 84.5%, kinematic in 15.5%" in told
+    when = [number(run.time_s[k]) for k in (20, 29)]
+    assert f"to kinematic at {when[0]} s (frame 20), to torque free at {when[1]} s" in told
