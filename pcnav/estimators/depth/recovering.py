@@ -1,14 +1,15 @@
 """Where the target is when it is not where the filter in force predicts it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
-from pcnav.estimators.depth.kinematic import BRIDGED, LINKED
+from pcnav.estimators.depth.kinematic import BRIDGED, LINKED, KinematicFilter
 from pcnav.estimators.depth.measuring import (
     FrameUpdate,
     Kalman,
@@ -19,15 +20,15 @@ from pcnav.estimators.depth.measuring import (
 from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose, moved_pose, pose_error
-from pcnav.filtering.error_state import innovation_gate
+from pcnav.filtering.error_state import Snapshot, innovation_gate
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
 
 _MIN_INLIER_RATIO = 0.5
 """Of a pose found without the track, or off the prediction, for it to be accepted."""
-_USUAL_SHARE = 0.8
+_USUAL_SHARE, _WELL_SHARE = 0.8, 0.95
 """A frame of which a smaller share than this of the usual is explained is not explained as it
-should be."""
+should be; and below the second there may be a better pose."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,29 @@ class Recovery:
     evidence: Evidence
     """Of the track so far."""
 
-    def is_as_usual(self, updated: Updated) -> bool:
-        """Whether an update explains its frame about as well as the frames before."""
+    def is_as_usual(self, updated: Updated, share: float = _USUAL_SHARE) -> bool:
+        """Whether an update explains its frame about as well as the frames before: so large a
+        share of what was usual."""
         result, floor = updated.result, _MIN_INLIER_RATIO
         if result is None or not updated.is_good or self.evidence.is_strained(result):
             return False
         usual = self.evidence.usual_inlier_ratio
         if np.isfinite(usual):
-            floor = max(floor, _USUAL_SHARE * usual)
+            floor = max(floor, share * usual)
         return not updated.explained < floor
+
+    def overruled(self, motion: FollowedMotion, updated: Updated) -> Updated:
+        """The update of a kinematic filter in force, or a better one about where a jolt may have
+        led; the frame refused where none explains it as usual."""
+        if motion.kinematic is None or self.is_as_usual(updated, _WELL_SHARE):
+            return updated
+        after = motion.kinematic.kalman.snapshot()
+        again = self.near(motion)
+        if self.is_as_usual(updated) and not (again and again.explained > updated.explained):
+            motion.kinematic.reset()
+            motion.kinematic.kalman.restore(after)
+            return updated
+        return again or updated.refused
 
     def start(self, motion: FollowedMotion) -> UncertainPose | None:
         """Where to compare first, if not at the prediction in all its spread: a comparison finds
@@ -63,7 +78,7 @@ class Recovery:
         return pose, spread / max(1.0, float(np.max(parts / bridged)))
 
     def near(self, motion: FollowedMotion) -> Updated | None:
-        """An update of the kinematic filter about where the target may have gone.
+        """The best update of the kinematic filter about where the target may have gone.
 
         That is as predicted, or with a jolt; or the target stayed, or went on twice as far, as it
         seems to where a frame was repeated or left out. The filter is left as predicted where
@@ -72,21 +87,33 @@ class Recovery:
         kinematic = motion.kinematic
         if kinematic is None:
             return None
+        best: tuple[Updated, Snapshot[NavigationState]] | None = None
+        for start in self._starts(motion, kinematic):
+            found = self._about(kinematic.kalman, start)
+            better = best is None or found.explained > best[0].explained
+            if better and self.is_as_usual(found):
+                best = found, kinematic.kalman.snapshot()
+            if self.is_as_usual(found, _WELL_SHARE):
+                break
+        if best is None:
+            kinematic.reset()
+            return None
+        kinematic.kalman.restore(best[1])
+        return best[0]
+
+    def _starts(
+        self, motion: FollowedMotion, kinematic: KinematicFilter
+    ) -> Iterator[UncertainPose | None]:
+        """Where `near` looks; the filter is put back to its prediction before each."""
         if motion.is_torque_free:
-            found = self._about(kinematic.kalman, None)
-            if self.is_as_usual(found):
-                return found
+            yield None
         kinematic.widen(BRIDGED)
         predicted, spread = predicted_pose(kinematic.kalman, self.observer)
         before = motion.before.T_cam_model(self.observer.T_cam_world, self.observer.R_hill_world)
         beyond = moved_pose(predicted, pose_error(before, predicted))
         for pose in (predicted, before, beyond):
-            found = self._about(kinematic.kalman, (pose, spread))
-            if self.is_as_usual(found):
-                return found
             kinematic.widen(BRIDGED)
-        kinematic.reset()
-        return None
+            yield pose, spread
 
     def _about(self, kalman: Kalman, start: UncertainPose | None) -> Updated:
         return self.update(FrameUpdate(self.reader, self.frame, kalman, self.observer, start))

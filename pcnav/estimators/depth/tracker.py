@@ -274,10 +274,7 @@ class Tracker(Estimator):
                 motion.go_over()
                 self._log_motion(recovery.frame, track, "it leads past this frame")
             return again or updated
-        if recovery.is_as_usual(updated):
-            return updated
-        # `near` leaves the filter as predicted where it finds nothing.
-        return recovery.near(motion) or updated.refused
+        return recovery.overruled(motion, updated)
 
     def _search(
         self, recovery: Recovery, track: _Track, updated: Updated
