@@ -116,7 +116,7 @@ class FollowedMotion:
         self._recent: deque[_Recent] = deque(maxlen=_LONGEST_WAIT)
         self._wait, self._since_try, self._frames_free = _FIRST_WAIT, 0, len(arc)
         self._kinematic: KinematicFilter | None = None
-        self._n_followed = len(arc)
+        self._n_followed, self._n_predicted = len(arc), 0
         self.time_s = arc[0].time_s
         if setup.choice is not MotionChoice.TORQUE_FREE:
             self._begin = with_mass(begin, belief, setup.R_hill_world(self.time_s))
@@ -188,8 +188,10 @@ class FollowedMotion:
     @property
     def is_lost(self) -> bool:
         """Whether accelerations may have carried the target anywhere by now."""
-        any_motion = None if self._free_in_force else self._kinematic
-        return any_motion is not None and any_motion.is_lost
+        # A jolt leaves the rate wide open: the next frame still finds the target from it.
+        if self._free_in_force or self._kinematic is None or self._n_predicted < 2:
+            return False
+        return self._kinematic.is_lost
 
     @property
     def reported_covariance(self) -> FloatArray:
@@ -217,6 +219,7 @@ class FollowedMotion:
         if self._kinematic is not None:
             self._kinematic.predict(self.time_s, step_s)
         self.time_s = time_s
+        self._n_predicted += 1
 
     def take_in(
         self, measurements: Sequence[Measurement[NavigationState]], accepted: Sequence[bool]
@@ -227,6 +230,7 @@ class FollowedMotion:
             measurements: of the frame.
             accepted: which of them that filter used.
         """
+        self._n_predicted = 0
         used = tuple(m for m, ok in zip(measurements, accepted, strict=True) if ok)
         timed = condensed(TimedMeasurements(self.time_s, used))
         if self._free_in_force:
