@@ -289,7 +289,14 @@ def _estimate(
 def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) -> Facts:
     """What is known of a run beside its tables."""
     diameter_m = float("nan") if inputs.target is None else inputs.target.diameter_m
-    return Facts(survey, diameter_m, estimator.min_frames, estimator.search_report)
+    about, stated_m = inputs.recording, inputs.as_run.perception.range_sigma_m
+    if stated_m is None and isinstance(about, Sequence):
+        stated_m = about.info.range_sigma_m
+    return Facts(
+        *(survey, diameter_m, estimator.min_frames, estimator.search_report),
+        noise=estimator.sensor_noise,
+        stated_sigma_m=stated_m,
+    )
 
 
 def _picture(target: Target | None, estimator: Estimator) -> tuple[Figure | None, str]:

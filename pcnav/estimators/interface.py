@@ -15,6 +15,7 @@ from pcnav.runs.estimate import Estimate, Output
 
 if TYPE_CHECKING:
     from pcnav.estimators.depth.views import FrameView
+    from pcnav.perception.sensor_noise import SensorNoise
     from pcnav.perception.view_hypotheses import SearchReport
     from pcnav.target.satellite import Target
 
@@ -105,6 +106,11 @@ class Estimator(ABC):
     @property
     def search_report(self) -> "SearchReport | None":
         """Where the target was looked for, of one that searches depth frames."""
+        return None
+
+    @property
+    def sensor_noise(self) -> "SensorNoise | None":
+        """Noise of the sensor as it was learnt, of one that learns it."""
         return None
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.files.text_table import number
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.frame_survey import FrameSurvey
 from pcnav.runs.run import Run
@@ -33,6 +34,8 @@ _ROOM = 1.5
 _MIN_LOST_FRAMES = 3
 _MIN_LOST_SHARE = 0.02
 """A track that ends at least so many frames, and such a share, before the run does was lost."""
+_MISSTATED = 2.0
+"""Noise so many times larger or smaller than stated is told."""
 _COMPARED = 10
 """Frames before and after a loss whose evidence is compared."""
 
@@ -59,6 +62,10 @@ class Facts:
     """Frames that the estimator takes until there can be an estimate."""
     search: SearchReport | None = None
     """Where the target was looked for."""
+    noise: SensorNoise | None = None
+    """Of the sensor, as it was learnt."""
+    stated_sigma_m: float | None = None
+    """Its noise along the rays as it was stated; None where it was not."""
 
 
 def diagnosis(run: Run, facts: Facts) -> Diagnosis:
@@ -66,7 +73,7 @@ def diagnosis(run: Run, facts: Facts) -> Diagnosis:
     claimed = claimed_frames(run)
     if not claimed.any():
         return Diagnosis(False, (nothing_found(run, facts),))
-    return Diagnosis(True, tuple(lost(run, claimed, facts)))
+    return Diagnosis(True, (*lost(run, claimed, facts), *misstated(run, claimed, facts)))
 
 
 def claimed_frames(run: Run) -> BoolArray:
@@ -161,6 +168,21 @@ def lost(run: Run, claimed: BoolArray, facts: Facts) -> list[str]:
         return [sentence]
     change = f"from {before:.0%} to {after:.0%}"
     return [f"{sentence}: the share of the returns explained went {change}"]
+
+
+def misstated(run: Run, claimed: BoolArray, facts: Facts) -> list[str]:
+    """That the noise of the frames is not what was stated of it."""
+    poses = run.trajectory.T_cam_target
+    if facts.noise is None or facts.stated_sigma_m is None or poses is None:
+        return []
+    range_m = float(np.median(np.linalg.norm(poses[claimed][:, :3, 3], axis=1)))
+    learnt_m = facts.noise.sigma_at(range_m)
+    ratio = learnt_m / facts.stated_sigma_m
+    if 1.0 / _MISSTATED < ratio < _MISSTATED:
+        return []
+    of = f"{number(1e3 * learnt_m)} mm at {_length(range_m)}"
+    stated = f"{number(1e3 * facts.stated_sigma_m)} mm was stated"
+    return [f"the range noise of the frames is {of}, where {stated}: the learnt value was used"]
 
 
 def _median(values: FloatArray) -> float:

@@ -9,6 +9,7 @@ import pytest
 from pcnav.core.camera import PinholeCamera
 from pcnav.dynamics.blocks import POSE_LAYOUT
 from pcnav.evaluation.diagnosis import Diagnosis, Facts, diagnosis
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import RegionTried, SearchReport
 from pcnav.recordings.frame_survey import FrameSurvey, FrameSurveyor
 from pcnav.recordings.sequence import Frame
@@ -122,6 +123,18 @@ def test_a_track_that_ends_early_is_lost_and_says_by_how_much() -> None:
     empty = surveyed(n_returns=np.array([5000] * 11 + [0] * 9))
     (sentence,) = said("aalllllllllcccccccca", empty).warnings
     assert sentence.endswith("not found since: no frame since has any return")
+
+
+def test_noise_that_is_not_as_stated_is_told() -> None:
+    run = run_of("aallllllll")
+    assert run.trajectory.T_cam_target is not None
+    run.trajectory.T_cam_target[2:, 2, 3] = 2.0
+    noise = SensorNoise(0.003, growth=2)
+    facts = replace(FACTS, noise=noise, stated_sigma_m=0.004)
+    (sentence,) = diagnosis(run, facts).warnings
+    assert "12.0 mm at 2.00 m, where 4.00 mm was stated" in sentence
+    assert not diagnosis(run, replace(facts, stated_sigma_m=0.01)).warnings
+    assert not diagnosis(run, replace(facts, stated_sigma_m=None)).warnings
 
 
 def test_an_estimate_that_is_only_coasted_is_no_find() -> None:
