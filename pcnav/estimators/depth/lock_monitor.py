@@ -23,6 +23,9 @@ _MAX_WAIT_OPEN_FRAMES = 5
 """The same while the question is open: sooner or later a view tells the two apart."""
 _VOTES = 2
 """Checks in a row against a track that end it: one frame may be spoilt by something in the way."""
+_MIN_INLIER_RATIO = 0.5
+"""Of a pose found without the track, to be one: where the target is out of sight, something of
+anything else always fits best."""
 _SAME_ANGLE_RAD = 0.1
 _SAME_SHIFT_FRACTION = 0.05
 """Poses closer than this angle and share of the diameter are one."""
@@ -87,7 +90,12 @@ class LockMonitor:
         self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
     ) -> float:
         """Log-likelihood of the pose tracked over the best other one; inf where there is none."""
-        others = [pose for pose in found if not self._same(pose.T_cam_model, T_cam_model)]
+        others = [
+            pose
+            for pose in found
+            if pose.inlier_ratio >= _MIN_INLIER_RATIO
+            and not self._same(pose.T_cam_model, T_cam_model)
+        ]
         if not others:
             return float("inf")
         fitted = refitted([T_cam_model], perceived, self._reader)
