@@ -251,11 +251,15 @@ class RenderComparer:
 
     def doubt_px(self, T_cam_model: FloatArray, pose_covariance: FloatArray) -> float:
         """How far a point at the target's rim may be from where a pose (4, 4) shows it, pixels."""
+        focal = max(self.camera.fx, self.camera.fy) / self._stride
+        doubt_m = self._doubt_m(pose_covariance)
+        return doubt_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
+
+    def _doubt_m(self, pose_covariance: FloatArray) -> float:
+        """How far a point at the target's rim may be from where a pose has it."""
         shift = float(np.trace(pose_covariance[:3, :3])) / 3.0
         turn = float(np.trace(pose_covariance[3:, 3:])) / 3.0
-        doubt_m = float(np.sqrt(shift + self.lever_m**2 * turn))
-        focal = max(self.camera.fx, self.camera.fy) / self._stride
-        return doubt_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
+        return float(np.sqrt(shift + self.lever_m**2 * turn))
 
     def compare(
         self, depth_m: DepthImage, T_cam_model: FloatArray, pose_covariance: FloatArray
@@ -271,7 +275,10 @@ class RenderComparer:
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
         typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
-        pixels = _surface_pixels(rendered, typical_m, self._noise)
+        # A crease by less than the pose is doubted does not matter yet; of a curved mesh, whose
+        # facets are small, hardly a pixel of a coarse grid would be left.
+        doubted_m = float(np.hypot(typical_m, self._doubt_m(pose_covariance)))
+        pixels = _surface_pixels(rendered, doubted_m, self._noise)
         seen_m = depth_m[rendered.window][pixels.inside] * pixels.range_per_depth
         returned = seen_m > 0.0
         residual = seen_m - pixels.range_m

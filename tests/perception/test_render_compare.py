@@ -14,8 +14,9 @@ from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.render_compare import Comparison, RenderComparer
+from pcnav.recordings.sequence import Frame
 from pcnav.simulation.noise import add_sensor_faults
-from pcnav.target.rendering import DepthRenderer
+from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.satellite import Target
 from tests.target.catalogued import find_rectangles
 
@@ -403,3 +404,23 @@ def test_what_is_unseen_speaks_neither_for_nor_against_a_pose(
     assert seen == pytest.approx(whole, abs=0.03)
     # The border of the region is no outline: taken for one, it would pull by pixels.
     assert np.mean(z) < 2.0
+
+
+def test_a_doubtful_pose_is_compared_on_curved_surfaces_too(
+    boxsat: Target, camera: PinholeCamera, shoot: Callable[..., tuple[Frame, RenderedDepth]]
+) -> None:
+    body = trimesh.creation.icosphere(subdivisions=4)
+    body.apply_scale([1.5, 2.0, 3.0])
+    target = replace(boxsat, mesh=body, rectangles=(), symmetry_transforms=np.eye(4)[None])
+    T = make_transform(np.eye(3), np.array([0.0, 0.0, 20.0]))
+    frame, clean = shoot(body, T, 0.005)
+    coarse = RenderComparer(target, camera, 0.005, stride=4)
+    shown = np.count_nonzero(clean.depth_m[::4, ::4])
+
+    def share(doubt: float) -> float:
+        found = coarse.compare(frame.depth_m, T, np.eye(6) * doubt**2)
+        return sum(face.n_pixels for face in found.faces) / shown
+
+    # Neighbouring pixels lie on facets that differ by more than the noise, but less than the doubt.
+    assert share(1e-5) < 0.1
+    assert share(0.1) > 0.6
