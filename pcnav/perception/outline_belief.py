@@ -1,4 +1,4 @@
-"""Where a sensor sees an outline, learnt from frames: offsets that all frames share, and scatter.
+"""Where a sensor sees an outline, learnt from frames: offsets that all frames share.
 
 A pixel returns when enough of its area is covered, so the outline of a real sensor lies off that of
 the model by a constant, known only from frames. Opposite edges of one frame tell it apart from a
@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.perception.contour import ContourRuns
 from pcnav.perception.modality import POSE_SIZE, Evidence
 from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX, Offsets, SensorNoise
 
@@ -29,9 +28,6 @@ _FRAMES_ALIKE = 2.0
 _MAX_COMMON = 20
 """An offset that is wrong is so in all frames. Each is told so much less of it that so many
 together are not surer of their mean than the offset is known."""
-_SCATTERS_PX = (0.0, 0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
-_SCATTER_GAIN = 5.0
-"""So much must the log-likelihood gain by a scatter that is not zero."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +41,6 @@ class OutlineBelief:
     vector: FloatArray = field(default_factory=lambda: np.zeros(_N_OFFSETS))
     """(4,) information times offsets."""
     frames: int = 0
-    scatter: FloatArray = field(default_factory=lambda: np.zeros(len(_SCATTERS_PX)))
-    """Log-likelihood of the scatters thought of."""
 
     def with_frame(self, seen: Evidence, noise: SensorNoise, lever_m: float) -> "OutlineBelief":
         """Take in what a frame alone says of the offsets.
@@ -66,19 +60,6 @@ class OutlineBelief:
             vector=self.vector + told.vector / _FRAMES_ALIKE,
             frames=self.frames + 1,
         )
-
-    def with_runs(
-        self, runs: ContourRuns, pose_error: FloatArray, noise: SensorNoise
-    ) -> "OutlineBelief":
-        """Take in how edges (n) scatter about a pose that is off the rendered one by (6,)."""
-        means = runs.shared.any(axis=1)
-        offset = self._offsets - np.array(noise.outline_offset_px)
-        offset = np.where(np.array(noise.outline_offset_sd_px) > 0.0, offset, 0.0)
-        residual = runs.value - runs.jacobian @ pose_error - runs.shared @ offset
-        variance = np.maximum(runs.variance - noise.outline_sd_px**2, _EXACT_SD_PX**2)
-        total = variance[means] + np.square(_SCATTERS_PX)[:, None]
-        likely = -0.5 * (np.log(total) + residual[means] ** 2 / total).sum(axis=1)
-        return replace(self, scatter=self.scatter + (likely - likely[0]) / _FRAMES_ALIKE)
 
     def applied(self, noise: SensorNoise) -> SensorNoise:
         """The noise with what is believed of the outline."""
@@ -100,13 +81,10 @@ class OutlineBelief:
             offset[index] = mean[index]
             known = np.sqrt(common * np.diag(covariance)[index])
             sd[index] = np.minimum(known, OUTLINE_PRIOR_SD_PX)
-        best = int(np.argmax(self.scatter))
-        scatter = _SCATTERS_PX[best] if self.scatter[best] > _SCATTER_GAIN else 0.0
         return replace(
             noise,
             outline_offset_px=_offsets(offset),
             outline_offset_sd_px=_offsets(sd),
-            outline_sd_px=scatter,
         )
 
     @property

@@ -1,8 +1,7 @@
-"""How large the errors are that pixels share: over a face, and over a frame.
+"""How large an error is that all pixels of a frame share.
 
-Of a frame alone: how far its faces contradict each other. What a whole frame shares looks like a
-shift of the target; that it is none shows in how the distance scatters from frame to frame, where
-the other directions do not.
+It looks like a shift of the target; that it is none shows in how the distance scatters from frame
+to frame, where the other directions do not.
 """
 
 from collections.abc import Sequence
@@ -11,15 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.perception.correlated_ranges import face_field
-from pcnav.perception.modality import Evidence, SeenFrame
+from pcnav.perception.modality import Evidence
 from pcnav.perception.sensor_noise import SensorNoise
 
-_SCALES = (0.0, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35, 0.6, 1.0, 1.7)
-"""Errors of a face thought of, over the white noise of a pixel: larger ones are no noise, but
-another shape."""
-_GAIN = 6.0
-"""By so much must the log-likelihood gain by an error that is not zero."""
 _MEMORY = 0.98
 _LOOSE = 0.05
 """A pose found is off by less than this share of the target, or rad."""
@@ -29,57 +22,6 @@ _MIN_WINDOWS = 2
 _CLEAR_RATIO, _FEW_WINDOWS = 4.0, 40.0
 """So many times must the squares along the line of sight be those across it, and those expected;
 and more, by this over the square of their number, while windows are few."""
-
-
-@dataclass(frozen=True)
-class FaceErrors:
-    """What frames tell of the errors that the returns of a face share."""
-
-    likely: FloatArray = field(default_factory=lambda: np.zeros(len(_SCALES)))
-    """Log-likelihood of the errors thought of."""
-
-    def with_frame(self, seen: SeenFrame, lever_m: float, sigma_m: float) -> "FaceErrors":
-        """Take in how the faces of a frame contradict each other.
-
-        ``lever_m`` is half the target's diameter, ``sigma_m`` the white noise of a return.
-        """
-        values, rows, variances = _faces(seen, sigma_m)
-        if len(values) < 2:
-            return self
-        z, G = np.concatenate(values), np.vstack(rows)
-        white = np.repeat(variances, len(values[0]))
-        loose = _LOOSE * np.array([lever_m] * 3 + [1.0] * 3)
-        by_pose = (G * loose**2) @ G.T
-        found = []
-        for scale in _SCALES:
-            covariance = by_pose + np.diag(white + (scale * sigma_m) ** 2)
-            root = np.linalg.cholesky(covariance)
-            whitened = np.linalg.solve(root, z)
-            found.append(-0.5 * whitened @ whitened - float(np.sum(np.log(np.diag(root)))))
-        gained = np.array(found) - found[0]
-        return replace(self, likely=_MEMORY * self.likely + gained)
-
-    def applied(self, noise: SensorNoise, sigma_m: float) -> SensorNoise:
-        """The noise with what is believed of the faces."""
-        best = int(np.argmax(self.likely))
-        scale = _SCALES[best] if self.likely[best] > _GAIN else 0.0
-        return replace(noise, face_sd_m=scale * sigma_m)
-
-
-def _faces(
-    seen: SeenFrame, sigma_m: float
-) -> tuple[list[FloatArray], list[FloatArray], list[float]]:
-    """Offset and tilts of each face, their derivatives (3, 6) by the pose, and variance."""
-    residuals, values, rows, variances = seen.residuals, [], [], []
-    for face, fit in seen.ranges.items():
-        if face < 0:
-            continue
-        chosen = residuals.agrees & (residuals.face == face)
-        terms = face_field(residuals.u[chosen], residuals.v[chosen])
-        values.append(terms.T @ residuals.residual_m[chosen] / fit.n_pixels)
-        rows.append(terms.T @ residuals.jacobian[chosen] / fit.n_pixels)
-        variances.append(sigma_m**2 / fit.n_pixels)
-    return values, rows, variances
 
 
 @dataclass(frozen=True)

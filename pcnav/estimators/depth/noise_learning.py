@@ -6,17 +6,14 @@ noise; what is stated holds until frames contradict it.
 
 import logging
 
-import numpy as np
-
 from pcnav.core.arrays import FloatArray
-from pcnav.estimators.depth.pose_measurement import pose_error
 from pcnav.estimators.depth.views import FrameView
 from pcnav.perception.modality import Evidence
 from pcnav.perception.outline_belief import OutlineBelief
 from pcnav.perception.range_level import RangeLevel, face_levels, first_guess
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
-from pcnav.perception.shared_levels import FaceErrors, FrameErrors
+from pcnav.perception.shared_levels import FrameErrors
 from pcnav.recordings.sequence import Frame
 
 _log = logging.getLogger("pcnav")
@@ -45,7 +42,7 @@ class NoiseLearner:
 
     def _forget(self) -> None:
         self._outline, self._level = OutlineBelief(), RangeLevel(self._stated_m)
-        self._faces, self._offsets = FaceErrors(), FrameErrors()
+        self._offsets = FrameErrors()
         self._frames, self._seen = 0, 0
         self._last_pose: FloatArray | None = None
 
@@ -84,15 +81,11 @@ class NoiseLearner:
         self._frames += 1
         used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
         together = Evidence.together((face.joint for face in used), before.n_shared)
-        error = pose_error(comparison.T_cam_model, pose)
-        outline = self._outline.with_frame(together, before, 0.5 * self._reader.diameter_m)
-        self._outline = outline.with_runs(comparison.seen.contour, error, before)
-        self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
-        typical_m = float(before.sigma_at(float(np.linalg.norm(pose[:3, 3]))))
         lever_m = 0.5 * self._reader.diameter_m
-        self._faces = self._faces.with_frame(comparison.seen, lever_m, typical_m)
+        self._outline = self._outline.with_frame(together, before, lever_m)
+        self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
         noise = self._level.applied(self._outline.applied(before))
-        noise = self._offsets.applied(self._faces.applied(noise, typical_m))
+        noise = self._offsets.applied(noise)
         if noise != before:
             self._reader.noise = noise
         self._tell(view.frame)
