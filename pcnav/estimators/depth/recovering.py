@@ -13,13 +13,17 @@ from pcnav.estimators.depth.kinematic import BRIDGED, LINKED, KinematicFilter
 from pcnav.estimators.depth.measuring import (
     FrameUpdate,
     Kalman,
-    UncertainPose,
     Updated,
     predicted_pose,
 )
 from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD
 from pcnav.estimators.depth.pose_fit import SingleFramePose
-from pcnav.estimators.depth.pose_measurement import ObserverPose, moved_pose, pose_error
+from pcnav.estimators.depth.pose_measurement import (
+    ObserverPose,
+    UncertainPose,
+    moved_pose,
+    pose_error,
+)
 from pcnav.filtering.error_state import Snapshot, innovation_gate
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
