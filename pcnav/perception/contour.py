@@ -46,6 +46,9 @@ OFFSET_PX = 0.1
 """How far beside the predicted edges pixels are counted."""
 _EDGE_SD_PX = 0.01
 """How well mesh and lens are known at best, along an edge."""
+_GRAZED_SD_PX = 0.5
+"""How well the far edge of a face is told that is seen at grazing incidence, where what returns
+from a pixel may be of that face or of the one beside it."""
 _ONE_PIXEL_SIGMA = 2.5
 """A single displaced pixel may be at most so many standard deviations: its law has a long tail that
 a variance alone does not tell, and the gates go by variances."""
@@ -174,12 +177,16 @@ def contour_runs(
     variance_px = np.einsum("ij,jk,ik->i", jacobian, doubt.covariance, jacobian)
     doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
     reach = contour_reach(doubt_px)
-    counted = _count(samples, shift_px, depth_m, rendered, reach, doubt, dropout, edges.diameter_m)
+    counted = _count(
+        *(samples, shift_px, depth_m, rendered, reach, doubt, dropout, edges.diameter_m),
+        among_others=unknown is not None and bool(unknown.any()),
+    )
     if unknown is not None:
         counted = replace(counted, usable=counted.usable & ~_any_beside(samples, unknown, reach))
     kept = _between_others(samples, counted)
     counted = replace(picked(counted, kept), shift_px=shift_px[kept])
-    return _runs(picked(samples, kept), counted, jacobian[kept], doubt, reach, noise)
+    is_rough = unknown is not None
+    return _runs(picked(samples, kept), counted, jacobian[kept], doubt, reach, noise, is_rough)
 
 
 def contour_reach(doubt_px: float) -> int:
@@ -341,6 +348,8 @@ class _Counted:
     triangle: IntArray
     shift_px: FloatArray
     """(n,) how far outward of the predicted edge pixels were counted."""
+    common_px2: FloatArray
+    """(n,) variance of an error that the crossings of an edge share, px^2."""
 
 
 def _count(
@@ -352,6 +361,7 @@ def _count(
     doubt: PoseDoubt,
     dropout: float,
     diameter_m: float,
+    among_others: bool,
 ) -> _Counted:
     camera = rendered.camera
     below = np.floor(samples.minor - samples.side * shift_px).astype(np.intp)
@@ -382,14 +392,21 @@ def _count(
     far_z = np.where(space, edge_z, _depths(far_plane, rays[:, -1:])[:, 0])
     gap = np.where(space, np.inf, far_z - edge_z)
     allowed = np.minimum(_NEAR_FRACTION * diameter_m, 0.25 * gap)
-    usable = inside & (near_triangle >= 0) & (np.abs(beside_z - edge_z) < allowed)
+    plain = (near_triangle >= 0) & (np.abs(beside_z - edge_z) < allowed)
+    beyond = np.ones_like(plain)
     counted = np.r_[0:reach, reach + 1 : 2 * reach + 1]
     if reach > 1:
         # The strip must be plain: the part on one side, one surface or space on the other.
         near_z = rendered.depth_m[v[:, 1:reach], u[:, 1:reach]]
         predicted = _depths(near_plane, rays[:, 1:reach])
-        usable &= (np.abs(near_z - predicted) < allowed[:, None]).all(axis=1)
-        usable &= (triangle[:, reach + 2 :] == far_triangle[:, None]).all(axis=1)
+        plain &= (np.abs(near_z - predicted) < allowed[:, None]).all(axis=1)
+        beyond = (triangle[:, reach + 2 :] == far_triangle[:, None]).all(axis=1)
+    # The far edge of a face seen at grazing incidence has another face beside it at once. Among
+    # other things, where the near edges may touch some of them, it is often all that is left.
+    stepped = ~plain & space & (triangle[:, 1 : reach + 1] >= 0).all(axis=1)
+    stepped &= among_others
+    usable = inside & beyond & (plain | stepped)
+    deep_z = np.where(stepped, rendered.depth_m[v[:, reach], u[:, reach]], edge_z)
     p_behind = rays[:, -1] * far_z[:, None]
     u, v, rays = u[:, counted], v[:, counted], rays[:, counted]
     seen = depth_m[v, u].astype(np.float64)
@@ -400,6 +417,12 @@ def _count(
     part_z = part_z + half_rim
     part_tolerance = doubt.tolerance(near_plane, samples.p_cam)[:, None]
     part_tolerance = part_tolerance + np.abs(half_rim)
+    # Whatever lies between the two is the part then.
+    half_step = 0.5 * np.abs(edge_z - deep_z)[:, None]
+    part_z = np.where(stepped[:, None], 0.5 * (edge_z + deep_z)[:, None], part_z)
+    part_tolerance = np.where(
+        stepped[:, None], half_step + _GATE_SIGMA * doubt.sigma_m, part_tolerance
+    )
     behind_tolerance = doubt.tolerance(far_plane, p_behind)[:, None]
     is_part = returned & (np.abs(seen - part_z) < part_tolerance)
     is_behind = returned & (np.abs(seen - behind_z) < behind_tolerance)
@@ -423,7 +446,10 @@ def _count(
     # Which pixels are lost is chance: of those looked at on the part that stands before space, of
     # those displaced before another surface.
     extra = np.where(space, reach * dropout / (1.0 - dropout), unknown / (1.0 - unknown))
-    return _Counted(usable, displacement, extra, (~space).astype(np.intp), near_triangle, shift_px)
+    common = np.where(stepped, _GRAZED_SD_PX**2, 0.0)
+    return _Counted(
+        usable, displacement, extra, (~space).astype(np.intp), near_triangle, shift_px, common
+    )
 
 
 def _any_beside(samples: _Samples, mask: BoolArray, reach: int) -> BoolArray:
@@ -465,6 +491,7 @@ def _runs(
     doubt: PoseDoubt,
     reach: int,
     noise: SensorNoise,
+    is_rough: bool,
 ) -> ContourRuns:
     edge, kind, displacement = samples.edge, counted.kind, counted.displacement_px
     if len(edge) == 0:
@@ -506,11 +533,19 @@ def _runs(
         # Displaced pixels are few and whole: one is no outlier.
         one = np.maximum.reduceat(np.abs(weight), starts)
         variance = np.maximum(variance, (one / _ONE_PIXEL_SIGMA) ** 2)
+        common = np.maximum.reduceat(counted.common_px2, starts)
         if power == 0:
-            variance += np.where(reached, doubt_px2, 0.0)
+            variance += np.where(reached, doubt_px2, 0.0) + common
+        else:
+            variance += common * n / np.maximum(spread, 0.5)
         innovation = doubt.variance(H) + variance
         innovation += ((shared * noise.outline_offset_sd_px) ** 2).sum(axis=1)
-        kept = (np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)) & (n > power)
+        kept = np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)
+        if is_rough and power == 0:
+            # Among other things returns end raggedly at an edge, which is then known to no more
+            # than what it is off by; without it nothing may hold the pose along a face.
+            variance, kept = np.where(kept, variance, value**2), np.ones(len(n), dtype=np.bool_)
+        kept &= n > power
         picked_rows = (value, variance, H, counted.triangle[starts], shared)
         rows.append(tuple(part[kept] for part in picked_rows))
     value, variance, H, triangles, shared = (

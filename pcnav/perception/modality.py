@@ -124,6 +124,11 @@ class SeenFrame:
     outline: OutlineFrame | None = None
     """The frame as the outline is read in it, where it holds more than the target."""
 
+    @property
+    def is_beside_others(self) -> bool:
+        """Whether other things hide, touch or go on with parts of the target's outline."""
+        return self.outline is not None and bool(self.outline.unknown.any())
+
     @cached_property
     def contour(self) -> ContourRuns:
         """The outline of the frame against that of the view."""

@@ -75,23 +75,35 @@ def outline_frame(
     # What is no part of the view so far from it is no displaced rim of the target.
     off = ~ndimage.binary_dilation(surface, iterations=reach_px) & beside
     attached = off & returned & ~behind
-    hiding = surface & returned & (seen < predicted - tolerance_m)
+    # So, displaced, may faces that are seen at grazing incidence appear nearer than predicted.
+    steepest = ndimage.grey_dilation(predicted, (3, 3)) - ndimage.grey_erosion(predicted, (3, 3))
+    before = np.where(steepest > tolerance_m, nearest, predicted) - tolerance_m
+    hiding = surface & returned & (seen < before)
     hidden = ndimage.binary_dilation(attached | hiding, iterations=reach_px + 1)
-    unknown[part] |= hidden | _holes(returned, surface)
+    unknown[part] |= hidden | _holes(returned, surface, reach_px)
     cleared[part] = np.where(behind, 0.0, seen)
     return OutlineFrame(cleared, unknown)
 
 
-def _holes(returned: BoolArray, surface: BoolArray) -> BoolArray:
-    """Patches without returns where there is no space: what shows no surface of the view about
-    them returned, but for them."""
+def _holes(returned: BoolArray, surface: BoolArray, reach_px: int) -> BoolArray:
+    """Patches without returns that begin inside the view, where there is no space about it: the
+    sensor sees nothing of that surface, and where the target ends is not told.
+
+    A patch beside the view alone is the shadow that a sensor with a baseline leaves behind whatever
+    is near: the target ends where its returns do.
+    """
     missing = (~returned).astype(np.float32)
     patch = ndimage.uniform_filter(missing, _PATCH_PX, mode="nearest") > _PATCH_SHARE
+    # Sensors that match or modulate lose the pixels along a step in depth: a strip of them is no
+    # patch, and what lies beyond it is known.
+    patch &= ndimage.binary_opening(~returned, np.ones((_PATCH_PX, _PATCH_PX), dtype=np.bool_))
     # At its corners a patch is no patch.
-    patch = ndimage.binary_dilation(patch, iterations=_PATCH_PX // 2)
+    patch = ~returned & ndimage.binary_dilation(patch, iterations=_PATCH_PX // 2)
     other = ndimage.uniform_filter((~surface).astype(np.float32), _ABOUT_PX)
     empty = ndimage.uniform_filter((~surface & ~returned).astype(np.float32), _ABOUT_PX)
-    return np.asarray(~returned & patch & (empty < _SPACE_SHARE * other))
+    patch &= empty < _SPACE_SHARE * other
+    inside = ndimage.binary_erosion(surface, iterations=reach_px + 1)
+    return np.asarray(ndimage.binary_propagation(patch & inside, mask=patch))
 
 
 def _widened(rendered: RenderedDepth, margin: int) -> tuple[slice, slice]:

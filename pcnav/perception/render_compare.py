@@ -52,6 +52,8 @@ _COARSEST_STRIDE = 4
 _MIN_COARSE_PIXELS = 300
 """A coarse grid keeps about so many pixels on the target."""
 _NO_FACE = -1
+_WITHOUT_RANGES = -2
+"""Asks for the outline of all faces that have no ranges."""
 
 
 @dataclass(frozen=True)
@@ -112,9 +114,10 @@ def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
         no_offset = np.zeros((len(runs), 1))
         shared = runs.shared * seen.noise.outline_offset_sd_px
         jacobian = np.hstack([jacobian, no_offset, shared])
+    compared = np.isin(run_face, list(seen.ranges))
 
     def of_face(face: int) -> Evidence:
-        own = run_face == face
+        own = ~compared if face == _WITHOUT_RANGES else run_face == face
         return Evidence.of(runs.value[own], runs.variance[own], jacobian[own])
 
     return of_face
@@ -338,6 +341,11 @@ class RenderComparer:
             of_pose = joint.of_pose
             fitted = fit.n_pixels, fit.chi_square_per_dof
             faces.append(FaceEvidence(rectangle, *of_pose, *fitted, joint))
+        if faces and seen.is_beside_others and ModalityName.OUTLINE in self._modalities:
+            # Grazed faces have no ranges, but edges. Where others are hidden, they are needed.
+            rest = measured[self._modalities.index(ModalityName.OUTLINE)](_WITHOUT_RANGES)
+            if rest.information.any():
+                faces.append(FaceEvidence(None, *rest.of_pose, 0, float("nan"), rest))
         return tuple(faces)
 
     def _ranges(self, seen: RangeResiduals) -> dict[int, RangeFit]:
