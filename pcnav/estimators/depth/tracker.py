@@ -24,6 +24,7 @@ from pcnav.estimators.depth.measuring import (
     FrameUpdate,
     Updated,
     pose_of,
+    predicted_pose,
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
 from pcnav.estimators.depth.noise_learning import NoiseLearner
@@ -53,6 +54,9 @@ _MAX_BLIND_FRAMES = 10
 """Frames with returns but without an accepted measurement before the track is given up."""
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
+_MAX_SHIFT_SD_FRACTION, _MAX_TURN_SD_RAD = 0.05, 0.087
+"""A pose that may be off by more, in any direction, is none that could be claimed: the share of the
+diameter, and the angle, that make a pose a wrong one."""
 
 
 @dataclass
@@ -334,10 +338,23 @@ class Tracker(Estimator):
 
     # Results.
 
+    def _is_known(self, observer: ObserverPose) -> bool:
+        """Whether the pose is known in all directions: of two faces and no edge it is not."""
+        assert self._track is not None, "there is something to know"
+        _, covariance = predicted_pose(self._track.motion.kalman, observer)
+        shift, turn = (
+            float(np.sqrt(np.linalg.eigvalsh(covariance[part, part])[-1]))
+            for part in (slice(0, 3), slice(3, 6))
+        )
+        max_shift_m = _MAX_SHIFT_SD_FRACTION * self._target.diameter_m
+        return shift < max_shift_m and turn < _MAX_TURN_SD_RAD
+
     def _estimate(
         self, view: FrameView, result: UpdateResult | None, status: Status, observer: ObserverPose
     ) -> Estimate:
         track, frame = self._track, view.frame
+        if status in (Status.LOCKED, Status.AMBIGUOUS) and not self._is_known(observer):
+            status = Status.COASTING
         accepted = (True,) * len(view.measurements) if result is None else result.accepted
         estimate = Estimate(
             time_s=frame.time_s,
