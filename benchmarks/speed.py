@@ -36,7 +36,7 @@ _PLACES = {
     "pcnav.perception.reading.perceive": _PERCEPTION,
     "pcnav.perception.reading.pose_hypotheses": _ACQUISITION,
     "pcnav.perception.render_compare.RenderComparer.compare": _COMPARISON,
-    "pcnav.estimators.depth.acquisition.fit_arc": _ARC,
+    "pcnav.estimators.depth.initial_arc.fit_arc": _ARC,
     "pcnav.estimators.depth.tracker.Tracker.step": _FILTER,
     "pcnav.runs.writer.RunWriter.add": _WRITING,
     "pcnav.runs.writer.RunWriter.finish_tables": _WRITING,

@@ -129,8 +129,10 @@ def content(folder: Path) -> dict[str, bytes]:
 def expect_refusal(answer: Answer, *words: str | Path) -> None:
     """One line of error, every word in it, and exit code 2."""
     assert answer.code == 2, answer
-    assert len(answer.error_lines) == 1, answer.err
-    (line,) = answer.error_lines
+    # What led to it may have been warned of.
+    lines = [line for line in answer.error_lines if not line.startswith("WARNING: ")]
+    assert len(lines) == 1, answer.err
+    (line,) = lines
     assert line.startswith("error: ")
     for word in words:
         assert str(word) in line
@@ -309,8 +311,6 @@ BROKEN: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "short matrix": (camera(1, "cam_K", [1.0] * 8), (SCENE, "1.cam_K", "9 items")),
     "not a rotation": (camera(2, "cam_R_w2c", SHEAR), (SCENE, "2.cam_R_w2c", "rotation matrix")),
     "reflection": (camera(2, "cam_R_w2c", REFLECTION), (SCENE, "2.cam_R_w2c", "determinant 1")),
-    "repeated time": (camera(2, "timestamp_s", 0.25), (SCENE, "2.timestamp_s", "increase")),
-    "decreasing time": (camera(5, "timestamp_s", 0.5), (SCENE, "5.timestamp_s", "increase")),
     "nan time": (camera(1, "timestamp_s", float("nan")), (SCENE, "1.timestamp_s", "finite")),
     "nan translation": (
         camera(1, "cam_t_w2c", [0.0, float("nan"), 0.0]),
@@ -326,10 +326,6 @@ BROKEN: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "unknown key": (
         text("sequence.toml", "range_sigma_m", "noise_m = 1.0\nrange_sigma_m"),
         ("sequence.toml", "sensor.noise_m", "unknown key"),
-    ),
-    "no noise": (
-        text("sequence.toml", "range_sigma_m", "#"),
-        ("sequence.toml", "sensor.range_sigma_m", "missing"),
     ),
     "not UTF-8": (not_text("sequence.toml"), ("sequence.toml", "file", "utf-8")),
     "mesh moved": (
