@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from pcnav.core.arrays import BoolArray
 from pcnav.core.statistics import NONE, MeanSquared
 from pcnav.files.text_table import TextTable, number
 
@@ -53,6 +54,15 @@ def table_of(
     """A table with a row for every record; each column is a heading, with unit, and its value."""
     rows = ([value(record) for value in columns.values()] for record in records)
     return table(key, tuple(columns), rows, text_columns)
+
+
+def marked_frames(marked: Callable[[Record], BoolArray]) -> dict[str, Callable[[Record], object]]:
+    """Columns that say how many frames of a run are marked, the first and the last of them."""
+    return {
+        "frames": lambda each: np.count_nonzero(marked(each)),
+        "first": lambda each: np.flatnonzero(marked(each))[0],
+        "last": lambda each: np.flatnonzero(marked(each))[-1],
+    }
 
 
 @dataclass(frozen=True)

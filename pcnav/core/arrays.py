@@ -14,6 +14,16 @@ DepthImage: TypeAlias = npt.NDArray[np.float32]
 """(height, width) z-depth, metres; 0 where no return came back."""
 
 
+Part: TypeAlias = tuple[slice, slice]
+"""Rows and columns of an image."""
+
+
+def neighbours(axis: int, step: int = 1) -> tuple[Part, Part]:
+    """The parts of an image that lie so many pixels apart along an axis: here, and there."""
+    here, there, whole = slice(None, -step), slice(step, None), slice(None)
+    return ((here, whole), (there, whole)) if axis == 0 else ((whole, here), (whole, there))
+
+
 class AnyDataclass(Protocol):
     """An instance of any dataclass."""
 

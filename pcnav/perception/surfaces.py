@@ -14,7 +14,7 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray, neighbours
 from pcnav.core.camera import pixel_rays
 from pcnav.recordings.sequence import Frame
 
@@ -85,7 +85,7 @@ class SmoothFrame:
         index = np.arange(self.depth_m.size).reshape(self.depth_m.shape)
         pairs = []
         for axis in (0, 1):
-            first, second = _neighbours(axis)
+            first, second = neighbours(axis)
             linked = self._links(axis)
             pairs.append(np.stack([index[first][linked], index[second][linked]]))
         a, b = np.concatenate(pairs, axis=1)
@@ -93,7 +93,7 @@ class SmoothFrame:
 
     def _links(self, axis: int) -> BoolArray:
         mask = self.depth_m > 0.0
-        first, second = _neighbours(axis)
+        first, second = neighbours(axis)
         step = self.depth_m[second] - self.depth_m[first]
         both = mask[first] & mask[second]
         noise = _LINK_SIGMA * np.maximum(self.sigma_m[first], self.sigma_m[second])
@@ -104,11 +104,6 @@ class SmoothFrame:
         abrupt = beyond > np.maximum(2.0 * noise, _STEP_FRACTION * self.diameter_m)
         abrupt &= beyond > 2.0 * self.footprint_m[first]
         return np.asarray(both & ~steep & ~abrupt)
-
-
-def _neighbours(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    whole, head, tail = slice(None), slice(None, -1), slice(1, None)
-    return ((head, whole), (tail, whole)) if axis == 0 else ((whole, head), (whole, tail))
 
 
 def smooth_frame(frame: Frame, sigma_m: float, diameter_m: float) -> SmoothFrame:

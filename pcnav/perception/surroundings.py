@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, neighbours
 from pcnav.core.camera import PinholeCamera, pixel_rays
 
 _NOISE_SIGMA = 6.0
@@ -172,15 +172,10 @@ def _linked(
     depth_m: DepthImage, returned: BoolArray, near: DepthImage, step: int, axis: int
 ) -> BoolArray:
     """Whether each pixel and the one so many steps on along an axis show one surface."""
-    here, there = _pair(axis, step)
+    here, there = neighbours(axis, step)
     apart = np.abs(depth_m[here] - depth_m[there])
     alike = apart < np.minimum(near[here], near[there])
     return np.asarray(alike & returned[here] & returned[there])
-
-
-def _pair(axis: int, step: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    first, second, whole = slice(None, -step), slice(step, None), slice(None)
-    return ((first, whole), (second, whole)) if axis == 0 else ((whole, first), (whole, second))
 
 
 def _alike(depth_m: DepthImage, returned: BoolArray, near: DepthImage) -> IntArray:
@@ -188,7 +183,7 @@ def _alike(depth_m: DepthImage, returned: BoolArray, near: DepthImage) -> IntArr
     count = np.zeros(depth_m.shape, dtype=np.intp)
     for axis in (0, 1):
         for step in (1, 2):
-            here, there = _pair(axis, step)
+            here, there = neighbours(axis, step)
             linked = _linked(depth_m, returned, step * near, step, axis)
             count[here] += linked
             count[there] += linked

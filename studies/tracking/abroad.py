@@ -11,7 +11,7 @@ from pcnav.files.text_table import TextTable
 from pcnav.simulation.depth import Scene
 
 from ..following import JudgedRun, follow, status_shares
-from ..tables import Claim, table_of
+from ..tables import Claim, marked_frames, table_of
 from .cases_abroad import CASES as SCENES
 from .starts import RIGHT_FRACTION, RIGHT_RAD
 
@@ -138,9 +138,7 @@ def _wrong_table(runs: Sequence[AbroadRun]) -> TextTable:
         {
             "case": lambda each: each.name,
             "seed": lambda each: each.seed,
-            "frames": lambda each: np.count_nonzero(each.wrong),
-            "first": lambda each: np.flatnonzero(each.wrong)[0],
-            "last": lambda each: np.flatnonzero(each.wrong)[-1],
+            **marked_frames(lambda each: each.wrong),
         },
     )
 

@@ -17,7 +17,7 @@ from pcnav.simulation.random_truth import satellite
 from pcnav.target.satellite import Rectangle, Target
 
 from ..following import JudgedRun, follow, status_shares
-from ..tables import Claim, at_most, never, table_of
+from ..tables import Claim, at_most, marked_frames, never, table_of
 from .tumbles import boxsat, tumble
 
 NAME = "faults"
@@ -212,9 +212,7 @@ def _silent_table(runs: Sequence[FaultRun]) -> TextTable:
         {
             "fault": lambda each: each.fault,
             "seed": lambda each: each.seed,
-            "frames": lambda each: np.count_nonzero(each.silent),
-            "first": lambda each: np.flatnonzero(each.silent)[0],
-            "last": lambda each: np.flatnonzero(each.silent)[-1],
+            **marked_frames(lambda each: each.silent),
         },
     )
 
