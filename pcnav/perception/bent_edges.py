@@ -12,7 +12,6 @@ from pcnav.core.camera import PinholeCamera, pixel_rays
 _SEGMENT_SAG_PX = 0.005
 """How far the image of a segment may lie from its chord."""
 _PROBES = 17
-_HARMONICS = 24
 _BEYOND = 1.02
 """Edges are followed so far beyond the outermost ray of the image, over its distance off axis."""
 
@@ -86,38 +85,3 @@ def _clipped(start: FloatArray, along: FloatArray, radius: float) -> tuple[Float
     root = np.sqrt(np.maximum(b * b - a * c, 0.0))
     low, high = np.maximum((-b - root) / a, 0.0), np.minimum((root - b) / a, 1.0)
     return low, np.where(b * b > a * c, high, low)
-
-
-def bent_grid_variances(
-    minor_px: FloatArray,
-    weights: tuple[FloatArray, FloatArray],
-    starts: IntArray,
-    distance_px: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Variances (k,) of two weighted sums of the counts along curved edges; for the mean and the
-    tilt of straight ones see `pcnav.perception.contour.grid_variances`, whose notation this has.
-
-    The sawtooth's autocovariance is ``C(x) = sum_j cos(2 pi j x) / (2 pi^2 j^2)``, so a sum of
-    counts with weights w at places m has the variance ``sum_j (1 - cos 2 pi j d) |W_j|^2 /
-    (pi^2 j^2)`` with ``W_j = sum w exp(2 pi i j m)``. Along a curve the high harmonics of different
-    crossings are independent: they are taken together.
-
-    Args:
-        minor_px: (n,) where the edges are at each crossing, run after run.
-        weights: (n,) each, of the two sums.
-        starts: (k,) first crossing of each run.
-        distance_px: (k,) d.
-    """
-    harmonic = np.arange(1, _HARMONICS + 1)
-    wave = np.exp(2.0j * np.pi * (minor_px - np.floor(minor_px)))
-    powers = np.cumprod(np.broadcast_to(wave[:, None], (len(wave), _HARMONICS)), axis=1)
-    d = np.minimum(distance_px, 0.5)[:, None]
-    share = (1.0 - np.cos(2.0 * np.pi * harmonic * d)) / (np.pi * harmonic) ** 2
-    # All harmonics together are those of a single count, d (1 - d).
-    rest = np.maximum(d[:, 0] * (1.0 - d[:, 0]) - share.sum(axis=1), 0.0)
-    found = []
-    for weight in weights:
-        spectrum = np.abs(np.add.reduceat(weight[:, None] * powers, starts)) ** 2
-        alone = np.add.reduceat(weight**2, starts)
-        found.append(np.einsum("ij,ij->i", spectrum, share) + rest * alone)
-    return found[0], found[1]

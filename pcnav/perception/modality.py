@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
-from pcnav.perception.contour import ContourRuns, MeshEdges, PoseDoubt, contour_runs
+from pcnav.perception.contour import ContourRuns, contour_runs
+from pcnav.perception.mesh_edges import MeshEdges
 from pcnav.perception.outline_frame import OutlineFrame
+from pcnav.perception.pose_doubt import PoseDoubt
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.rendering import RenderedDepth
 

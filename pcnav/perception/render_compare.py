@@ -20,10 +20,12 @@ from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.perception.agreement import Agreement, judged
-from pcnav.perception.contour import PoseDoubt, contour_reach, mesh_edges
+from pcnav.perception.contour import contour_reach
 from pcnav.perception.correlated_ranges import face_field, range_evidence
+from pcnav.perception.mesh_edges import mesh_edges
 from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
 from pcnav.perception.outline_frame import outline_frame
+from pcnav.perception.pose_doubt import PoseDoubt
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder

@@ -8,7 +8,7 @@ import pytest
 
 from pcnav.core.camera import PinholeCamera, project
 from pcnav.core.distortion import Distortion, DistortionModel
-from pcnav.perception.bent_edges import bent_grid_variances, edge_segments
+from pcnav.perception.bent_edges import edge_segments
 
 CAMERA = PinholeCamera.from_field_of_view(640, 480, np.deg2rad(70.0))
 LENSES = [
@@ -56,18 +56,3 @@ def test_edges_beside_the_image_are_left_out() -> None:
     camera = replace(CAMERA, distortion=LENSES[0])
     start, end = np.array([[-50.0, 40.0, 5.0]]), np.array([[50.0, 40.0, 5.0]])
     assert len(edge_segments(camera, partial(project, camera), start, end).edge) == 0
-
-
-def test_grid_variances_of_curves_are_those_of_any_phase() -> None:
-    phase = (np.arange(4000) + 0.5)[:, None] / 4000
-    for size, slope, bend in ((60, 0.0, 3e-4), (41, 0.37, 1e-3), (90, 0.5, 2e-4), (25, 1.0, 5e-3)):
-        i = np.arange(size)
-        minor = slope * i + bend * i**2
-        centred = i - i.mean()
-        weights = (np.full(size, 1.0 / size), centred / (centred @ centred))
-        for d in (0.1, 0.3, 0.5):
-            counted = np.floor(phase + minor + d) - np.floor(phase + minor) - d
-            found = bent_grid_variances(minor, weights, np.array([0]), np.array([d]))
-            # A tilt has less of the low harmonics.
-            for variance, weight, rel in zip(found, weights, (0.1, 0.25), strict=True):
-                assert variance[0] == pytest.approx((counted @ weight).var(), rel=rel)

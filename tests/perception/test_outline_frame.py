@@ -9,14 +9,10 @@ import trimesh
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.perception.contour import (
-    ContourRuns,
-    PoseDoubt,
-    contour_reach,
-    contour_runs,
-    mesh_edges,
-)
+from pcnav.perception.contour import ContourRuns, contour_reach, contour_runs
+from pcnav.perception.mesh_edges import mesh_edges
 from pcnav.perception.outline_frame import OutlineFrame, outline_frame
+from pcnav.perception.pose_doubt import PoseDoubt
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import surroundings_of
 from pcnav.target.rendering import DepthRenderer
