@@ -87,6 +87,8 @@ class RangeResiduals:
     residual_m: FloatArray
     jacobian: FloatArray
     """(n, 6) by the pose."""
+    pose_variance_m2: FloatArray
+    """(n,) of the residual, by the doubt about the pose."""
     range_m: FloatArray
     """(n,) predicted."""
     sigma_m: float | FloatArray

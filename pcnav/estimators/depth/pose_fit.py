@@ -10,8 +10,9 @@ from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, square_root
 from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.agreement import Agreement
+from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.modality import Evidence
-from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
+from pcnav.perception.render_compare import Comparison, RenderComparer
 
 _MAX_PASSES = 8
 _STEP_ERROR = 0.1

@@ -16,8 +16,9 @@ from pcnav.estimators.depth.pose_measurement import (
 )
 from pcnav.filtering.error_state import Measurement
 from pcnav.perception.association import MeasuredFace, Unused
+from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.reading import View
-from pcnav.perception.render_compare import Comparison, FaceEvidence
+from pcnav.perception.render_compare import Comparison
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 

@@ -13,7 +13,8 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.depth.pose_fit import SingleFramePose, agreeing, fit_pose, step_doubt
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
-from pcnav.perception.render_compare import FaceEvidence, RenderComparer
+from pcnav.perception.face_evidence import FaceEvidence
+from pcnav.perception.render_compare import RenderComparer
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target, load_target

@@ -11,7 +11,8 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, moved_pose
 from pcnav.estimators.depth.views import GATED, FrameView, silent_view, view_of_comparison
 from pcnav.perception.agreement import Agreement
-from pcnav.perception.render_compare import Comparison, FaceEvidence, RenderComparer
+from pcnav.perception.face_evidence import FaceEvidence
+from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.records import ACCEPTED
 from pcnav.target.satellite import Rectangle, Target

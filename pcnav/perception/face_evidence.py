@@ -1,0 +1,142 @@
+"""What each face of a target says of the error of a predicted pose, by ranges and outline."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+
+from pcnav.config.depth import ModalityName
+from pcnav.core.arrays import FloatArray
+from pcnav.perception.correlated_ranges import face_field, range_evidence
+from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
+from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.target.satellite import Rectangle
+
+NO_FACE = -1
+"""The place in the catalogue of surfaces that are on none of it."""
+_WITHOUT_RANGES = -2
+"""Asks for the outline of all faces that have no ranges."""
+_NOWHERE = -3
+_MIN_PIXELS = 12
+"""Fewer pixels of a face are not used."""
+_MISFIT_SD = 3.0
+"""Residuals this much above the noise's own spread are no chance: the face is not as modelled."""
+
+
+@dataclass(frozen=True)
+class FaceEvidence:
+    """What one face (or all surfaces that belong to none) says of the error of a predicted pose.
+
+    The error is (6,): translation of the model origin (m, camera axes), rotation (rad, model axes).
+    """
+
+    rectangle: Rectangle | None
+    """None for the surfaces that are on no catalogue rectangle."""
+    information: FloatArray
+    """(6, 6) inverse covariance; may be singular."""
+    vector: FloatArray
+    """(6,) information times the error."""
+    n_pixels: int
+    chi_square_per_dof: float
+    """Of the range residuals about the face's own best fit."""
+    with_shared: Evidence | None = None
+    """The same with errors that the faces of the frame share as further unknowns, if there are."""
+
+    @property
+    def joint(self) -> Evidence:
+        """All that it says, for a sum over the faces of a frame."""
+        return self.with_shared or Evidence(self.information, self.vector)
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+        return "other surfaces" if self.rectangle is None else self.rectangle.name
+
+
+def _ranges(seen: SeenFrame) -> Callable[[int], Evidence]:
+    return lambda face: seen.ranges[face].evidence
+
+
+def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
+    runs = seen.contour
+    run_face = seen.face_of_triangle[runs.triangle]
+    jacobian = runs.jacobian
+    if seen.noise.has_shared_errors:
+        no_offset = np.zeros((len(runs), 1))
+        shared = runs.shared * seen.noise.outline_offset_sd_px
+        jacobian = np.hstack([jacobian, no_offset, shared])
+    compared = np.isin(run_face, list(seen.ranges))
+
+    def of_face(face: int) -> Evidence:
+        own = ~compared if face == _WITHOUT_RANGES else run_face == face
+        return Evidence.of(runs.value[own], runs.variance[own], jacobian[own])
+
+    return of_face
+
+
+MODALITIES: Mapping[ModalityName, Modality] = {
+    ModalityName.RANGES: _ranges,
+    ModalityName.OUTLINE: _outline,
+}
+"""What frames may be compared by. Their errors are taken as independent."""
+
+
+def face_evidence(
+    seen: SeenFrame, rectangles: Sequence[Rectangle], modalities: Sequence[ModalityName]
+) -> tuple[FaceEvidence, ...]:
+    """Of the faces that have ranges, in their order, by these modalities."""
+    measured = {name: MODALITIES[name](seen) for name in modalities}
+    faces = []
+    for face, fit in seen.ranges.items():
+        joint = reduce(Evidence.with_also, (of_face(face) for of_face in measured.values()))
+        rectangle = None if face == NO_FACE else rectangles[face]
+        fitted = fit.n_pixels, fit.chi_square_per_dof
+        faces.append(FaceEvidence(rectangle, *joint.of_pose, *fitted, joint))
+    if faces and seen.is_beside_others and ModalityName.OUTLINE in measured:
+        # Grazed faces have no ranges, but edges. Where others are hidden, they are needed.
+        rest = measured[ModalityName.OUTLINE](_WITHOUT_RANGES)
+        if rest.information.any():
+            faces.append(FaceEvidence(None, *rest.of_pose, 0, float("nan"), rest))
+    return tuple(faces)
+
+
+def range_fits(seen: RangeResiduals, noise: SensorNoise) -> dict[int, RangeFit]:
+    """By face of which enough pixels agree with the view."""
+    found = {}
+    index = np.where(seen.agrees, seen.face, _NOWHERE)
+    for face in np.unique(seen.face[seen.agrees]).tolist():
+        chosen = index == face
+        n = int(np.count_nonzero(chosen))
+        if n < _MIN_PIXELS:
+            continue
+        H, r, scale_m = seen.jacobian[chosen], seen.residual_m[chosen], seen.sigma_m
+        if isinstance(scale_m, np.ndarray):
+            # Weighted about the face's own typical noise.
+            own = scale_m[chosen]
+            scale_m = float(np.sqrt(np.mean(own**2)))
+            H, r = H * (scale_m / own)[:, None], r * (scale_m / own)
+        information, vector = H.T @ H, H.T @ r
+        misfit = _misfit(information, vector, float(r @ r), n, scale_m)
+        variance = scale_m**2 * _inflation(misfit, n)
+        if noise.is_white:
+            weight = 1.0 / variance
+            evidence = Evidence(information * weight, vector * weight)
+        else:
+            field = face_field(seen.u[chosen], seen.v[chosen])
+            evidence = range_evidence(H, r, field, variance, noise)
+        found[face] = RangeFit(evidence, n, misfit)
+    return found
+
+
+def _misfit(gram: FloatArray, vector: FloatArray, squares: float, n: int, sigma_m: float) -> float:
+    """Chi-square per degree of freedom of residuals about their own linear fit."""
+    strength, axes = np.linalg.eigh(gram)
+    known = strength > 1e-9 * strength[-1]
+    fitted = float(np.sum((vector @ axes[:, known]) ** 2 / strength[known]))
+    return max(squares - fitted, 0.0) / (sigma_m**2 * max(n - 3, 1))
+
+
+def _inflation(chi_square_per_dof: float, n: int) -> float:
+    expected = 1.0 + _MISFIT_SD * np.sqrt(2.0 / n)
+    return chi_square_per_dof if chi_square_per_dof > expected else 1.0

@@ -1,0 +1,122 @@
+"""The pixels of a rendered view that lie inside its surfaces, and their range residuals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, neighbours
+from pcnav.core.camera import pixel_rays, range_per_depth
+from pcnav.perception.modality import RangeResiduals
+from pcnav.perception.pose_doubt import GATE_SIGMA, PoseDoubt
+from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.target.rendering import RenderedDepth
+
+_CREASE_SIGMA = 0.5
+"""A pixel is inside a surface when the faces of its neighbours, extended to it, differ from its own
+by less than this many standard deviations of the noise."""
+_MIN_COSINE = 0.1
+"""Surfaces seen at more than 84 degrees are not used: within a pixel their range varies widely."""
+_WHOLE_SHARE, _MIN_WHOLE = 0.5, 300
+"""While it is not known what a pixel sees, those beside an edge are left out of a view of which
+this share and so many pixels remain."""
+
+
+@dataclass(frozen=True)
+class SurfacePixels:
+    """Pixels inside the surfaces of a rendered view (n of them)."""
+
+    inside: BoolArray
+    """(height, width) of the rendered window: which they are."""
+    triangle: IntArray
+    """(n,) of the mesh."""
+    rays: FloatArray
+    """(n, 3) unit."""
+    range_m: FloatArray
+    """(n,) predicted."""
+    range_per_depth: FloatArray
+    """(n,)"""
+    m: FloatArray
+    """(n, 3) plane, ``m . ray = 1 / range``."""
+
+    def residuals(
+        self,
+        depth_m: DepthImage,
+        rendered: RenderedDepth,
+        doubt: PoseDoubt,
+        noise: SensorNoise,
+        face_of_triangle: IntArray,
+    ) -> RangeResiduals:
+        """Of a frame (height, width) beside the view, whose pose is so uncertain."""
+        seen_m = depth_m[rendered.window][self.inside] * self.range_per_depth
+        returned = seen_m > 0.0
+        residual = seen_m - self.range_m
+        sigma_m = noise.sigma_at(self.range_m)
+        # ``n . dx / (n . ray)`` at the surface point x.
+        along, p_cam = self.m * self.range_m[:, None], self.rays * self.range_m[:, None]
+        jacobian = doubt.by_pose(along, p_cam)
+        variance = doubt.variance(jacobian)
+        return RangeResiduals(
+            face=face_of_triangle[self.triangle],
+            returned=returned,
+            agrees=returned & (residual**2 < GATE_SIGMA**2 * (sigma_m**2 + variance)),
+            residual_m=residual,
+            jacobian=jacobian,
+            pose_variance_m2=variance,
+            range_m=self.range_m,
+            sigma_m=sigma_m,
+            inside=self.inside,
+        )
+
+
+def surface_pixels(rendered: RenderedDepth, sigma_m: float, noise: SensorNoise) -> SurfacePixels:
+    """Those of a view; ``sigma_m`` is the deviation by which creases count, where the target is."""
+    inside = _away_from_creases(rendered, sigma_m)
+    if noise.may_have_footprint:
+        inside = _whole(inside, noise)
+    triangle = rendered.triangle[rendered.window][inside]
+    per_depth = range_per_depth(rendered.camera)[rendered.window][inside]
+    m = rendered.inverse_depth_planes[triangle]
+    if rendered.row_planes is not None:
+        m = rendered.row_planes.at(triangle, np.nonzero(inside)[0] + rendered.window[0].start)
+    norm = np.linalg.norm(m, axis=1)
+    unit = pixel_rays(rendered.camera)[rendered.window][inside] / per_depth[:, None]
+    inverse = np.einsum("ij,ij->i", m, unit)
+    steep = inverse < _MIN_COSINE * norm
+    if steep.any():
+        inside[inside] = ~steep
+        triangle, per_depth, m, unit, inverse = (
+            part[~steep] for part in (triangle, per_depth, m, unit, inverse)
+        )
+    return SurfacePixels(inside, triangle, unit, 1.0 / inverse, per_depth, m)
+
+
+def _away_from_creases(rendered: RenderedDepth, sigma_m: float) -> BoolArray:
+    """(height, width) of the window: pixels whose neighbours lie on the same surface."""
+    triangle = rendered.triangle[rendered.window]
+    depth = rendered.depth_m[rendered.window].astype(np.float64)
+    rays = pixel_rays(rendered.camera)[rendered.window]
+    inside = np.asarray(triangle >= 0)
+    # Slices, for a target out of view leaves an empty window.
+    inside[:1] = inside[-1:] = False
+    inside[:, :1] = inside[:, -1:] = False
+    planes = rendered.inverse_depth_planes
+    for first, second in (neighbours(1), neighbours(0)):
+        i, j = np.nonzero(triangle[first] != triangle[second])
+        a, b = triangle[first][i, j], triangle[second][i, j]
+        for here, mine, other in ((first, a, b), (second, b, a)):
+            # Relative gap of inverse depths is that of depths.
+            gap = np.einsum("ij,ij->i", planes[other] - planes[mine], rays[here][i, j])
+            smooth = (mine >= 0) & (other >= 0)
+            smooth &= np.abs(gap) * depth[here][i, j] ** 2 < _CREASE_SIGMA * sigma_m
+            inside[here][i[~smooth], j[~smooth]] = False
+    return inside
+
+
+def _whole(inside: BoolArray, noise: SensorNoise) -> BoolArray:
+    """Pixels that see nothing but their surface in all of their area, where enough do."""
+    whole = ndimage.binary_erosion(inside, np.ones((3, 3), dtype=np.bool_))
+    left, n = np.count_nonzero(whole), np.count_nonzero(inside)
+    if noise.has_footprint or left > max(_WHOLE_SHARE * n, _MIN_WHOLE):
+        return np.asarray(whole)
+    return inside
