@@ -30,6 +30,7 @@ from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
 from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_measurement import ObserverPose, twist_between
 from pcnav.estimators.depth.recovering import Recovery
+from pcnav.estimators.depth.repeats import Repeats
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult
@@ -119,7 +120,7 @@ class Tracker(Estimator):
         self._acquisition = self._new_acquisition(self._belief, info.first_pose)
         self._best_view: tuple[Estimate, FrameView] | None = None
         self._has_tracked = False
-        self._guard = FrameGuard(target.diameter_m)
+        self._guard, self._repeats = FrameGuard(target.diameter_m), Repeats()
 
     @property
     def best_view(self) -> tuple[Estimate, FrameView] | None:
@@ -150,6 +151,8 @@ class Tracker(Estimator):
         self._guard.check(frame)
         self._noise.begin(frame)
         observer = self._observer(frame)
+        if self._repeats.is_one(frame):
+            return self._shown_again(frame, observer)
         if self._track is None:
             estimate, view = self._acquire(frame, observer)
         else:
@@ -162,6 +165,21 @@ class Tracker(Estimator):
         if best is None or _rectangles_used(estimate) >= _rectangles_used(best[0]):
             self._best_view = estimate, view
         return estimate
+
+    def _shown_again(self, frame: Frame, observer: ObserverPose) -> Estimate:
+        """A frame that brings the image of the one before: nothing is measured.
+
+        A free body is where its motion leads. Of any other the frame's own pose is the better one.
+        """
+        view, track = silent_view(frame), self._track
+        if track is None:
+            return self._estimate(view, None, Status.ACQUIRING, observer)
+        track.motion.predict(frame.time_s)
+        if track.motion.is_torque_free or not self._seen_poses:
+            return self._estimate(view, None, self._status, observer)
+        estimate = self._estimate(view, None, Status.COASTING, observer)
+        shown = self._seen_poses[-1][1]
+        return replace(estimate, status=str(self._status), T_cam_target=shown)
 
     def _remember(self, estimate: Estimate) -> None:
         if estimate.T_cam_target is None:

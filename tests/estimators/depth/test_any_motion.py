@@ -35,6 +35,12 @@ def swayed(n: int) -> list[FloatArray]:
     return poses
 
 
+def spun(n: int) -> list[FloatArray]:
+    """n poses (4, 4) of a target that turns about its model's z axis by 6 deg/s and drifts."""
+    rates = np.array([0.05, 0.0, 0.02, 0.0, 0.0, np.deg2rad(6.0)])
+    return [moved_pose(FIRST, STEP_S * k * rates) for k in range(n)]
+
+
 def seen(target: Target, poses: list[FloatArray]) -> list[Frame]:
     """Their frames, with noise along the rays."""
     renderer, rng = DepthRenderer(target.mesh, CAMERA), np.random.default_rng(8)
@@ -147,3 +153,30 @@ def test_a_first_pose_that_the_frame_contradicts_is_dropped(
     assert estimates[0].status == Status.ACQUIRING
     assert estimates[-1].status == Status.LOCKED
     assert np.all(errors_of(estimates[-1:], poses[-1:]) < [1e-2, 0.4])
+
+
+@pytest.mark.parametrize("choice", [MotionChoice.AUTO, MotionChoice.TORQUE_FREE])
+def test_an_image_that_comes_twice_is_no_target_that_stops(
+    boxsat: Target, choice: MotionChoice
+) -> None:
+    """As little is lost as where the frame had been empty; of a free body not even its place."""
+    poses = swayed(16) if choice is MotionChoice.AUTO else spun(16)
+    frames = seen(boxsat, poses)
+    for k in (9, 12):
+        frames[k] = replace(frames[k], depth_m=frames[k - 1].depth_m)
+    estimates = tracked(boxsat, frames, choice)
+    assert [estimate.status for estimate in estimates[2:]] == [Status.LOCKED] * 14
+    shown = list(poses)
+    if choice is MotionChoice.AUTO:
+        shown[9], shown[12] = poses[8], poses[11]
+    errors = errors_of(estimates, shown)
+    assert np.all(np.max(errors, axis=0) < [1e-2, 0.4])
+    assert not estimates[9].records and np.isnan(estimates[9].nis)
+
+
+def test_a_target_at_rest_seen_without_noise_is_measured_in_every_frame(boxsat: Target) -> None:
+    frame = seen(boxsat, [FIRST])[0]
+    frames = [replace(frame, index=k, time_s=STEP_S * k) for k in range(5)]
+    estimates = tracked(boxsat, frames)
+    assert [estimate.status for estimate in estimates[2:]] == [Status.LOCKED] * 3
+    assert all(estimate.nis_dof > 0 for estimate in estimates[3:])
