@@ -56,9 +56,11 @@ def face_levels(seen: RangeResiduals, noise: SensorNoise) -> list[FaceLevel]:
         if face < 0:
             # Of surfaces that are on no plane, the pose moves some nearer and others farther.
             terms = np.hstack([terms, seen.jacobian[chosen]])
+        # More than half of the returns may be from something before the face: what agrees with it
+        # says where its returns are and, cut off as it is, how wide about to look for more.
         centre = float(np.median(r[sure]))
         floor = 0.3 * float(noise.sigma_at(range_m))
-        scale = max(_MAD_TO_SD * float(np.median(np.abs(r - centre))), floor)
+        scale = max(_MAD_TO_SD * float(np.median(np.abs(r[sure] - centre))), floor)
         near = np.abs(r - centre) < 2.0 * _GATE * scale
         for _ in range(2):
             fit = np.linalg.lstsq(terms[near], r[near], rcond=1e-8)[0]
