@@ -22,8 +22,9 @@ from pcnav.target.catalogue import (
 from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, read_mesh, uniform_mass_properties
+from pcnav.target.self_matches import SelfMatch, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
-from pcnav.target.symmetry import group_name, half_turns, symmetry_motions
+from pcnav.target.symmetry import SYMMETRY_TOLERANCE, group_name, half_turns, symmetry_motions
 
 __all__ = ["Rectangle", "Target", "describe", "load_target", "write_target_toml"]
 
@@ -32,6 +33,8 @@ COM_SD_FRACTION = 0.05
 satellite's equipment and propellant are not where a uniform filling puts them."""
 INERTIA_RATIO_SD = 0.2
 """Without a stated value: the ratios of a uniform filling are right to one figure only."""
+_SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION = 0.05, 0.03
+"""A motion so near to a symmetry is that symmetry."""
 _NAME_POSITION_FRACTION = 0.01
 _NAME_COSINE = np.cos(np.radians(5.0))
 
@@ -71,6 +74,20 @@ class Target:
         """(3, 4, 4) half turns of the model frame about the principal axes of the surface: what is
         nearly a symmetry of a satellite is mostly one of them."""
         return half_turns(self.mesh)
+
+    @cached_property
+    def near_symmetries(self) -> tuple[SelfMatch, ...]:
+        """The motions of the model frame, none of them a symmetry, after which the target looks
+        nearly as before, that which changes least first: the poses ``T_cam_model @ match.T_model``
+        are those a right one is mistaken for, and ``match.differing_share`` of the surface tells
+        them apart. Found when first asked for, in a few seconds at most."""
+        found = near_symmetries(self.mesh, SYMMETRY_TOLERANCE * self.diameter_m)
+        identity = np.eye(4)
+        return tuple(
+            match
+            for match in found
+            if not self.shows_alike(identity, match.T_model, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)
+        )
 
     def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
         """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""
