@@ -14,7 +14,8 @@ import numpy as np
 from scipy import ndimage
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.camera import pixel_rays
+from pcnav.core.camera import PinholeCamera, pixel_rays
+from pcnav.perception.image_parts import part_sizes
 from pcnav.perception.surfaces import SmoothFrame, extended_planes, extent, smooth_frame
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
@@ -93,9 +94,10 @@ def candidate_regions(frame: Frame, target: Target, sigma_m: float) -> RegionSea
     on_plane, n_planes = extended_planes(smooth, target.flat_extent_m, diameter_m)
     labels = smooth.components((smooth.depth_m > 0.0) & ~on_plane)
     parts = _candidates(smooth, labels, diameter_m)
-    regions = [_region(frame, smooth, mask, is_window) for mask, is_window in parts]
-    regions.sort(key=lambda region: -_plausibility(region, diameter_m, frame))
-    return RegionSearch(tuple(regions[:_MAX_REGIONS]), span, n_planes)
+    seen_parts = [_Part.of(smooth, mask, is_window) for mask, is_window in parts]
+    seen_parts.sort(key=lambda part: -_plausibility(part, diameter_m, frame.camera))
+    regions = [_region(frame, smooth, part) for part in seen_parts[:_MAX_REGIONS]]
+    return RegionSearch(tuple(regions), span, n_planes)
 
 
 def _points(frame: Frame, mask: BoolArray) -> FloatArray:
@@ -108,8 +110,7 @@ def _candidates(
     """Masks (height, width) of what may be the target, and whether each is a window."""
     found: list[tuple[BoolArray, bool]] = []
     fragments: list[BoolArray] = []
-    counts = np.bincount(labels[labels >= 0]) if (labels >= 0).any() else np.zeros(0, dtype=int)
-    for label in np.flatnonzero(counts >= _MIN_RETURNS).tolist():
+    for label in np.flatnonzero(part_sizes(labels) >= _MIN_RETURNS).tolist():
         mask = labels == label
         size = extent(smooth.points[mask])
         if size > _MAX_EXTENT_FRACTION * diameter_m:
@@ -133,14 +134,13 @@ def _fits(size_m: float, diameter_m: float) -> bool:
 def _pieces(smooth: SmoothFrame, mask: BoolArray) -> list[BoolArray]:
     """The parts of an object between which it is creased inward, or steps a little."""
     labels = smooth.components(mask & ~smooth.concave)
-    counts = np.bincount(labels[labels >= 0]) if (labels >= 0).any() else np.zeros(0, dtype=int)
-    kept = np.flatnonzero(counts >= _MIN_RETURNS)
+    kept = np.flatnonzero(part_sizes(labels) >= _MIN_RETURNS)
     if len(kept) < 2:
         return []
     # What lies in a crease belongs to the nearest part.
     own = np.isin(labels, kept)
     _, (rows, columns) = ndimage.distance_transform_edt(~own, return_indices=True)
-    nearest = np.where(mask, labels[rows, columns], -1)
+    nearest = np.where(mask, labels[rows, columns], 0)
     return [nearest == label for label in kept.tolist()]
 
 
@@ -195,25 +195,40 @@ def _joined(
     return found
 
 
-def _region(frame: Frame, smooth: SmoothFrame, mask: BoolArray, is_window: bool) -> Region:
+@dataclass(frozen=True)
+class _Part:
+    """What a region is made of."""
+
+    mask: BoolArray
+    """(height, width)"""
+    depths: FloatArray
+    """(n,) of its returns."""
+    extent_m: float
+    is_window: bool
+
+    @staticmethod
+    def of(smooth: SmoothFrame, mask: BoolArray, is_window: bool) -> "_Part":
+        mask = np.asarray(mask & smooth.trusted)
+        points = smooth.points[mask]
+        return _Part(mask, points[:, 2], extent(points), is_window)
+
+
+def _region(frame: Frame, smooth: SmoothFrame, part: _Part) -> Region:
     """A part of a frame as a frame of its own."""
-    mask = mask & smooth.trusted
-    points = smooth.points[mask]
     # A few returns of what is behind may cling to its rim.
-    far = float(np.quantile(points[:, 2], _FAR_QUANTILE))
-    beside = (frame.depth_m > 0.0) & (frame.depth_m < far) & ~mask
+    far = float(np.quantile(part.depths, _FAR_QUANTILE))
+    beside = (frame.depth_m > 0.0) & (frame.depth_m < far) & ~part.mask
     unseen = beside if frame.unseen is None else beside | frame.unseen
-    depth_m = np.where(mask, frame.depth_m, np.float32(0.0))
+    depth_m = np.where(part.mask, frame.depth_m, np.float32(0.0))
     alone = replace(frame, depth_m=depth_m, unseen=unseen)
-    sigma_m = float(np.median(smooth.sigma_m[mask]))
-    return Region(alone, extent(points), len(points), sigma_m, is_window=is_window)
+    sigma_m = float(np.median(smooth.sigma_m[part.mask]))
+    return Region(alone, part.extent_m, len(part.depths), sigma_m, is_window=part.is_window)
 
 
-def _plausibility(region: Region, diameter_m: float, frame: Frame) -> float:
+def _plausibility(part: _Part, diameter_m: float, camera: PinholeCamera) -> float:
     """Larger for what covers about the solid angle that the target would, at its own distance."""
-    ratio = region.extent_m / diameter_m
+    ratio = part.extent_m / diameter_m
     size = np.exp(-((np.log(max(ratio, 1e-3) / 0.85) / 0.5) ** 2))
-    depth = float(np.median(region.frame.depth_m[region.frame.depth_m > 0.0]))
-    across_px = frame.camera.fx * diameter_m / depth
-    cover = region.n_returns / max(across_px**2, 1.0)
-    return float(size * min(cover, 0.5) * (0.5 if region.is_window else 1.0))
+    across_px = camera.fx * diameter_m / float(np.median(part.depths))
+    cover = len(part.depths) / max(across_px**2, 1.0)
+    return float(size * min(cover, 0.5) * (0.5 if part.is_window else 1.0))

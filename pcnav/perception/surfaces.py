@@ -11,11 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray, neighbours
 from pcnav.core.camera import pixel_rays
+from pcnav.perception.image_parts import connected_parts, part_sizes
 from pcnav.recordings.sequence import Frame
 
 _ABOUT_PX = 5
@@ -66,30 +65,22 @@ class SmoothFrame:
     diameter_m: float
 
     def components(self, mask: BoolArray) -> IntArray:
-        """(height, width) number of the connected part of a mask that each of its pixels is in, -1
-        for none.
+        """(height, width) number of the connected part of a mask that each of its pixels is in,
+        from 1 on; 0 for none.
 
         Neighbours are apart if a step lies between them: steeper than any surface that can be
         followed, or larger than the steps beside it by more than noise.
         """
-        a, b = self._linked
-        linked = mask.ravel()[a] & mask.ravel()[b]
-        ones = np.ones(int(np.count_nonzero(linked)))
-        graph = coo_matrix((ones, (a[linked], b[linked])), shape=(mask.size, mask.size))
-        _, label = connected_components(graph, directed=False)
-        return np.where(mask, label.reshape(mask.shape), -1)
+        right, down = (
+            links & mask[first] & mask[second]
+            for links, (first, second) in zip(self._linked, map(neighbours, (1, 0)), strict=True)
+        )
+        return connected_parts(mask, right, down)
 
     @cached_property
-    def _linked(self) -> tuple[IntArray, IntArray]:
-        """(n,) and (n,) flat indices of neighbours without a step between them."""
-        index = np.arange(self.depth_m.size).reshape(self.depth_m.shape)
-        pairs = []
-        for axis in (0, 1):
-            first, second = neighbours(axis)
-            linked = self._links(axis)
-            pairs.append(np.stack([index[first][linked], index[second][linked]]))
-        a, b = np.concatenate(pairs, axis=1)
-        return a, b
+    def _linked(self) -> tuple[BoolArray, BoolArray]:
+        """Whether each pixel and the next of its row, and of its column, have no step between."""
+        return self._links(1), self._links(0)
 
     def _links(self, axis: int) -> BoolArray:
         mask = self.depth_m > 0.0
@@ -318,7 +309,7 @@ def _beside(smooth: SmoothFrame, m: FloatArray, tolerance: FloatArray) -> BoolAr
 
 def _large_parts(smooth: SmoothFrame, labels: IntArray, extent_m: float) -> BoolArray:
     """The connected parts that extend further than given."""
-    counts = np.bincount(labels[labels >= 0], minlength=1)
+    counts = part_sizes(labels)
     large = [
         label
         for label in np.flatnonzero(counts >= _MIN_PART_PX).tolist()

@@ -7,13 +7,12 @@ seen of it says nothing against a pose. Lone returns whose neighbours lie elsewh
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, neighbours
 from pcnav.core.camera import PinholeCamera, pixel_rays
+from pcnav.perception.image_parts import connected_parts, part_sizes
 
 _NOISE_SIGMA = 6.0
 """Neighbours on one surface differ by less than so many standard deviations of the noise ..."""
@@ -128,13 +127,6 @@ def _extent(depth_m: DepthImage, returned: BoolArray, camera: PinholeCamera) -> 
     return max(float(np.ptp(rays[..., axis][returned] * z)) for axis in range(3))
 
 
-class _Links(NamedTuple):
-    right: BoolArray
-    """(height, width - 1)"""
-    down: BoolArray
-    """(height - 1, width)"""
-
-
 def _joined(
     depth_m: DepthImage, returned: BoolArray, camera: PinholeCamera, sigma_m: float
 ) -> tuple[IntArray, int]:
@@ -143,27 +135,14 @@ def _joined(
     near = (_NOISE_SIGMA * sigma_m + _MAX_SLOPE * pixel_rad * depth_m).astype(np.float32)
     lone = returned & (_alike(depth_m, returned, near) < 2)
     kept = returned & ~lone
-    right = _linked(depth_m, kept, near, 1, axis=1)
-    down = _linked(depth_m, kept, near, 1, axis=0)
-    # Pixels on the even cells of a grid twice as fine, links on the cells between them.
-    height, width = depth_m.shape
-    cells = np.zeros((2 * height - 1, 2 * width - 1), dtype=np.bool_)
-    cells[::2, ::2] = kept
-    cells[::2, 1::2], cells[1::2, ::2] = right, down
     # A pixel without a return, or with a false one, parts nothing.
-    for axis in (0, 1):
-        bridged = _linked(depth_m, kept, 2.0 * near, 2, axis)
-        middle = (slice(1, -1), slice(None)) if axis == 0 else (slice(None), slice(1, -1))
-        bridged &= ~kept[middle]
-        i, j = np.nonzero(bridged)
-        step = np.array([1, 0]) if axis == 0 else np.array([0, 1])
-        for offset in (1, 2, 3):
-            cells[2 * i + offset * step[0], 2 * j + offset * step[1]] = True
-    labels, _ = ndimage.label(cells)
-    labels = np.where(kept, labels[::2, ::2], 0)
-    counts = np.bincount(labels.ravel())
-    counts[0] = 0
-    large = counts >= _MIN_PART_PIXELS
+    bridges = [
+        _linked(depth_m, kept, 2.0 * near, 2, axis) & ~kept[middle]
+        for axis, middle in enumerate(((slice(1, -1), slice(None)), (slice(None), slice(1, -1))))
+    ]
+    right, down = (_linked(depth_m, kept, near, 1, axis) for axis in (1, 0))
+    labels = connected_parts(kept, right, down, bridges)
+    large = part_sizes(labels) >= _MIN_PART_PIXELS
     number = np.cumsum(large) * large
     return np.asarray(number[labels], dtype=np.intp), int(large.sum())
 
