@@ -14,7 +14,8 @@ from pcnav.perception.agreement import Agreement
 from pcnav.perception.pose_hypotheses import PoseHypothesis, depth_tolerance
 from pcnav.perception.regions import Region, RegionSearch
 from pcnav.perception.render_compare import RenderComparer
-from pcnav.perception.sampled_views import PartLayout, SampledViews, ViewMatch
+from pcnav.perception.sampled_views import SampledViews
+from pcnav.perception.view_matching import PartLayout, ViewMatch
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 

@@ -11,7 +11,8 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import invert_transform, rotation_angle, transform_points
 from pcnav.perception.regions import candidate_regions
-from pcnav.perception.sampled_views import PartLayout, SampledViews, sample_views
+from pcnav.perception.sampled_views import SampledViews, sample_views
+from pcnav.perception.view_matching import PartLayout
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
 from pcnav.target.satellite import Target
