@@ -12,6 +12,7 @@ from typing import Any, Self
 from matplotlib.figure import Figure
 
 from pcnav.config.first_pose import FirstPoseTable
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.choice import chosen
@@ -128,6 +129,7 @@ def run(
     *,
     estimator: str | None = None,
     target_mesh: Path | None = None,
+    mesh_unit: LengthUnit | None = None,
     initial_pose: FirstPoseTable | None = None,
     overwrite: bool = False,
     source: Path | str = "pipeline",
@@ -143,6 +145,7 @@ def run(
         estimator: key in the registry; replaces the pipeline's.
         target_mesh: of depth frames; else the one the sequence names, else the pipeline's
             ``target_mesh`` taken as a path.
+        mesh_unit: of its coordinates; replaces what pipeline, sequence and files say.
         initial_pose: of the target in the first depth frame; replaces the pipeline's and the
             sequence's.
         overwrite: whether an earlier result may be replaced.
@@ -153,7 +156,7 @@ def run(
     Raises `InputError` for a bad recording, mesh, truth or existing result folder, and for an
     estimator that does not fit; nothing is then left, and an earlier result stays as it was.
     """
-    inputs = _open(path, out, pipeline, estimator, target_mesh, source)
+    inputs = _open(path, out, pipeline, estimator, target_mesh, mesh_unit, source)
     if initial_pose is not None:
         inputs = inputs.beginning_at(initial_pose)
     # Read now, so that a fault in it costs no run; nothing but the evaluation is given it.
@@ -216,6 +219,7 @@ def _open(
     pipeline: Pipeline | None,
     estimator: str | None,
     target_mesh: Path | None,
+    mesh_unit: LengthUnit | None,
     source: Path | str,
 ) -> _Inputs:
     choice = chosen(path, pipeline, estimator, source)
@@ -227,9 +231,11 @@ def _open(
     if str(pipeline.estimator.kind) != choice.estimator:
         as_run["estimator"] = EstimatorTable(kind=choice.estimator)
     if isinstance(recording, Sequence):
-        mesh = target_mesh or _mesh_of(recording, pipeline)
+        mesh, unit = _mesh_of(recording, pipeline, target_mesh)
+        mesh_unit = mesh_unit or unit
         inputs.append(mesh)
         as_run["target_mesh"] = str(mesh.resolve())
+        as_run["mesh_unit"] = mesh_unit
         as_run["time_zero_s"] = recording.info.time_zero_s
         as_run["region"] = resolved(pipeline.region, recording.path)
     for each in inputs:
@@ -237,14 +243,18 @@ def _open(
         if each.resolve().is_relative_to(out.resolve()):
             raise InputError(out, "folder", f"expected a result folder that does not hold {each}")
     if isinstance(recording, Sequence):
-        target = load_target(mesh)
+        target = load_target(mesh, mesh_unit)
     if isinstance(recording, ImageSequence):
         recording = TrackedImages(recording, pipeline.feature_tracker)
     return _Inputs(recording, pipeline.model_copy(update=as_run), target)
 
 
-def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
-    """The mesh where none was given: the sequence knows best what it shows."""
+def _mesh_of(
+    sequence: Sequence, pipeline: Pipeline, given: Path | None
+) -> tuple[Path, LengthUnit | None]:
+    """The mesh and its unit, where one is stated: the sequence knows best what it shows."""
+    if given is not None:
+        return given, None
     stated = sequence.info.target_mesh
     named = None if pipeline.target_mesh is None else Path(pipeline.target_mesh)
     mesh = stated or named
@@ -256,7 +266,8 @@ def _mesh_of(sequence: Sequence, pipeline: Pipeline) -> Path:
         )
     if named is not None and not (named.is_file() and filecmp.cmp(mesh, named, shallow=False)):
         _LOG.warning("%s: its mesh %s is used, not the pipeline's %s", sequence.path, mesh, named)
-    return mesh
+        return mesh, sequence.info.mesh_unit
+    return mesh, sequence.info.mesh_unit or pipeline.mesh_unit
 
 
 def _estimate(

@@ -35,6 +35,7 @@ from pcnav.core.errors import InputError
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.recording import RecordingKind
+from pcnav.target.mesh_files.reading import companion_files
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,12 @@ class GridBasis:
                 expected = f"expected some of {', '.join(fitting)} for {kind} ({name}), got {value}"
                 raise InputError(self.source, axis, expected)
         pipeline, mesh = with_axes(pipeline, case, self.source), self.mesh_of(case)
-        return pipeline.model_copy(update={"target_mesh": None if mesh is None else str(mesh)})
+        update = {"target_mesh": None if mesh is None else str(mesh)}
+        # What the pipeline says of its own mesh does not hold for another one.
+        own = _satellite(case) is None
+        return pipeline.model_copy(
+            update={**update, "mesh_unit": pipeline.mesh_unit if own else None}
+        )
 
     def mesh_of(self, case: GridCase) -> Path | None:
         """The mesh of a case's satellite; None where its recording needs none.
@@ -186,7 +192,7 @@ class GridPlan:
             if mesh is None or self.basis.kind_of(case) is not RecordingKind.DEPTH:
                 continue
             if mesh not in radius_m:
-                radius_m[mesh] = 0.5 * load_target(mesh).diameter_m
+                radius_m[mesh] = 0.5 * load_target(mesh, pipeline.mesh_unit).diameter_m
             range_m = dict(case.settings).get(RANGE_AXIS)
             if range_m is None:
                 continue
@@ -299,7 +305,7 @@ def _pipeline_digest(pipeline: Pipeline) -> str:
 
 
 def _mesh_digest(path: Path) -> str:
-    """Of a mesh and of the file of names and mass properties beside it, where there is one."""
-    sidecar = path.with_suffix(".toml")
-    content = path.read_bytes() + (sidecar.read_bytes() if sidecar.is_file() else b"")
+    """Of a mesh, of the files it consists of and the TOML beside it, where there are any."""
+    beside = (path.with_suffix(".toml"), *companion_files(path))
+    content = path.read_bytes() + b"".join(each.read_bytes() for each in beside if each.is_file())
     return hashlib.sha256(content).hexdigest()

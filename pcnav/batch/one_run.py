@@ -16,6 +16,7 @@ from pcnav.batch.grid import GridBasis
 from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
 from pcnav.batch.run_metrics import BOUNDED, Followed, run_metrics
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.motion import MotionKind
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.table import Vector3
@@ -81,9 +82,9 @@ class OneRun:
 
 
 @lru_cache(maxsize=8)
-def loaded_target(mesh: Path) -> Target:
+def loaded_target(mesh: Path, unit: LengthUnit | None = None) -> Target:
     """A target, read once in a process. Raises `InputError`."""
-    return load_target(mesh)
+    return load_target(mesh, unit)
 
 
 def run_pipeline(basis: GridBasis, run: GridRun) -> tuple[Pipeline, Target | None]:
@@ -101,7 +102,7 @@ def run_pipeline(basis: GridBasis, run: GridRun) -> tuple[Pipeline, Target | Non
     if basis.kind_of(run.case) is not RecordingKind.DEPTH:
         scenario = pipeline.scenario.model_copy(update={"frames": frames})
         return pipeline.model_copy(update={"seed": run.seed, "scenario": scenario}), None
-    target = loaded_target(Path(str(pipeline.target_mesh)))
+    target = loaded_target(Path(str(pipeline.target_mesh)), pipeline.mesh_unit)
     axes = dict(run.case.settings)
     orbit, body = pipeline.orbit, pipeline.body
     range_m = float(axes.get(RANGE_AXIS, _length(orbit.r_hill_m)))

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from pcnav.config.length_unit import LengthUnit
+
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing output.")]
 
 Jobs = Annotated[
@@ -15,6 +17,10 @@ Scheduler = Annotated[
     typer.Option(
         "--scheduler", help="Use the workers of a dask scheduler instead: tcp://host:8786."
     ),
+]
+MeshUnit = Annotated[
+    LengthUnit | None,
+    typer.Option("--mesh-unit", help="Unit of the mesh; else as its file says, else m."),
 ]
 Port = Annotated[
     int,

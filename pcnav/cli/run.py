@@ -16,8 +16,9 @@ from pcnav.cli.frame_options import (
     with_frame_options,
 )
 from pcnav.cli.names import mesh_of_pipeline, named_mesh, named_pipeline
-from pcnav.cli.options import Overwrite, Port
+from pcnav.cli.options import MeshUnit, Overwrite, Port
 from pcnav.cli.progress import progress
+from pcnav.config.length_unit import LengthUnit
 
 if TYPE_CHECKING:
     from pcnav.config.first_pose import FirstPoseTable
@@ -47,6 +48,7 @@ def run(
             "without it the sequence's own, else the pipeline's."
         ),
     ] = None,
+    mesh_unit: MeshUnit = None,
     pipeline: Annotated[
         str | None,
         typer.Option(
@@ -110,6 +112,7 @@ def run(
     run_into(
         *(sequence, target, pipeline, out, overwrite, port if view else None, estimator, first),
         frame_options=frame_options,
+        mesh_unit=mesh_unit,
     )
 
 
@@ -124,6 +127,7 @@ def run_into(
     initial_pose: "FirstPoseTable | None" = None,
     *,
     frame_options: Mapping[str, Any] | None = None,
+    mesh_unit: LengthUnit | None = None,
 ) -> None:
     """Run, show how far it is, and say what was found."""
     from pcnav.estimators.choice import chosen, refuse_mesh
@@ -158,6 +162,7 @@ def run_into(
                 content,
                 estimator=estimator,
                 target_mesh=mesh_path,
+                mesh_unit=mesh_unit,
                 initial_pose=initial_pose,
                 overwrite=overwrite,
                 source=path,

@@ -6,13 +6,15 @@ from typing import Annotated
 import typer
 
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
-from pcnav.cli.options import Overwrite
+from pcnav.cli.options import MeshUnit, Overwrite
 from pcnav.cli.progress import progress
+from pcnav.config.length_unit import LengthUnit
 
 
 def simulate(
     pipeline: Annotated[str, typer.Argument(help="Pipeline file, or the name of a shipped one.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the sequence.")],
+    mesh_unit: MeshUnit = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write depth frames, feature tracks or shaded images, and the truth of a pipeline's scenario.
@@ -21,14 +23,18 @@ def simulate(
 
     Example: `pcnav simulate boxsat -o runs/boxsat`
     """
-    simulate_into(pipeline, out, overwrite)
+    simulate_into(pipeline, out, overwrite, mesh_unit)
 
 
-def simulate_into(pipeline: str, out: Path, overwrite: bool) -> None:
+def simulate_into(
+    pipeline: str, out: Path, overwrite: bool, mesh_unit: LengthUnit | None = None
+) -> None:
     from pcnav.estimators.choice import simulated_kind
     from pcnav.simulation.simulate import simulate as simulate_pipeline
 
     path, content = named_pipeline(pipeline)
+    if mesh_unit is not None:
+        content = content.model_copy(update={"mesh_unit": mesh_unit})
     kind = simulated_kind(content, path)
     name = content.target_mesh
     mesh = None if name is None else mesh_of_pipeline(path, name)

@@ -1,23 +1,21 @@
 """``pcnav target``: what a mesh offers to be recognised by."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from pcnav.cli.names import named_mesh
-from pcnav.cli.options import Overwrite
+from pcnav.cli.options import MeshUnit, Overwrite
 from pcnav.core.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 
 def target(
-    mesh: Annotated[str, typer.Argument(help="STL, PLY, OBJ or GLB file, or a shipped name.")],
+    mesh: Annotated[str, typer.Argument(help="Mesh of any common format, or a shipped name.")],
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also write the catalogue as TOML.")
     ] = None,
+    mesh_unit: MeshUnit = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Print the rectangle catalogue, symmetry group and mass properties of a mesh.
@@ -30,7 +28,7 @@ def target(
 
     if out is not None and out.exists() and not (overwrite and out.is_file()):
         raise InputError(out, "file", "expected a new file; --overwrite replaces an existing one")
-    satellite = load_target(named_mesh(mesh))
+    satellite = load_target(named_mesh(mesh), mesh_unit)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_target_toml(satellite, out)

@@ -17,6 +17,7 @@ from pcnav.config.depth import FilterTable, PerceptionTable
 from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.image_motion import FeatureTrackerTable, ImageMotionTable
 from pcnav.config.inertia_bank import InertiaBankTable
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.motion import MotionTable
 from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.config.region import RegionTable
@@ -64,7 +65,15 @@ without their recording by the orbit."""
 _UNSAID = ("time_zero_s", "skip_bad_frames", "region")
 """What a run states only where it was asked for."""
 _OF_A_RUN = (
-    *("seed", "target_mesh", "sequence", "initial_pose", "time_zero_s", "skip_bad_frames"),
+    *(
+        "seed",
+        "target_mesh",
+        "mesh_unit",
+        "sequence",
+        "initial_pose",
+        "time_zero_s",
+        "skip_bad_frames",
+    ),
     "estimator",
 )
 
@@ -98,6 +107,9 @@ class Pipeline(Table):
     seed: Annotated[int, Field(ge=0)] = 0
     target_mesh: str | None = None
     """Mesh of the target: a path relative to the pipeline file, or the name of a shipped one."""
+    mesh_unit: LengthUnit | None = None
+    """Unit of its coordinates; None takes the one that the TOML beside it states, else the one it
+    declares, else metres."""
     sequence: str | None = None
     """Folder the run was made from, written by `pcnav run`, ignored otherwise."""
     initial_pose: FirstPoseTable | None = None

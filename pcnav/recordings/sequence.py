@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Strict
 
 from pcnav.config.first_pose import FirstPoseTable
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.scenario import InertiaRatios
 from pcnav.config.table import Positive, Vector3
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
@@ -111,6 +112,8 @@ class SequenceInfo:
     """Standard deviation of the noise along the ray; None where it is not known."""
     target_mesh: Path | None
     """The mesh the sequence says it shows, resolved to a path, when it says so."""
+    mesh_unit: LengthUnit | None = None
+    """Unit of its coordinates, where the sequence states it."""
     initial: InitialPrior | None = None
     camera_position_sd_m: float = 0.0
     """Standard deviation of each component of the camera's position in `T_cam_world`, camera

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 import tomli_w
 from pydantic import Field, Strict, model_validator
 
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.table import NonNegative, Positive, StrictTable
 from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
@@ -23,6 +24,7 @@ class _SequenceTable(StrictTable):
     name: str | None = None
     time_zero_s: float | None = None
     target_mesh: str | None = None
+    mesh_unit: Annotated[LengthUnit, Strict(False)] | None = None
 
 
 class _OrbitTable(StrictTable):
@@ -84,6 +86,7 @@ def read_sequence_file(
         mean_motion_rad_s=content.orbit.mean_motion_rad_s,
         range_sigma_m=sensor.range_sigma_m,
         target_mesh=target_mesh,
+        mesh_unit=content.sequence.mesh_unit,
         initial=content.initial,
         camera_position_sd_m=sensor.camera_position_sd_m,
         camera_attitude_sd_rad=math.radians(sensor.camera_attitude_sd_deg),
@@ -108,6 +111,8 @@ def write_sequence_file(path: Path, info: SequenceInfo, form: DepthForm = PLAIN)
     sequence = {"name": info.name}
     if info.target_mesh is not None:
         sequence["target_mesh"] = _relative(info.target_mesh, path.parent)
+    if info.mesh_unit is not None:
+        sequence["mesh_unit"] = info.mesh_unit.value
     tables: dict[str, object] = {
         "sequence": sequence,
         "orbit": {"mean_motion_rad_s": info.mean_motion_rad_s},

@@ -20,6 +20,7 @@ from pcnav.recordings.depth_png import MAXIMUM_UNITS, RawDepth, write_depth_png
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, write_sequence_file
 from pcnav.recordings.truth import write_truth
+from pcnav.target.mesh_files.reading import companion_files
 
 
 def write_sequence(
@@ -77,12 +78,14 @@ def _units(frame: Frame, depth_step_m: float, out: Path) -> RawDepth:
 
 
 def _copied_mesh(mesh: Path | None, folder: Path) -> Path | None:
-    """The copy of a target's mesh, and of the TOML beside it, in the sequence."""
+    """The copy of a target's mesh, of all its files and the TOML beside it, in the sequence."""
     if mesh is None:
         return None
-    for file in (mesh, mesh.with_suffix(".toml")):
+    for file in (mesh, mesh.with_suffix(".toml"), *companion_files(mesh)):
         if file.is_file():
-            shutil.copyfile(file, folder / file.name)
+            copy = folder / file.relative_to(mesh.parent)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copy)
     return folder / mesh.name
 
 

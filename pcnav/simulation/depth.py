@@ -94,6 +94,7 @@ class Scene:
             pipeline.orbit.mean_motion_rad_s,
             stated_range_sigma(pipeline.noise, distance_m),
             target_mesh=self.mesh_path,
+            mesh_unit=pipeline.mesh_unit,
             first_pose=stated_first_pose(pipeline, self.truth.poses[0]),
             camera_position_sd_m=pipeline.camera.position_sd_m,
             camera_attitude_sd_rad=float(np.deg2rad(pipeline.camera.attitude_sd_deg)),
@@ -155,7 +156,7 @@ def simulate_depth(
     """The scene of a pipeline's target. Raises `InputError`, which names the source."""
     if target_mesh is None:
         raise InputError(source, "target_mesh", "expected the mesh of the satellite to simulate")
-    return Scene.showing(load_target(target_mesh), pipeline, source).simulation
+    return Scene.showing(load_target(target_mesh, pipeline.mesh_unit), pipeline, source).simulation
 
 
 def stated_range_sigma(noise: NoiseTable, distance_m: float) -> float | None:

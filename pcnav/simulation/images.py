@@ -23,7 +23,7 @@ from pcnav.recordings.tracks import MonocularTracks, TrackFrame
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.shading import ImageRenderer
 from pcnav.simulation.simulation import OnFrame, Simulation, counted, features_seen
-from pcnav.target.mesh import read_mesh
+from pcnav.target.satellite import target_mesh_of
 
 Hull = tuple[FloatArray, FloatArray]
 """Places and outward normals (N, 3) of points, model axes, m."""
@@ -87,7 +87,7 @@ def simulate_images(
     ``source`` is the pipeline's file, which an `InputError` names.
     """
     motion, name = true_motion(pipeline, source), Path(source).stem
-    mesh = None if target_mesh is None else read_mesh(target_mesh)
+    mesh = None if target_mesh is None else target_mesh_of(target_mesh, pipeline.mesh_unit)
     if not pipeline.image_camera.images:
         return _tracks_with_truth(simulated_tracks(pipeline, motion, mesh, name), motion.truth)
     if mesh is None:

@@ -1,53 +1,16 @@
-"""Triangle meshes: reading one from a file, its visible edges and its uniform mass properties."""
-
-from pathlib import Path
+"""Triangle meshes: their size, visible edges, what is seen of them, uniform mass properties."""
 
 import numpy as np
 import trimesh
 
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.core.errors import InputError
 
-_MAX_COORDINATE_M = 1e6
 SHARP_EDGE_RAD = np.radians(20.0)
 """Faces that meet at less than this belong to one gently bending surface."""
 
 _RAYS_PER_POINT = 32
 _POINTS_PER_BATCH = 20_000
 """Bounds the memory of one batch of rays to about 50 MB."""
-
-
-def read_mesh(path: Path) -> trimesh.Trimesh:
-    """The surface of any STL, PLY, OBJ or GLB file: one mesh of triangles, its vertices merged.
-
-    The axes and the units (metres) are the file's; the parts of a scene are joined, polygons are
-    cut into triangles, colours and textures dropped. Raises `InputError` when the file is missing,
-    cannot be read as a mesh, has no faces or has vertices that are not finite numbers.
-    """
-    if not path.is_file():
-        raise InputError(path, "file", "expected a mesh file, found none")
-    # Without this an OBJ that names an absent material file logs a warning for each material.
-    options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
-    try:
-        loaded = trimesh.load_mesh(path, process=False, **options)
-    except Exception as error:  # The loaders raise whatever a damaged file leads them to.
-        expected = f"expected an STL, PLY, OBJ or GLB mesh ({error})"
-        raise InputError(path, "file", expected) from error
-    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
-        raise InputError(path, "faces", "expected at least one face, found none")
-    if not np.all(np.isfinite(loaded.vertices)):
-        raise InputError(path, "vertices", "expected finite coordinates, found nan or inf")
-    # Vertices are merged on a grid of integers, which ends somewhere.
-    if np.abs(loaded.vertices).max() > _MAX_COORDINATE_M:
-        expected = f"expected coordinates in metres, within {_MAX_COORDINATE_M:g} of the origin"
-        raise InputError(path, "vertices", expected)
-    mesh = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
-    mesh.merge_vertices()
-    mesh.update_faces(mesh.nondegenerate_faces())
-    mesh.remove_unreferenced_vertices()
-    if len(mesh.faces) == 0:
-        raise InputError(path, "faces", "expected faces with an area, found only degenerate ones")
-    return mesh
 
 
 def mesh_diameter(mesh: trimesh.Trimesh) -> float:

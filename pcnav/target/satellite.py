@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 from rich.table import Table
 
+from pcnav.config.length_unit import LengthUnit
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
@@ -21,12 +22,20 @@ from pcnav.target.catalogue import (
 )
 from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
-from pcnav.target.mesh import mesh_diameter, read_mesh, uniform_mass_properties
+from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
+from pcnav.target.mesh_files.reading import MeshFile, read_mesh_file
 from pcnav.target.self_matches import SelfMatch, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
 from pcnav.target.symmetry import SYMMETRY_TOLERANCE, group_name, half_turns, symmetry_motions
 
-__all__ = ["Rectangle", "Target", "describe", "load_target", "write_target_toml"]
+__all__ = [
+    "Rectangle",
+    "Target",
+    "describe",
+    "load_target",
+    "target_mesh_of",
+    "write_target_toml",
+]
 
 COM_SD_FRACTION = 0.05
 """Without a stated value the mass centre is uncertain by this fraction of the diameter: a
@@ -58,6 +67,8 @@ class Target:
     """(5,) nominal Iyy, Izz, Ixy, Ixz, Iyz over Ixx about the nominal mass centre."""
     inertia_ratio_sd: float
     """Standard deviation of the true ratios about them."""
+    mesh_file: MeshFile
+    """What the mesh comes from."""
 
     @property
     def diameter_m(self) -> float:
@@ -104,8 +115,11 @@ class Target:
         return bool(np.any((shifts < shift_fraction * self.diameter_m) & (turns < angle_rad)))
 
 
-def load_target(mesh_path: Path) -> Target:
-    """Everything pcnav needs to know of the satellite in a mesh file (metres, any CAD export).
+def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
+    """Everything pcnav needs to know of the satellite in a mesh file, see `read_mesh_file`.
+
+    Its coordinates are in ``mesh_unit``, else in the unit that the TOML file beside it states, else
+    in the one the mesh declares, else in metres.
 
     Names and mass properties come from the TOML file of the same name beside the mesh, where
     there is one; otherwise the mesh is taken as uniform (`uniform_mass_properties`), with a mass
@@ -117,9 +131,9 @@ def load_target(mesh_path: Path) -> Target:
     when either file is unusable.
     """
     mesh_path = Path(mesh_path)
-    mesh = read_mesh(mesh_path)
-    sidecar_path = mesh_path.with_suffix(".toml")
-    sidecar = read_sidecar(sidecar_path) if sidecar_path.exists() else Sidecar()
+    sidecar_path, sidecar = _sidecar_of(mesh_path)
+    mesh_file = read_mesh_file(mesh_path, mesh_unit or sidecar.mesh_unit)
+    mesh = mesh_file.mesh
     diameter = mesh_diameter(mesh)
     minimum_side = MINIMUM_SIDE_FRACTION * diameter
     faces = planar_faces(mesh, 0.8 * minimum_side**2)
@@ -138,7 +152,19 @@ def load_target(mesh_path: Path) -> Target:
         com_sd_m=sidecar.mass.com_sd_m or COM_SD_FRACTION * diameter,
         inertia_ratios=ratios,
         inertia_ratio_sd=sidecar.mass.inertia_ratio_sd or INERTIA_RATIO_SD,
+        mesh_file=mesh_file,
     )
+
+
+def target_mesh_of(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> trimesh.Trimesh:
+    """The mesh alone of what `load_target` reads. Raises `InputError`."""
+    return read_mesh_file(mesh_path, mesh_unit or _sidecar_of(mesh_path)[1].mesh_unit).mesh
+
+
+def _sidecar_of(mesh_path: Path) -> tuple[Path, Sidecar]:
+    """Path and content of the TOML file beside a mesh; an empty one where there is none."""
+    path = mesh_path.with_suffix(".toml")
+    return path, read_sidecar(path) if path.exists() else Sidecar()
 
 
 def _mass_properties(
@@ -208,7 +234,7 @@ def write_target_toml(target: Target, path: Path) -> None:
         inertia_ratios=(a, b, c, d, e),
         inertia_ratio_sd=target.inertia_ratio_sd,
     )
-    write_sidecar(Sidecar.of(target.name, mass, names), path)
+    write_sidecar(Sidecar.of(target.name, mass, names, target.mesh_file.stated_unit), path)
 
 
 def _vector3(values: FloatArray) -> tuple[float, float, float]:
@@ -224,7 +250,10 @@ def describe(target: Target) -> tuple[Table, Table]:
     mesh = target.mesh
     closed = "watertight" if mesh.is_watertight else "open"
     facts.add_row("mesh", f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {closed}")
+    low, high = target.mesh.bounds
+    facts.add_row("size", f"{' x '.join(f'{side:.3f}' for side in high - low)} m")
     facts.add_row("diameter", f"{target.diameter_m:.3f} m")
+    facts.add_row("unit of the file", target.mesh_file.unit_text)
     facts.add_row("symmetry group", group_name(target.symmetry_transforms))
     facts.add_row("mass centre (model)", f"{_numbers(target.com_model)} m")
     facts.add_row("  standard deviation", f"{target.com_sd_m:.4f} m")

@@ -8,6 +8,7 @@ from typing import Annotated
 import tomli_w
 from pydantic import Field, field_validator
 
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.scenario import InertiaRatios
 from pcnav.config.table import Direction, Positive, Table, Vector3
 from pcnav.core.errors import InputError
@@ -51,13 +52,21 @@ class Sidecar(Table):
     """The whole file; every table may be left out."""
 
     name: _Name | None = None
+    mesh_unit: LengthUnit | None = None
+    """Unit of the coordinates in the mesh file; None takes the one it declares, else metres."""
     mass: MassTable = MassTable()
     rectangles: RectanglesTable = RectanglesTable()
 
     @staticmethod
-    def of(name: str, mass: MassTable, names: tuple[RectangleName, ...]) -> "Sidecar":
+    def of(
+        name: str,
+        mass: MassTable,
+        names: tuple[RectangleName, ...],
+        mesh_unit: LengthUnit | None = None,
+    ) -> "Sidecar":
         """A sidecar of its parts."""
-        return Sidecar(name=name, mass=mass, rectangles=RectanglesTable(names=names))
+        rectangles = RectanglesTable(names=names)
+        return Sidecar(name=name, mesh_unit=mesh_unit, mass=mass, rectangles=rectangles)
 
 
 def read_sidecar(path: Path) -> Sidecar:
@@ -69,7 +78,7 @@ def write_sidecar(sidecar: Sidecar, path: Path, comment: str = "") -> None:
     """Write a sidecar as TOML, under a temporary name first. Raises `InputError`."""
     text = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     # Numbers keep every digit, so reading gives back what was written.
-    text += tomli_w.dumps(sidecar.model_dump(exclude_none=True, exclude_defaults=True))
+    text += tomli_w.dumps(sidecar.model_dump(mode="json", exclude_none=True, exclude_defaults=True))
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:

@@ -93,7 +93,7 @@ def _with_frames(loaded: LoadedRun, pipeline: Pipeline) -> LoadedRun:
     if pipeline.target_mesh is None:
         path = (loaded.run.folder or Path(loaded.name)) / PIPELINE_FILE
         raise InputError(path, "target_mesh", "expected the mesh of the run")
-    loaded = replace(loaded, target=load_target(Path(pipeline.target_mesh)))
+    loaded = replace(loaded, target=load_target(Path(pipeline.target_mesh), pipeline.mesh_unit))
     assert loaded.target is not None
     try:
         mesh, path = Path(pipeline.target_mesh), Path(pipeline.sequence or "")

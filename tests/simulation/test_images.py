@@ -26,7 +26,7 @@ from pcnav.simulation.images import (
 )
 from pcnav.simulation.motion import true_motion
 from pcnav.simulation.shading import ImageRenderer, Texture
-from pcnav.target.mesh import read_mesh
+from pcnav.target.mesh_files.reading import read_mesh
 
 CAMERA = PinholeCamera(80, 60, 100.0, 100.0, 39.5, 29.5)
 PLAIN = ShadingTable(texture_contrast=0.0, noise_levels=0.0, ambient=0.0)

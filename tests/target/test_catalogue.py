@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_fault
 from pcnav.target.catalogue import Rectangle, rectangle_fault
 from pcnav.target.facets import planar_faces
-from pcnav.target.mesh import read_mesh, wireframe_edges
+from pcnav.target.mesh import wireframe_edges
+from pcnav.target.mesh_files.reading import read_mesh
 from tests.target.catalogued import find_rectangles
 
 SIZE = (1.0, 2.0, 3.0)

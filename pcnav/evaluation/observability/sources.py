@@ -41,8 +41,7 @@ from pcnav.simulation.depth import Scene
 from pcnav.simulation.images import simulated_tracks
 from pcnav.simulation.motion import true_motion
 from pcnav.simulation.simulate import simulate
-from pcnav.target.mesh import read_mesh
-from pcnav.target.satellite import Target, load_target
+from pcnav.target.satellite import Target, load_target, target_mesh_of
 
 _LOG = logging.getLogger("pcnav")
 
@@ -79,7 +78,7 @@ def observability_of_run(
         mesh = mesh or recording.info.target_mesh
         if mesh is None:
             raise InputError(folder / PIPELINE_FILE, "target_mesh", "expected the target's mesh")
-        target = load_target(mesh)
+        target = load_target(mesh, pipeline.mesh_unit)
     try:
         subject = _subject_of_run(title or folder.resolve().name, run, recording, target)
     except ValueError as error:
@@ -128,7 +127,9 @@ def observability_of_pipeline(
         assert mesh is not None, "without a mesh there is no scene"
         about, camera = recording.info, pipeline.camera
         sigma_m = stated_or_default_sigma(about, pipeline.perception.range_sigma_m)
-        views = Views(load_target(mesh), camera.pinhole, sigma_m, pipeline.perception)
+        views = Views(
+            load_target(mesh, pipeline.mesh_unit), camera.pinhole, sigma_m, pipeline.perception
+        )
         subject = depth_subject(
             title, pipeline, about, views, motion, truth.time_s, camera.R_cam_hill
         )
@@ -258,7 +259,7 @@ def _chained_subject(
 ) -> Subject[RotationState]:
     """The attitudes are those of the chain on simulated tracks, in the target's own axes."""
     motion = true_motion(pipeline, source)
-    shown = None if mesh is None else read_mesh(mesh)
+    shown = None if mesh is None else target_mesh_of(mesh, pipeline.mesh_unit)
     frames = run_chain(simulated_tracks(pipeline, motion, shown, title), pipeline.image_motion)
     found = [frame.covariance for frame in frames if frame.reference is not None]
     variances = np.array([np.trace(noise) / 3.0 for noise in found if noise is not None])

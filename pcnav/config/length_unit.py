@@ -1,0 +1,39 @@
+"""Units of length that files come in."""
+
+from enum import StrEnum
+
+
+class LengthUnit(StrEnum):
+    """A unit of length, as a user writes it."""
+
+    MILLIMETRE = "mm"
+    CENTIMETRE = "cm"
+    INCH = "in"
+    FOOT = "ft"
+    METRE = "m"
+
+    @property
+    def metres(self) -> float:
+        """Its length, m."""
+        return _METRES[self]
+
+    @property
+    def plural(self) -> str:
+        """As a sentence says it."""
+        return _PLURALS[self]
+
+
+_METRES = {
+    LengthUnit.MILLIMETRE: 0.001,
+    LengthUnit.CENTIMETRE: 0.01,
+    LengthUnit.INCH: 0.0254,
+    LengthUnit.FOOT: 0.3048,
+    LengthUnit.METRE: 1.0,
+}
+_PLURALS = {
+    LengthUnit.MILLIMETRE: "millimetres",
+    LengthUnit.CENTIMETRE: "centimetres",
+    LengthUnit.INCH: "inches",
+    LengthUnit.FOOT: "feet",
+    LengthUnit.METRE: "metres",
+}

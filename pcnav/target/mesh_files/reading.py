@@ -1,0 +1,197 @@
+"""Reading a mesh file of any common format."""
+
+import logging
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from pcnav.config.length_unit import LengthUnit
+from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.errors import InputError
+from pcnav.target.mesh_files import obj
+from pcnav.target.mesh_files.cleaning import cleaned
+from pcnav.target.mesh_files.formats import mesh_format, stated_faces
+from pcnav.target.mesh_files.gltf import buffer_files, check_gltf
+from pcnav.target.mesh_files.units import declared_scale, unit_doubt
+
+_LOG = logging.getLogger("pcnav")
+_MAX_COORDINATE_M = 1e6
+_MAX_TRIANGLES = 10_000_000
+_MAX_UNPACKED = 4_000_000_000
+"""Bytes in an archive, which 3MF and 3DXML files are."""
+_MAX_REASON = 120
+"""Characters of what a loader says that a message repeats."""
+_GLTF = ("glb", "gltf")
+_TAKES_SKIP_MATERIALS = (*_GLTF, "obj")
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """What a mesh file holds."""
+
+    mesh: trimesh.Trimesh
+    """Clean triangles, m, in the axes of the file."""
+    metres_per_unit: float
+    """The scale by which it was read."""
+    unit_from: str
+    """"stated" by the user, "declared" by the file, or "assumed", which metres are."""
+    stated_unit: LengthUnit | None = None
+
+    @property
+    def unit_text(self) -> str:
+        """The unit of the file, and where it is known from."""
+        named = [
+            unit.plural for unit in LengthUnit if np.isclose(unit.metres, self.metres_per_unit)
+        ]
+        return f"{named[0] if named else f'{self.metres_per_unit:g} m'}, {self.unit_from}"
+
+    @property
+    def diameter_m(self) -> float:
+        """Diagonal of its bounding box, m."""
+        return float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0)))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One body where the file puts it, in units of the file."""
+
+    vertices: FloatArray
+    faces: IntArray
+    declared: float | None
+    """Metres per unit, where the file says it."""
+
+
+def read_mesh(path: Path, unit: LengthUnit | None = None) -> trimesh.Trimesh:
+    """The surface that a mesh file holds, see `read_mesh_file`."""
+    return read_mesh_file(path, unit).mesh
+
+
+def read_mesh_file(path: Path, unit: LengthUnit | None = None) -> MeshFile:
+    """The surface of an STL, PLY, OBJ, GLB, glTF, 3MF, OFF or DAE file: one mesh of triangles.
+
+    Bodies and instances stand where the file puts them, polygons are cut into triangles, colours
+    and textures dropped; what `cleaned` does follows. Coordinates are in ``unit``, else in the one
+    that the file declares, else in metres; where the target would then be larger or smaller than
+    any, a warning asks for the unit. The axes are the file's. Raises `InputError` when the file is
+    missing, holds no triangles that can be read, or coordinates that are no numbers.
+    """
+    if not path.is_file():
+        raise InputError(path, "file", "expected a mesh file, found none")
+    parts = _parts(path, mesh_format(path))
+    scales = [1.0 if part.declared is None else part.declared for part in parts]
+    source = "assumed" if all(part.declared is None for part in parts) else "declared"
+    if unit is not None:
+        scales, source = [unit.metres] * len(parts), "stated"
+    vertices = np.concatenate([p.vertices * s for p, s in zip(parts, scales, strict=True)])
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = np.concatenate([p.faces + k for p, k in zip(parts, starts, strict=False)])
+    _check(path, vertices, faces)
+    mesh = cleaned(vertices, faces)
+    if len(mesh.faces) == 0:
+        raise InputError(path, "faces", "expected faces with an area, found only degenerate ones")
+    found = MeshFile(mesh, scales[0], source, unit)
+    doubt = unit_doubt(found.diameter_m, found.metres_per_unit)
+    if doubt is not None and unit is None:
+        _LOG.warning("%s: the mesh is %s", path, doubt)
+    return found
+
+
+def companion_files(path: Path) -> tuple[Path, ...]:
+    """The files beside a mesh file without which it cannot be read. Raises `InputError`."""
+    return buffer_files(path) if path.suffix.lower() == ".gltf" else ()
+
+
+def _check(path: Path, vertices: FloatArray, faces: IntArray) -> None:
+    """Raises `InputError` for triangles that are none."""
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(path, "faces", "expected corners that are vertices of the file")
+    used = vertices[faces]
+    if not np.all(np.isfinite(used)):
+        raise InputError(path, "vertices", "expected finite coordinates, found nan or inf")
+    # Vertices are merged on a grid of integers, which ends somewhere.
+    if np.abs(used).max() > _MAX_COORDINATE_M:
+        expected = f"expected coordinates within {_MAX_COORDINATE_M:g} m of the origin"
+        raise InputError(path, "vertices", f"{expected}: in which unit are they (--mesh-unit)?")
+
+
+def _parts(path: Path, kind: str) -> list[_Part]:
+    """The bodies of a file, at least one."""
+    if kind in _GLTF:
+        check_gltf(path)
+    try:
+        if zipfile.is_zipfile(path):
+            _check_archive(path)
+        if kind == "obj" and obj.has_polygons(content := path.read_bytes()):
+            parts = [_Part(*obj.read_polygons(content), None)]
+        else:
+            parts = _parts_of_scene(path, _scene(path, kind))
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise InputError(path, "file", "expected a mesh that fits into memory") from error
+    except Exception as error:  # The loaders raise whatever a damaged file leads them to.
+        reason = "".join(mark if mark.isprintable() else " " for mark in str(error))[:_MAX_REASON]
+        expected = f"expected a readable {kind.upper()} mesh ({reason or type(error).__name__})"
+        raise InputError(path, "file", expected) from error
+    parts = [part for part in parts if len(part.faces)]
+    if not parts:
+        raise InputError(path, "faces", "expected at least one face, found none")
+    stated, found = stated_faces(path, kind), sum(len(part.faces) for part in parts)
+    if found < stated:
+        raise InputError(path, "faces", f"expected the {stated} that it states, found {found}")
+    return parts
+
+
+def _check_archive(path: Path) -> None:
+    """Raises `InputError` for an archive that would fill the memory."""
+    with zipfile.ZipFile(path) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > _MAX_UNPACKED:
+            expected = f"expected at most {_MAX_UNPACKED:,} bytes when unpacked"
+            raise InputError(path, "file", expected)
+
+
+def _scene(path: Path, kind: str) -> trimesh.Scene:
+    # Without this an OBJ that names an absent material file logs a warning for each material.
+    options: dict[str, Any] = {"skip_materials": True} if kind in _TAKES_SKIP_MATERIALS else {}
+    return trimesh.load_scene(path, file_type=kind, process=False, **options)
+
+
+def _parts_of_scene(path: Path, scene: trimesh.Scene) -> list[_Part]:
+    """The bodies of a scene, once for each of their instances."""
+    nodes = [(node, *scene.graph[node]) for node in scene.graph.nodes_geometry]
+    bodies = {name: each for name, each in scene.geometry.items() if _is_surface(each)}
+    count = sum(len(bodies[name].faces) for _, _, name in nodes if name in bodies)
+    if count > _MAX_TRIANGLES:
+        expected = f"expected at most {_MAX_TRIANGLES:,} triangles, found {count:,}: reduce them"
+        raise InputError(path, "faces", expected)
+    if not bodies and scene.geometry:
+        points = sum(len(getattr(each, "vertices", ())) for each in scene.geometry.values())
+        expected = "expected a surface of triangles, found"
+        expected = f"{expected} a cloud of {points:,} points: reconstruct its surface first"
+        raise InputError(path, "faces", expected)
+    return [
+        _placed(bodies[name], np.asarray(T, dtype=np.float64))
+        for _, T, name in nodes
+        if name in bodies
+    ]
+
+
+def _is_surface(geometry: object) -> bool:
+    return isinstance(geometry, trimesh.Trimesh) and len(geometry.faces) > 0
+
+
+def _placed(body: trimesh.Trimesh, T_file_body: FloatArray) -> _Part:
+    vertices = np.asarray(body.vertices, dtype=np.float64)
+    if vertices.shape[1:] != (3,):
+        raise ValueError("a vertex without three coordinates")
+    # Exactly as they are, where nothing moves them.
+    if not np.array_equal(T_file_body, np.eye(4)):
+        vertices = vertices @ T_file_body[:3, :3].T + T_file_body[:3, 3]
+    faces = np.asarray(body.faces, dtype=np.intp)
+    if np.linalg.det(T_file_body[:3, :3]) < 0.0:
+        faces = faces[:, ::-1]
+    return _Part(vertices, faces, declared_scale(body))
