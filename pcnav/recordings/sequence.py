@@ -112,8 +112,6 @@ class SequenceInfo:
     """Standard deviation of the noise along the ray; None where it is not known."""
     target_mesh: Path | None
     """The mesh the sequence says it shows, resolved to a path, when it says so."""
-    mesh_unit: LengthUnit | None = None
-    """Unit of its coordinates, where the sequence states it."""
     initial: InitialPrior | None = None
     camera_position_sd_m: float = 0.0
     """Standard deviation of each component of the camera's position in `T_cam_world`, camera
@@ -127,6 +125,8 @@ class SequenceInfo:
     """Time stamp of the recording that is time 0 of its frames."""
     first_pose: FirstPosePrior | None = None
     """None where nothing is known of it."""
+    mesh_unit: LengthUnit | None = None
+    """Unit of the mesh's coordinates, where the sequence states it."""
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"

@@ -17,7 +17,8 @@ def cleaned(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
     """A mesh of triangles (m, 3) between vertices (n, 3), m, in the order they come.
 
     Vertices at one place are one; triangles without area or that came before are left out; those
-    of a surface are wound alike, anticlockwise as seen from outside where it has an outside.
+    of a surface are wound alike, anticlockwise as seen from outside where it has an outside. None
+    may be left.
     """
     mesh = trimesh.Trimesh(*_merged(vertices, faces), process=False)
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -25,6 +26,8 @@ def cleaned(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
         mesh.vertices, mesh.faces[_kinds(np.sort(mesh.faces, axis=1))[0]], process=False
     )
     mesh.remove_unreferenced_vertices()
+    if len(mesh.faces) == 0:
+        return mesh
     turned = _turned(mesh)
     if turned.any():
         wound = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
