@@ -51,7 +51,7 @@ def predicted(state: S, measurements: Sequence[Measurement[S]]) -> Prediction:
 
 
 def log_densities(innovation: FloatArray, spreads: FloatArray) -> FloatArray:
-    """(k,) Gaussian log densities of one innovation (m,) under covariances (k, m, m).
+    """(...) Gaussian log densities of one innovation (m,) under covariances (..., m, m).
 
     Up to the constant ``m log(2 pi) / 2``.
     """

@@ -46,7 +46,7 @@ def range_evidence(
     H = jacobian
     if noise.has_shared_errors:
         shared = np.zeros((len(H), noise.n_shared))
-        shared[:, 0] = noise.frame_sd_m
+        shared[:, 0] = noise.frame_unit_m
         H = np.hstack([H, shared])
     weight = 1.0 / variance_m2
     information, vector = H.T @ H * weight, H.T @ residual * weight

@@ -206,7 +206,9 @@ class RenderComparer:
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
         typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
-        doubt = PoseDoubt(T_cam_model, pose_covariance, typical_m)
+        # What a face or a frame shares moves its returns off the view as well.
+        total_m = float(np.hypot(typical_m, self._noise.shared_sd_m))
+        doubt = PoseDoubt(T_cam_model, pose_covariance, total_m)
         # A crease by less than the pose is doubted does not matter yet; of a curved mesh, whose
         # facets are small, hardly a pixel of a coarse grid would be left.
         doubted_m = float(np.hypot(typical_m, self._doubt_m(pose_covariance)))
@@ -214,8 +216,8 @@ class RenderComparer:
         residuals = pixels.residuals(depth_m, rendered, doubt, self._noise, self._face_of_triangle)
         variance = residuals.pose_variance_m2
         typical = float(np.median(variance)) if len(variance) else 0.0
-        tolerance = GATE_SIGMA * float(np.sqrt(typical_m**2 + typical))
-        loosest = min(tolerance, self._loosest(typical_m))
+        tolerance = GATE_SIGMA * float(np.sqrt(total_m**2 + typical))
+        loosest = min(tolerance, self._loosest(total_m))
         explained, surroundings = self._judged(whole_m, rendered, loosest)
         reach = contour_reach(self.doubt_px(T_cam_model, pose_covariance))
         outline = outline_frame(

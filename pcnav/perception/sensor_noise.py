@@ -18,6 +18,7 @@ Offsets = tuple[float, float, float, float]
 OUTLINE_PRIOR_SD_PX = 0.3
 """How far off an outline may be seen, before any frame: pixels return from none to all of their
 area covered, which displaces it by up to half a pixel."""
+_UNFELT = 1e-4
 _CLEAR_SD, _EXACT_PX = 3.0, 0.02
 """An outline is known to be displaced where it is by so many deviations, and more than that."""
 
@@ -78,6 +79,17 @@ class SensorNoise:
     def has_shared_errors(self) -> bool:
         """Whether there are errors that the faces of a frame share."""
         return self.frame_sd_m > 0.0 or any(self.outline_offset_sd_px)
+
+    @property
+    def shared_sd_m(self) -> float:
+        """Standard deviation of what the pixels of a face have in common, along their rays."""
+        return float(np.hypot(self.frame_sd_m, self.face_sd_m))
+
+    @property
+    def frame_unit_m(self) -> float:
+        """What an offset of a frame is counted in: its deviation, or what is too little to matter
+        where none is known to be there, which keeps what frames tell of it."""
+        return max(self.frame_sd_m, _UNFELT * self.sigma_m)
 
     @property
     def n_shared(self) -> int:

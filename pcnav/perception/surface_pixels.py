@@ -56,10 +56,12 @@ class SurfacePixels:
         along, p_cam = self.m * self.range_m[:, None], self.rays * self.range_m[:, None]
         jacobian = doubt.by_pose(along, p_cam)
         variance = doubt.variance(jacobian)
+        own = sigma_m**2 + noise.face_sd_m**2 + variance
+        centre_m = _offset_of_frame(residual[returned], own[returned], noise.frame_sd_m)
         return RangeResiduals(
             face=face_of_triangle[self.triangle],
             returned=returned,
-            agrees=returned & (residual**2 < GATE_SIGMA**2 * (sigma_m**2 + variance)),
+            agrees=returned & ((residual - centre_m) ** 2 < GATE_SIGMA**2 * own),
             residual_m=residual,
             jacobian=jacobian,
             pose_variance_m2=variance,
@@ -67,6 +69,14 @@ class SurfacePixels:
             sigma_m=sigma_m,
             inside=self.inside,
         )
+
+
+def _offset_of_frame(residual_m: FloatArray, variance_m2: FloatArray, sd_m: float) -> float:
+    """Roughly what the residuals (n,) of a frame share, m: they are judged beside it."""
+    if sd_m == 0.0:
+        return 0.0
+    near = residual_m[residual_m**2 < GATE_SIGMA**2 * (variance_m2 + sd_m**2)]
+    return float(np.median(near)) if len(near) else 0.0
 
 
 def surface_pixels(rendered: RenderedDepth, sigma_m: float, noise: SensorNoise) -> SurfacePixels:

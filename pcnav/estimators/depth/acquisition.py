@@ -17,6 +17,7 @@ from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSet
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.estimators.depth.measured_again import Observed, is_outdated, measured_again
 from pcnav.estimators.depth.motion_hypotheses import (
     MAX_OBSERVATIONS,
     MIN_FRAMES,
@@ -25,6 +26,7 @@ from pcnav.estimators.depth.motion_hypotheses import (
     MotionHypothesis,
     first_state,
 )
+from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose
 from pcnav.estimators.depth.single_frame import (
@@ -59,6 +61,8 @@ _DOUBT_WITHOUT_RATE = 3.0
 rectangles propose: the target turns."""
 _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
+_NOISE_PASSES = 3
+"""Most times they are measured anew, as noise that was not thought of widens what is looked at."""
 _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""
 
@@ -71,6 +75,8 @@ class Initialised:
     undecided: bool
     """Whether another motion, no equivalent one, explains the frames as well."""
     view: FrameView
+    start: tuple[Observed, ...]
+    """The frames that it was begun with."""
 
 
 class Acquisition:
@@ -84,11 +90,13 @@ class Acquisition:
         filtering: FilterTable,
         belief: MassBelief,
         *,
+        noise: NoiseLearner,
         refined: bool,
         first_pose: FirstPosePrior | None = None,
     ) -> None:
-        """``first_pose``: where the target is said to be in the first frame."""
-        self._first_pose = first_pose
+        """``noise`` learns from the frames of a start; ``first_pose``: where the target is
+        said to be in the first frame."""
+        self._first_pose, self._noise = first_pose, noise
         self._target, self._reader, self._model = target, reader, model
         self._filtering, self._belief, self._refined = filtering, belief, refined
         self._choice = filtering.motion
@@ -177,7 +185,7 @@ class Acquisition:
             for frame in frames
         ]
         if self._refined:
-            views = self._compared(motion, frames, observers)
+            views = self._learnt(self._compared(motion, frames, observers), observers, motion)
             arc.frames = [condensed(_timed(view)) for view in views]
             fit = arc.fit() if len(views) >= MIN_FRAMES else None
         else:
@@ -196,7 +204,8 @@ class Acquisition:
         begin = guess if fit is None else fit.states[0]
         setup = MotionSetup(self._model, self._filtering, self._target.diameter_m)
         followed = FollowedMotion(setup, belief, free, begin, measured)
-        return Initialised(followed, decision.undecided, views[-1])
+        start = tuple(zip(views, observers, strict=True))
+        return Initialised(followed, decision.undecided, views[-1], start)
 
     def _compared(
         self, motion: MotionHypothesis, frames: list[Frame], observers: list[ObserverPose]
@@ -217,6 +226,21 @@ class Acquisition:
             views.append(
                 view_of_comparison(frame, comparison, 0.5 * self._target.diameter_m, observer)
             )
+        return views
+
+    def _learnt(
+        self, views: list[FrameView], observers: list[ObserverPose], motion: MotionHypothesis
+    ) -> list[FrameView]:
+        """Frames measured anew where they show the noise to be another than was believed."""
+        poses = [observation.T_cam_model for observation in motion.observations]
+        for attempt in range(_NOISE_PASSES):
+            self._noise.learn_start(views, poses, again=attempt > 0)
+            if not any(is_outdated(view, self._noise.noise) for view in views):
+                break
+            views = [
+                measured_again(self._reader, view, observer)
+                for view, observer in zip(views, observers, strict=True)
+            ]
         return views
 
     def _fit_rectangles(

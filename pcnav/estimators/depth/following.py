@@ -247,6 +247,29 @@ class FollowedMotion:
         self._along(self._kinematic, timed)
         return self._judged() if self._setup.choice is MotionChoice.AUTO else None
 
+    def take_in_again(self, frames: Sequence[Timed]) -> None:
+        """Go through the last frames once more, which were measured anew.
+
+        ``frames`` are as `condensed` has them, the last one taken in among them.
+        """
+        again = {timed.time_s: timed for timed in frames if timed.measurements}
+        if self._free is not None and self._free.arc is not None:
+            arc = self._free.arc
+            arc.frames = [again.get(timed.time_s, timed) for timed in arc.frames]
+            fit = arc.fit()
+            if fit is not None:
+                self._free.kalman = filter_from(fit, self._setup.filtering)
+        if self._kinematic is None:
+            return
+        first = self._recent[0]
+        hill = self._setup.R_hill_world(first.timed.time_s)
+        self._begin = with_mass(first.state, self._belief, hill)
+        timed = [again.get(each.timed.time_s, each.timed) for each in self._recent]
+        self._kinematic = self._followed(timed)
+        self._go_through_again()
+        # A free motion that did not fit them may do so now.
+        self._wait = _FIRST_WAIT
+
     def _along(self, kinematic: KinematicFilter, timed: Timed) -> None:
         """The filter that is not in force takes in the same, and both are compared."""
         updated = kinematic.kalman.snapshot()

@@ -5,6 +5,7 @@ noise; what is stated holds until frames contradict it.
 """
 
 import logging
+from collections.abc import Sequence
 
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.views import FrameView
@@ -42,8 +43,9 @@ class NoiseLearner:
 
     def _forget(self) -> None:
         self._outline, self._level = OutlineBelief(), RangeLevel(self._stated_m)
-        self._offsets = FrameErrors()
+        self._offsets = FrameErrors.before_any_frame(0.5 * self._reader.diameter_m)
         self._frames, self._seen = 0, 0
+        self._before_start = self._outline, self._level, self._frames
         self._last_pose: FloatArray | None = None
 
     @property
@@ -72,36 +74,38 @@ class NoiseLearner:
         if comparison is None or view.inlier_ratio < _MIN_INLIER_RATIO:
             return
         self._seen += 1
-        self._follow_distance(view, accepted)
+        before, known = self.noise, comparison.seen.noise
+        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
+        together = Evidence.together((face.joint for face in used), known.n_shared)
+        time_s = view.frame.time_s
+        self._offsets = self._offsets.with_frame(time_s, comparison.T_cam_model, together, known)
         if self._frames > _EVERY_FRAME and self._seen % _EVERY:
             return
-        before = self.noise
-        if before != comparison.seen.noise or not self._has_moved(pose, view.frame):
-            return
-        self._frames += 1
-        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
-        together = Evidence.together((face.joint for face in used), before.n_shared)
-        lever_m = 0.5 * self._reader.diameter_m
-        self._outline = self._outline.with_frame(together, before, lever_m)
-        self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
-        noise = self._level.applied(self._outline.applied(before))
-        noise = self._offsets.applied(noise)
+        noise = self._offsets.applied(before)
+        if before == known and self._has_moved(pose, view.frame):
+            self._frames += 1
+            lever_m = 0.5 * self._reader.diameter_m
+            self._outline = self._outline.with_frame(together, before, lever_m)
+            self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
+            noise = self._level.applied(self._outline.applied(noise))
         if noise != before:
             self._reader.noise = noise
         self._tell(view.frame)
 
-    def _follow_distance(self, view: FrameView, accepted: tuple[bool, ...]) -> None:
-        """Whether the distance scatters as one that is measured with an offset in each frame."""
-        comparison = view.comparison
-        assert comparison is not None, "the caller saw to it"
-        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
-        self._offsets = self._offsets.with_frame(
-            view.frame.time_s,
-            comparison.T_cam_model,
-            [Evidence(face.information, face.vector) for face in used],
-            0.5 * self._reader.diameter_m,
-            comparison.seen.noise.frame_sd_m,
-        )
+    def learn_start(
+        self, views: Sequence[FrameView], poses: Sequence[FloatArray], *, again: bool
+    ) -> None:
+        """Take in the frames that a track is to begin with, at poses (4, 4) found.
+
+        ``again`` instead of the last time: they were measured anew under what was learnt then.
+        """
+        if not again:
+            self._before_start = self._outline, self._level, self._frames
+        self._outline, self._level, self._frames = self._before_start
+        self._offsets = FrameErrors.before_any_frame(0.5 * self._reader.diameter_m)
+        self._last_pose = None
+        for view, pose in zip(views, poses, strict=True):
+            self.learn(view, (True,) * len(view.measurements), pose)
 
     def _has_moved(self, pose: FloatArray, frame: Frame) -> bool:
         last = self._last_pose

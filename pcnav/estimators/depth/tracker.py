@@ -19,6 +19,7 @@ from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import MassBelief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.estimators.depth.measured_again import RecentFrames
 from pcnav.estimators.depth.measuring import (
     UPDATES,
     FrameUpdate,
@@ -67,6 +68,7 @@ class _Track:
     motion: FollowedMotion
     lock_monitor: LockMonitor
     evidence: Evidence
+    recent: RecentFrames
     symmetric: bool
     """Whether the target's own symmetry leaves equivalent attitudes."""
     open_question: bool
@@ -221,6 +223,7 @@ class Tracker(Estimator):
     ) -> Acquisition:
         return Acquisition(
             *(self._target, self._reader, self._model, self._filtering, belief),
+            noise=self._noise,
             refined=self._refined,
             first_pose=first_pose,
         )
@@ -233,6 +236,7 @@ class Tracker(Estimator):
             outcome.motion,
             LockMonitor(self._target, self._reader),
             Evidence(),
+            RecentFrames(self._reader, outcome.start),
             symmetric=len(self._target.symmetry_transforms) > 1,
             open_question=outcome.undecided,
         )
@@ -262,14 +266,22 @@ class Tracker(Estimator):
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)
             if status is not Status.LOST and updated.result is not None:
-                pose = pose_of(track.motion.kalman, observer)
-                self._noise.learn(updated.view, updated.result.accepted, pose)
+                self._learn(track, observer, updated.view, updated.result)
         else:
             updated, status = self._search(recovery, track, updated)
         estimate = self._estimate(updated.view, updated.result, status, observer)
         if status is Status.LOST:
             self._lose(track)
         return estimate, updated.view
+
+    def _learn(
+        self, track: _Track, observer: ObserverPose, view: FrameView, result: UpdateResult
+    ) -> None:
+        """Learn the sensor's noise from a frame that was taken in."""
+        self._noise.learn(view, result.accepted, pose_of(track.motion.kalman, observer))
+        track.recent.add(view, observer)
+        if track.recent.are_outdated:
+            track.motion.take_in_again(track.recent.measured_again())
 
     def _go_on(
         self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
