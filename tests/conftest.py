@@ -1,10 +1,16 @@
 """What every test may rely on: no display, reproducible examples, the shared recordings."""
 
 import os
+import signal
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from pcnav import cli
+from tests.commands import Answer, Pcnav
 
 # Read by matplotlib when it is first imported, which is after this file.
 os.environ["MPLBACKEND"] = "Agg"
@@ -41,3 +47,20 @@ def shared_data() -> Path:
 def quick_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports without pictures, which take most of a test's time, where it is not about them."""
     monkeypatch.setattr("pcnav.report.figures.svg_bytes", lambda figure: b"")
+
+
+@pytest.fixture
+def pcnav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Pcnav]:
+    """Call the entry point with arguments, in this process."""
+    before = signal.getsignal(signal.SIGTERM)
+
+    def call(*arguments: str | Path) -> Answer:
+        capsys.readouterr()
+        monkeypatch.setattr(sys, "argv", ["pcnav", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capsys.readouterr()
+        return Answer(int(ended.value.code or 0), out, err)
+
+    yield call
+    signal.signal(signal.SIGTERM, before)

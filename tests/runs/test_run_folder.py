@@ -1,4 +1,4 @@
-"""Result folders: exact round trip, streaming in flat memory, all or nothing on disk."""
+"""Result folders: exact round trip, streaming in flat memory."""
 
 import csv
 import tracemalloc
@@ -12,30 +12,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
-from pcnav.core.arrays import FloatArray
-from pcnav.core.errors import InputError
-from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.blocks import (
     ATTITUDE,
     ATTITUDE_LAYOUT,
     CENTRE,
-    MASS_CENTRE_LAYOUT,
     MOTION_LAYOUT,
     POSE_LAYOUT,
     RATE,
     ROTATION_LAYOUT,
-    Block,
 )
 from pcnav.runs.collector import collected
-from pcnav.runs.estimate import Estimate, FeaturePoint, FeatureUse, Output
+from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import count_outcomes, read_features, read_points, read_records, read_run
-from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.run import Run
 from pcnav.runs.writer import RunWriter
+from tests.runs.made_estimates import DEPTH, empty, estimate, made, write
 
-DEPTH = Output(MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles"), has_records=True)
 OUTPUTS = {
     "depth": DEPTH,
     "principal_axes": Output(MOTION_LAYOUT, notes=("n_used", "p_x"), has_features=True),
@@ -44,67 +39,6 @@ OUTPUTS = {
     "open3d_icp": Output(POSE_LAYOUT, has_nis=False),
 }
 """As the estimators of these names have them."""
-
-
-def value_of(block: Block, generator: np.random.Generator) -> FloatArray:
-    """Of arbitrary numbers with all their digits."""
-    if block is ATTITUDE:
-        return exp_rotation(generator.standard_normal(3))
-    return generator.standard_normal(block.size) * 10.0 ** generator.integers(-7, 4)
-
-
-def estimate(index: int, generator: np.random.Generator, output: Output = DEPTH) -> Estimate:
-    """A frame with all that an output has."""
-    draw = generator.standard_normal
-    size = output.layout.size
-    factor = draw((size, size))
-    record = RectangleRecord(
-        time_s=index / 3.0,
-        rectangle='panel "a", +y',
-        length_m=4.0 / 3.0,
-        width_m=1e-3 / 7.0,
-        T_cam_rect=make_transform(exp_rotation(draw(3)), draw(3)),
-        sd=np.array([0.1 / 3.0, np.inf, 1e-9, 1.0, np.inf, 2.0]),
-        case="X",
-        outcome=ACCEPTED,
-    )
-    unknown = replace(record, rectangle="", case="", outcome="side cut; 2,1 m\nshort")
-    words = {"outcome": "measured, more or less"}
-    points = {k: FeaturePoint(draw(3), np.diag(draw(3) ** 2)) for k in (7, index)}
-    return Estimate(
-        time_s=index / 3.0,
-        status="locked",
-        values={block.name: value_of(block, generator) for block in output.blocks},
-        covariance=factor @ factor.T if size else None,
-        T_cam_target=make_transform(exp_rotation(draw(3)), draw(3) * 20.0)
-        if output.has_poses
-        else None,
-        nis=float(generator.chisquare(6)) if output.has_nis else np.nan,
-        nis_dof=6 if output.has_nis else 0,
-        notes={name: words.get(name, float(generator.uniform())) for name in output.notes},
-        records=(record, unknown) if output.has_records else (),
-        features=FeatureUse((index, 7), (index,), (7,), points),
-    )
-
-
-def empty(index: int) -> Estimate:
-    """A frame before anything is known."""
-    return Estimate(index / 3.0, "acquiring")
-
-
-def made(output: Output = DEPTH) -> list[Estimate]:
-    """Frames with and without an estimate."""
-    generator = np.random.default_rng(3)
-    known = [estimate(i, generator, output) for i in range(2, 7)]
-    return [empty(0), empty(1), *known, empty(7)]
-
-
-def write(
-    folder: Path, estimates: list[Estimate], overwrite: bool = False, output: Output = DEPTH
-) -> None:
-    with RunWriter(folder, output, overwrite) as writer:
-        for each in estimates:
-            writer.add(each)
 
 
 def assert_same(run: Run, expected: Run) -> None:
@@ -129,11 +63,6 @@ def assert_same(run: Run, expected: Run) -> None:
     np.testing.assert_array_equal(run.window_nis, expected.window_nis)
     for name, notes in run.notes.items():
         np.testing.assert_array_equal(notes, expected.notes[name])
-
-
-@pytest.fixture
-def frames() -> list[Estimate]:
-    return made()
 
 
 @pytest.mark.parametrize("name", OUTPUTS)
@@ -343,166 +272,6 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
         tracemalloc.stop()
     assert peak - before < 1_000_000
     assert np.load(tmp_path / "run" / "covariances.npz")["P"].shape == (1550, 20, 20)
-
-
-def test_an_exception_leaves_nothing(tmp_path: Path, frames: list[Estimate]) -> None:
-    with (
-        pytest.raises(KeyboardInterrupt),
-        RunWriter(tmp_path / "new" / "deep" / "run", DEPTH) as writer,
-    ):
-        writer.add(frames[3])
-        raise KeyboardInterrupt
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_earlier_run_survives_until_the_new_one_is_complete(
-    tmp_path: Path, frames: list[Estimate]
-) -> None:
-    folder = tmp_path / "run"
-    write(folder, frames)
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(InputError, match="overwrite"):
-        write(folder, frames[:2])
-    with pytest.raises(RuntimeError, match="fault"), RunWriter(folder, DEPTH, True) as writer:
-        writer.add(frames[3])
-        raise RuntimeError("fault")
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-    with RunWriter(folder, DEPTH, overwrite=True) as writer:
-        writer.add(frames[3])
-        writer.finish_tables()
-        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    assert len(read_run(folder)) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_overwriting_spares_a_folder_that_is_no_run(tmp_path: Path) -> None:
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter1.tex").write_text("years of work")
-    with pytest.raises(InputError, match=r"states\.csv"):
-        write(tmp_path / "thesis", [empty(0)], overwrite=True)
-    assert (tmp_path / "thesis" / "chapter1.tex").read_text() == "years of work"
-    with pytest.raises(InputError, match="this is a file"):
-        write(tmp_path / "thesis" / "chapter1.tex", [empty(0)], overwrite=True)
-
-
-def test_an_empty_folder_is_used(tmp_path: Path) -> None:
-    write(tmp_path, [empty(0)])
-    assert len(read_run(tmp_path)) == 1
-
-
-def test_additions_appear_with_the_run(tmp_path: Path, frames: list[Estimate]) -> None:
-    folder = tmp_path / "run"
-    with RunWriter(folder, DEPTH) as writer:
-        writer.add(frames[3])
-        staging = writer.finish_tables()
-        writer.write_text("note.txt", f"{len(read_run(staging))} frame of 5 °")
-        writer.write_json("metrics.json", {"rms_m": 0.5})
-        with pytest.raises(RuntimeError, match="finish_tables"):
-            writer.add(frames[4])
-        with pytest.raises(ValueError, match="JSON"):
-            writer.write_json("bad.json", {"rms_m": float("nan")})
-        assert not folder.exists()
-    assert (folder / "note.txt").read_text(encoding="utf-8") == "1 frame of 5 °"
-    assert sorted(path.name for path in folder.iterdir()) == [
-        *("covariances.npz", "measurements.csv", "metrics.json"),
-        *("note.txt", "poses.tum", "states.csv"),
-    ]
-
-
-def test_half_an_estimate_is_refused(tmp_path: Path) -> None:
-    whole = made()[3]
-    for half in (
-        replace(whole, T_cam_target=None),
-        replace(whole, covariance=None),
-        replace(whole, values={}),
-    ):
-        with pytest.raises(ValueError, match="together"):
-            write(tmp_path / "run", [half])
-    with pytest.raises(ValueError, match="shape"):
-        write(tmp_path / "run", [replace(made()[3], covariance=np.eye(3))])
-
-
-@pytest.mark.parametrize(
-    ("name", "line", "column", "text", "told"),
-    [
-        ("states.csv", 0, 1, "r_X", "expected a column r_x_m"),
-        ("states.csv", 4, 0, "", "line 5, time_s"),
-        ("states.csv", 4, 2, "abc", "line 5, r_y_m: expected a number, got 'abc'"),
-        ("states.csv", 4, 2, "", "line 5: expected all of the state or none"),
-        ("states.csv", 4, 7, "5.0", "line 5: expected a unit quaternion"),
-        ("states.csv", 0, 23, "sd_X", "expected a column sd_r_y_m"),
-        ("states.csv", 4, -4, "1.5", "line 5, nis_dof: expected a whole number"),
-        ("states.csv", 4, -1, "1,1", "line 5: expected 48 fields, got 49"),
-        ("measurements.csv", 2, 2, "long", "line 3, length_m"),
-        ("poses.tum", 0, 0, "99.0", "poses.tum: timestamp"),
-        ("poses.tum", 0, 1, "x", "expected rows of numbers"),
-    ],
-)
-def test_a_damaged_field_is_told_in_one_line(
-    tmp_path: Path,
-    frames: list[Estimate],
-    name: str,
-    line: int,
-    column: int,
-    text: str,
-    told: str,
-) -> None:
-    frames = [replace(frame, records=frame.records[:1]) for frame in frames]
-    frames = [
-        replace(frame, records=tuple(replace(r, rectangle="a") for r in frame.records))
-        for frame in frames
-    ]
-    write(tmp_path / "run", frames)
-    path = tmp_path / "run" / name
-    separator = " " if name.endswith(".tum") else ","
-    lines = path.read_text().splitlines()
-    fields = lines[line].split(separator)
-    fields[column] = text
-    lines[line] = separator.join(fields)
-    path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(InputError) as raised:
-        read_run(tmp_path / "run")
-        read_records(tmp_path / "run")
-    assert told in str(raised.value)
-    assert name in str(raised.value)
-    assert "\n" not in str(raised.value)
-
-
-@pytest.mark.parametrize("name", ["states.csv", "poses.tum", "covariances.npz", "measurements.csv"])
-@pytest.mark.parametrize("content", [None, b"", b"\xff\xfe broken \x00"])
-def test_a_missing_or_broken_file_is_told(
-    tmp_path: Path, frames: list[Estimate], name: str, content: bytes | None
-) -> None:
-    write(tmp_path / "run", frames)
-    path = tmp_path / "run" / name
-    path.unlink()
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(InputError, match=name):
-        read_run(tmp_path / "run", with_covariance=True)
-        read_records(tmp_path / "run")
-
-
-def test_an_unknown_compression_is_told(tmp_path: Path, frames: list[Estimate]) -> None:
-    write(tmp_path / "run", frames)
-    path = tmp_path / "run" / "covariances.npz"
-    content = bytearray(path.read_bytes())
-    entry = content.index(b"PK\x01\x02")
-    content[entry + 10] = 99
-    content[content.index(b"PK\x01\x02", entry + 1) + 10] = 99
-    path.write_bytes(content)
-    with pytest.raises(InputError, match="arrays P and time_s"):
-        read_run(tmp_path / "run", with_covariance=True)
-
-
-def test_covariances_of_another_run_are_refused(tmp_path: Path, frames: list[Estimate]) -> None:
-    write(tmp_path / "run", frames)
-    write(tmp_path / "other", frames[:4])
-    (tmp_path / "other" / "covariances.npz").replace(tmp_path / "run" / "covariances.npz")
-    assert read_run(tmp_path / "run").trajectory.covariance is None
-    with pytest.raises(InputError, match=r"covariances.npz: P: expected \(5, 20, 20\)"):
-        read_run(tmp_path / "run", with_covariance=True)
 
 
 @given(

@@ -16,6 +16,7 @@ from pcnav.recordings.sequence import Frame
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target, load_target
+from tests.estimators.depth.tracked_boxsat import PIPELINE, Recording, recorded
 
 Shoot = Callable[..., Frame]
 
@@ -62,3 +63,8 @@ def shoot(boxsat: Target, camera: PinholeCamera, observer: ObserverPose) -> Shoo
         return Frame(7, 600.0, depth_m, camera, observer.T_cam_world)
 
     return take
+
+
+@pytest.fixture(scope="session")
+def recording(repository: Path) -> Recording:
+    return recorded(load_target(repository / "meshes" / "boxsat.obj"), PIPELINE)

@@ -1,111 +1,43 @@
-"""The tracker on rendered sequences, and the direction of the imports under it."""
+"""The tracker on rendered sequences: how good it is, and what it says of itself."""
 
 import logging
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.stats import chi2
 
-from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
-from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.depth import Measurements
+from pcnav.config.pipeline_file import read_pipeline
 from pcnav.core.arrays import FloatArray
-from pcnav.core.errors import InputError
-from pcnav.core.spatial import exp_rotation, log_rotation, rotation_angle
+from pcnav.core.spatial import rotation_angle
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.measuring import AGREES
-from pcnav.estimators.depth.tracker import Tracker
-from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
+from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
 from pcnav.runs.records import ACCEPTED
 from pcnav.runs.status import Status
-from pcnav.simulation.motion import TrueMotion, true_motion
-from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
-from pcnav.target.satellite import Target, load_target
-
-FRAMES = 40
-PIPELINE = Pipeline.model_validate(
-    {
-        "seed": 3,
-        "scenario": {"frames": FRAMES, "frame_rate_hz": 2.0},
-        "orbit": {
-            "mean_motion_rad_s": 0.0011,
-            "r_hill_m": [22.0, 0.2, -0.1],
-            "v_hill_m_s": [0.004, -0.002, 0.003],
-        },
-        "body": {
-            "attitude_rotvec_deg": [25.0, 40.0, -30.0],
-            "omega_body_deg_s": [2.0, -1.4, 2.5],
-            "com_model_m": [0.10, 0.12, -0.13],
-            "inertia_ratios": [0.577, 0.735, -0.02, 0.06, -0.045],
-        },
-        "camera": {"horizontal_fov_deg": 30.0},
-        "noise": {"range_sigma_m": 0.02},
-    }
+from pcnav.target.satellite import load_target
+from tests.estimators.depth.tracked_boxsat import (
+    FRAMES,
+    SIGMA_M,
+    Recording,
+    note,
+    recorded,
+    shortened,
+    track,
+    tracker_of,
 )
-SIGMA_M = PIPELINE.noise.range_sigma_m
-INFO = SequenceInfo("boxsat", PIPELINE.orbit.mean_motion_rad_s, SIGMA_M, None)
+
 BLIND = range(20, 24)
 """Frames without returns in the second sequence."""
 GAP = range(9, 19)
 """... and in the one with a longer gap, while the rate is not yet known well."""
-
-
-@dataclass(frozen=True)
-class Recording:
-    target: Target
-    frames: list[Frame]
-    motion: TrueMotion
-
-
-def recorded(target: Target, pipeline: Pipeline, first: int = 0) -> Recording:
-    """The frames of a pipeline from the first one asked for, in memory."""
-    motion = true_motion(pipeline)
-    camera = pipeline.camera.pinhole
-    renderer = DepthRenderer(target.mesh, camera)
-    frames = []
-    for k in range(first, len(motion.truth.time_s)):
-        clean = renderer.render(motion.truth.poses[k])
-        depth_m = add_sensor_faults(clean, pipeline.noise, pipeline.seed, k)
-        frames.append(
-            Frame(k, float(motion.truth.time_s[k]), depth_m, camera, motion.T_cam_world[k])
-        )
-    return Recording(target, frames, motion)
-
-
-def shortened(pipeline: Pipeline, frames: int) -> Pipeline:
-    scenario = pipeline.scenario.model_copy(update={"frames": frames})
-    return pipeline.model_copy(update={"scenario": scenario})
-
-
-@pytest.fixture(scope="module")
-def recording(repository: Path) -> Recording:
-    return recorded(load_target(repository / "meshes" / "boxsat.obj"), PIPELINE)
-
-
-def tracker_of(
-    target: Target,
-    info: SequenceInfo = INFO,
-    filtering: FilterTable = PIPELINE.filter,
-    perception: PerceptionTable = PIPELINE.perception,
-) -> Tracker:
-    return Tracker(target, info, perception, filtering, PIPELINE.seed)
-
-
-def track(
-    recording: Recording,
-    frames: list[Frame],
-    measurements: Measurements | None = None,
-) -> list[Estimate]:
-    perception = PerceptionTable(measurements=measurements)
-    tracker = tracker_of(recording.target, perception=perception)
-    return [tracker.step(frame) for frame in frames]
 
 
 @pytest.fixture(scope="module")
@@ -125,13 +57,6 @@ def index_of(recording: Recording, estimate: Estimate) -> int:
 def state_of(estimate: Estimate) -> NavigationState:
     """What was estimated."""
     return NavigationState(*(estimate[block] for block in MASS_CENTRE_LAYOUT.blocks))
-
-
-def note(estimate: Estimate, name: str) -> float:
-    """A number of the tracker's own."""
-    value = estimate.notes[name]
-    assert isinstance(value, float | int)
-    return value
 
 
 def pose_errors(recording: Recording, estimates: list[Estimate]) -> FloatArray:
@@ -351,214 +276,3 @@ def test_a_sequence_that_starts_empty_is_acquired_later(recording: Recording) ->
     words = [estimate.status for estimate in track(recording, frames)]
     assert words[:6] == [Status.ACQUIRING] * 6
     assert words[-1] == Status.LOCKED
-
-
-JUMP = 8
-"""Frame at which the third sequence jumps to quite another attitude, 56 degrees away."""
-
-
-@pytest.fixture(scope="module")
-def jumped(recording: Recording) -> list[tuple[Estimate, float]]:
-    """Estimates of a sequence whose target jumps, each with its error in attitude (rad)."""
-    shown = [*range(24, 24 + JUMP), *range(30)]
-    frames = [
-        replace(recording.frames[k], index=index, time_s=0.5 * index)
-        for index, k in enumerate(shown)
-    ]
-    rows = []
-    for estimate, k in zip(track(recording, frames), shown, strict=True):
-        error = np.nan
-        if estimate.T_cam_target is not None:
-            truth = recording.motion.truth.poses[k]
-            error = float(rotation_angle(truth[:3, :3].T @ estimate.T_cam_target[:3, :3]))
-        rows.append((estimate, error))
-    return rows
-
-
-def test_a_target_that_jumps_is_lost_and_found_again(
-    jumped: list[tuple[Estimate, float]],
-) -> None:
-    words = [estimate.status for estimate, _ in jumped]
-    assert words[JUMP - 1] == Status.LOCKED
-    assert Status.COASTING in words[JUMP:]
-    lost = words.index(Status.LOST)
-    again = words.index(Status.LOCKED, lost)
-    assert again - lost < 6
-    assert set(words[again:]) == {Status.LOCKED}
-    assert max(error for _, error in jumped[again:]) < np.deg2rad(0.5)
-
-
-def test_a_wrong_attitude_is_not_called_locked(
-    jumped: list[tuple[Estimate, float]],
-) -> None:
-    wrong = [estimate.status for estimate, error in jumped if error > np.deg2rad(5.0)]
-    assert len(wrong) >= 2
-    assert Status.LOCKED not in wrong
-
-
-# A wrong lock: the attitude tracked is another one than the target's, which turns as it did.
-
-
-def turned(pipeline: Pipeline, axis: tuple[float, float, float]) -> Pipeline:
-    """The same motion of a target that is turned by half a turn about an axis of its body."""
-    turn = exp_rotation(np.pi * np.array(axis) / np.linalg.norm(axis))
-    attitude = exp_rotation(np.deg2rad(pipeline.body.attitude_rotvec_deg)) @ turn
-    change = {
-        "attitude_rotvec_deg": tuple(np.rad2deg(log_rotation(attitude)).tolist()),
-        "omega_body_deg_s": tuple((turn.T @ pipeline.body.omega_body_deg_s).tolist()),
-    }
-    body = pipeline.body.model_copy(update=change)
-    return pipeline.model_copy(update={"body": body})
-
-
-SWITCH = 12
-"""Frame at which the target of a sequence is exchanged for the turned one."""
-
-
-def switched(
-    target: Target, pipeline: Pipeline, axis: tuple[float, float, float]
-) -> list[tuple[Estimate, float]]:
-    """Estimates before and after the switch, each with its error in attitude (rad)."""
-    before = recorded(target, shortened(pipeline, SWITCH))
-    after = recorded(target, turned(pipeline, axis), SWITCH)
-    shown = [(source, frame) for source in (before, after) for frame in source.frames]
-    tracker = tracker_of(target)
-    rows = []
-    for source, frame in shown:
-        estimate = tracker.step(frame)
-        error = np.nan
-        if estimate.T_cam_target is not None:
-            truth = source.motion.truth.poses[frame.index]
-            error = float(rotation_angle(truth[:3, :3].T @ estimate.T_cam_target[:3, :3]))
-        rows.append((estimate, error))
-    return rows
-
-
-def check_the_lock_is_mended(rows: list[tuple[Estimate, float]], most_wrong: int) -> None:
-    """Locked, wrong, lost and locked again rightly; few frames called locked while wrong."""
-    words = [estimate.status for estimate, _ in rows]
-    assert words[SWITCH - 1] == Status.LOCKED
-    assert rows[SWITCH - 1][1] < np.deg2rad(0.1)
-    assert rows[SWITCH][1] > np.deg2rad(170.0)
-    lost = words.index(Status.LOST)
-    again = words.index(Status.LOCKED, lost)
-    assert again - lost < 6
-    assert set(words[again:]) == {Status.LOCKED} and len(words) - again > 3
-    assert max(error for _, error in rows[again:]) < np.deg2rad(0.5)
-    wrong = [estimate.status for estimate, error in rows if error > np.deg2rad(5.0)]
-    assert wrong.count(Status.LOCKED) <= most_wrong
-
-
-def test_a_wrong_lock_that_explains_little_is_never_called_locked(recording: Recording) -> None:
-    rows = switched(recording.target, shortened(PIPELINE, 30), (1.0, -2.0, 0.5))
-    check_the_lock_is_mended(rows, most_wrong=0)
-    assert note(rows[SWITCH][0], "inlier_ratio") < 0.2
-
-
-def box_with_a_tower(folder: Path, height_m: float) -> Target:
-    """A box that only a small tower on one side tells from itself turned by half a turn."""
-    box = trimesh.creation.box((2.4, 1.8, 1.4))
-    tower = trimesh.creation.box((0.8, 0.6, height_m))
-    tower.apply_translation((0.5, 0.3, 0.7 + 0.5 * height_m))
-    path = folder / "tower.obj"
-    trimesh.util.concatenate([box, tower]).export(path)
-    return load_target(path)
-
-
-def test_a_track_that_sees_only_other_things_is_given_up_after_ten_frames(
-    recording: Recording,
-) -> None:
-    wall = np.zeros_like(recording.frames[0].depth_m)
-    wall[:40, :40] = 60.0
-    frames = recording.frames[:8] + [
-        replace(frame, depth_m=wall) for frame in recording.frames[8:20]
-    ]
-    words = [estimate.status for estimate in track(recording, frames)]
-    assert words[7] == Status.LOCKED
-    assert words[8:] == [*[Status.COASTING] * 10, Status.LOST, Status.ACQUIRING]
-
-
-@pytest.mark.parametrize(
-    ("height_m", "axis", "inlier_ratio"),
-    [(0.5, (1.0, 0.0, 0.0), (0.5, 0.9)), (0.3, (0.0, 0.0, 1.0), (0.8, 0.97))],
-)
-def test_a_wrong_lock_that_explains_most_of_the_frame_is_found_out(
-    tmp_path: Path,
-    height_m: float,
-    axis: tuple[float, float, float],
-    inlier_ratio: tuple[float, float],
-) -> None:
-    almost_symmetric = box_with_a_tower(tmp_path, height_m)
-    assert len(almost_symmetric.symmetry_transforms) == 1
-    own = {
-        "com_model_m": tuple(almost_symmetric.com_model.tolist()),
-        "inertia_ratios": tuple(almost_symmetric.inertia_ratios.tolist()),
-    }
-    body = PIPELINE.body.model_copy(update=own)
-    pipeline = shortened(PIPELINE.model_copy(update={"body": body}), 30)
-    rows = switched(almost_symmetric, pipeline, axis)
-    assert inlier_ratio[0] < note(rows[SWITCH][0], "inlier_ratio") < inlier_ratio[1]
-    # The first fresh look opens the question, the second one answers it.
-    check_the_lock_is_mended(rows, most_wrong=0)
-    words = [estimate.status for estimate, _ in rows]
-    assert words.index(Status.LOST) <= SWITCH + 3
-
-
-def test_a_speck_before_the_target_comes_into_view_is_no_fault_of_units(
-    recording: Recording,
-) -> None:
-    speck = np.zeros_like(recording.frames[0].depth_m)
-    speck[100:102, 100:102] = 20.0
-    tracker = tracker_of(recording.target)
-    estimate = tracker.step(replace(recording.frames[0], depth_m=speck))
-    assert estimate.status == Status.ACQUIRING
-
-
-def test_a_mesh_in_millimetres_is_told(recording: Recording) -> None:
-    mesh: trimesh.Trimesh = recording.target.mesh.copy()
-    mesh.apply_scale(1000.0)
-    rectangles = tuple(
-        replace(r, length_m=1000.0 * r.length_m, width_m=1000.0 * r.width_m)
-        for r in recording.target.rectangles
-    )
-    wrong = replace(recording.target, mesh=mesh, rectangles=rectangles)
-    with pytest.raises(InputError, match=r"units.*metres") as caught:
-        tracker_of(wrong).step(recording.frames[0])
-    assert caught.value.file == recording.target.mesh_path
-    assert "\n" not in str(caught.value)
-
-
-def test_prior_is_that_of_the_file_then_the_sequence_then_the_target(recording: Recording) -> None:
-    prior = InitialPrior(
-        com_model_m=tuple(recording.motion.state(0).com_model.tolist()),
-        com_sd_m=(1e-3,) * 3,
-        inertia_ratios=tuple(recording.motion.state(0).inertia_ratios.tolist()),
-        inertia_ratios_sd=(1e-3,) * 5,
-    )
-    stated = replace(INFO, initial=prior)
-    for info, filtering, com_sd, ratio_sd in (
-        (INFO, FilterTable(), 0.15, 0.1),
-        (stated, FilterTable(), 1e-3, 1e-3),
-        (stated, FilterTable(com_sd_m=0.02, inertia_ratio_sd=0.03), 0.02, 0.03),
-    ):
-        tracker = tracker_of(recording.target, info, filtering)
-        steps = (tracker.step(frame) for frame in recording.frames[:6])
-        first = next(estimate for estimate in steps if estimate.covariance is not None)
-        assert first.covariance is not None
-        sd = np.sqrt(np.diag(first.covariance))
-        # A few frames tell little of the mass properties: their prior still stands.
-        assert np.all(sd[COM_MODEL] <= com_sd * 1.001)
-        assert np.max(sd[COM_MODEL]) > 0.5 * com_sd
-        # The covariance of the ratios is that of the filter's parameters, taken where the estimate
-        # is now.
-        assert np.all(sd[INERTIA_RATIOS] <= ratio_sd * 1.05)
-        assert np.max(sd[INERTIA_RATIOS]) > 0.5 * ratio_sd
-
-
-def test_range_noise_of_the_perception_table_replaces_the_sequence_s(recording: Recording) -> None:
-    deviations = []
-    for table in (PerceptionTable(), PerceptionTable(range_sigma_m=0.04)):
-        tracker = Tracker(recording.target, INFO, table, FilterTable(), 0)
-        estimate = tracker.step(recording.frames[0])
-        deviations.append(estimate.records[0].sd[2])
-    assert deviations[1] == pytest.approx(2.0 * deviations[0], rel=0.2)

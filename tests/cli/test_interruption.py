@@ -1,0 +1,89 @@
+"""Commands that are interrupted, and commands at a terminal."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pcnav.estimators.depth.tracker import Tracker
+from tests.cli.answers import FRAMES, PIPELINE
+from tests.commands import Pcnav
+
+COMMAND = [sys.executable, "-c", "from pcnav.cli import main; main()"]
+
+
+def test_an_interrupted_run_leaves_nothing(
+    pcnav: Pcnav, sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = Tracker.step
+
+    def interrupted_at_frame_4(self: Tracker, frame: Any) -> Any:
+        if frame.index == 4:
+            raise KeyboardInterrupt
+        return step(self, frame)
+
+    monkeypatch.setattr(Tracker, "step", interrupted_at_frame_4)
+    answer = pcnav("run", sequence, "-o", tmp_path / "new" / "result")
+    assert answer.code == 130
+    assert len(answer.error_lines) == 1
+    assert answer.error_lines[0].startswith("interrupted")
+    assert {path.name for path in tmp_path.iterdir()} == {"sequence"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows ends a process without asking it")
+def test_a_command_told_to_terminate_leaves_nothing(tmp_path: Path) -> None:
+    endless = tmp_path / "endless.toml"
+    endless.write_text(PIPELINE.replace("frames = 6", "frames = 20000"))
+    arguments = ["simulate", str(endless), "-o", str(tmp_path / "sequence")]
+    with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60.0
+        while not list(tmp_path.glob(".sequence-*/depth/000003.png")):
+            assert time.monotonic() < deadline and process.poll() is None
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.splitlines() == ["interrupted: nothing is left half-written"]
+    assert list(tmp_path.iterdir()) == [endless]
+
+
+# Terminals.
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a pseudo-terminal")
+def test_a_terminal_shows_a_bar_and_the_log_above_it(sequence: Path, tmp_path: Path) -> None:
+    ours, theirs = os.openpty()
+    arguments = ["run", str(sequence), "-o", str(tmp_path / "result")]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    with subprocess.Popen(
+        [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=theirs, env=environment
+    ) as process:
+        os.close(theirs)
+        shown = b""
+        # Linux answers the end of a pseudo-terminal with an error.
+        while chunk := read_or_end(ours):
+            shown += chunk
+        out, _ = process.communicate(timeout=60)
+    os.close(ours)
+    assert process.returncode == 0, shown
+    assert f"{FRAMES}/{FRAMES}".encode() in shown
+    # The line of the bar is erased before the log line is written, and the bar is gone at the end.
+    assert re.search(rb"\x1b\[2KINFO: frame \d+: acquiring -> locked \(.*\)\s*\r\n", shown), shown
+    assert shown.rstrip().endswith(b"\x1b[2K")
+    assert b"\x1b[2K" not in out
+
+
+def read_or_end(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 4096)
+    except OSError:
+        return b""
+
+
+# Nothing to see, or too little.
