@@ -74,7 +74,7 @@ class RunSummary:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What went wrong, in sentences; empty where nothing did."""
-        return self.diagnosis.warnings
+        return (*self.diagnosis.warnings, *self.diagnosis.said)
 
     @property
     def report(self) -> Path:
@@ -205,7 +205,7 @@ def run(
             versions=versions,
             picture=picture,
             picture_caption=caption,
-            warnings=warnings,
+            warnings=(*warnings, *says.said),
         )
         write_report(staging / REPORT_FILE, content)
     for sentence in warnings:

@@ -1,5 +1,6 @@
 """``pcnav target``: what a mesh offers to be recognised by."""
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +9,8 @@ import typer
 from pcnav.cli.names import named_mesh
 from pcnav.cli.options import MeshUnit, Overwrite
 from pcnav.core.errors import InputError
+
+_LOG = logging.getLogger("pcnav")
 
 
 def target(
@@ -35,3 +38,5 @@ def target(
     Console().print(*describe(satellite), sep="\n")
     if out is not None:
         typer.echo(f"catalogue: {out}")
+    if satellite.mesh_file.unit_doubt is not None:
+        _LOG.warning("%s: the mesh is %s", mesh, satellite.mesh_file.unit_doubt)

@@ -48,6 +48,8 @@ class Diagnosis:
     """Whether a pose, or whatever the estimator estimates, was claimed in any frame."""
     warnings: tuple[str, ...] = ()
     """Sentences on what went wrong."""
+    said: tuple[str, ...] = ()
+    """Those that the estimator already said while it ran."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ def diagnosis(run: Run, facts: Facts) -> Diagnosis:
     claimed = claimed_frames(run)
     if not claimed.any():
         return Diagnosis(False, (nothing_found(run, facts),))
-    return Diagnosis(True, (*lost(run, claimed, facts), *misstated(run, claimed, facts)))
+    return Diagnosis(True, tuple(lost(run, claimed, facts)), tuple(misstated(run, claimed, facts)))
 
 
 def claimed_frames(run: Run) -> BoolArray:

@@ -25,6 +25,9 @@ class FrameGuard:
             expected = f"expected a time after the {last_s} s of frame {index}"
             raise InputError(f"frame {frame.index}", "time_s", f"{expected}, got {frame.time_s} s")
         self._last = (frame.index, frame.time_s)
+
+    def doubt_units(self, frame: Frame) -> None:
+        """Say once of the first frame with returns whether its depths can hardly be metres."""
         if not self._units_judged and frame.depth_m.any():
             self._units_judged = True
             doubt = units_doubt(frame.depth_m, frame.camera, self._diameter_m)

@@ -23,6 +23,7 @@ from pcnav.recordings.bop_scene import (
     read_scene_camera,
     read_scene_poses,
 )
+from pcnav.recordings.time_line import time_line
 
 TRUTH_FILE = "truth.csv"
 STATE_COLUMNS = ("time_s", *MASS_CENTRE_LAYOUT.columns)
@@ -43,7 +44,9 @@ def read_truth(path: Path) -> Trajectory | None:
         if not has_states:
             return None
         scene = read_scene_camera(path / SCENE_CAMERA_FILE) if has_scene else None
-        return _states(path / TRUTH_FILE, None, time_zero(path, scene) if scene else 0.0)
+        time_s, values = _states(path / TRUTH_FILE, scene)
+        zero_s = 0.0 if scene is None else time_zero(path, scene)
+        return Trajectory(time_s - zero_s, MASS_CENTRE_LAYOUT, values)
     scene = read_scene_camera(path / SCENE_CAMERA_FILE)
     zero_s = time_zero(path, scene)
     numbers, T_cam_model = read_scene_poses(path / SCENE_GT_FILE)
@@ -53,18 +56,20 @@ def read_truth(path: Path) -> Trajectory | None:
     if not known.all():
         expected = f"expected only frames of {SCENE_CAMERA_FILE}"
         raise InputError(path / SCENE_GT_FILE, str(numbers[int(np.argmin(known))]), expected)
-    time_s, T_cam_model = _in_order(scene, numbers, T_cam_model)
-    time_s = time_s - zero_s
+    stamp_s, T_cam_model = _in_order(scene, numbers, T_cam_model)
+    time_s = stamp_s - zero_s
     if not has_states:
         return Trajectory(time_s, POSE_LAYOUT, T_cam_target=T_cam_model)
-    truth = _states(path / TRUTH_FILE, T_cam_model, zero_s)
-    same = len(truth.time_s) == len(time_s) and np.allclose(
-        truth.time_s, time_s, rtol=0.0, atol=_TIME_TOLERANCE_S + 4.0 * np.spacing(abs(zero_s))
-    )
-    if not same:
+    stated_s, values = _states(path / TRUTH_FILE, scene)
+    tolerance = _TIME_TOLERANCE_S + 4.0 * np.spacing(abs(zero_s))
+    rows = np.minimum(np.searchsorted(stated_s, stamp_s - tolerance), len(stated_s) - 1)
+    has_all = bool(np.all(np.abs(stated_s[rows] - stamp_s) <= tolerance))
+    # A frame that repeats the stamp of another may have a time of its own here.
+    if not has_all or len(stated_s) > len(stamp_s) + len(scene.left_out):
         expected = f"expected the times of the frames in {SCENE_GT_FILE}"
         raise InputError(path / TRUTH_FILE, "time_s", expected)
-    return truth
+    values = {name: value[rows] for name, value in values.items()}
+    return Trajectory(time_s, MASS_CENTRE_LAYOUT, values, T_cam_target=T_cam_model)
 
 
 def write_truth(folder: Path, truth: Trajectory | None) -> None:
@@ -87,8 +92,12 @@ def _in_order(
     return scene.time_s[rows[in_time]], T_cam_model[in_time]
 
 
-def _states(path: Path, T_cam_model: FloatArray | None, zero_s: float) -> Trajectory:
-    """All blocks of truth.csv, its times from a stamp on; the pose is of the model frame."""
+def _states(path: Path, scene: SceneCamera | None) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Increasing stamps and all blocks of truth.csv.
+
+    Where frames of the scene repeat a stamp, or come out of order, its rows may do so as well: they
+    are treated alike.
+    """
     table = read_csv(path, STATE_COLUMNS)
     table.require_any()
     rows = table.numbers(STATE_COLUMNS)
@@ -96,8 +105,11 @@ def _states(path: Path, T_cam_model: FloatArray | None, zero_s: float) -> Trajec
     norm = np.linalg.norm(table.numbers(ATTITUDE.columns), axis=1)
     unit = np.abs(norm - 1.0) <= _NORM_TOLERANCE
     table.require(unit, "expected a unit quaternion in q_x to q_w")
-    later = np.diff(rows[:, 0], prepend=-np.inf) > 0.0
-    table.require(later, "expected times that increase")
-    values = {block.name: table.numbers(block.columns) for block in FILE_ORDER}
+    in_order = scene is None or bool(np.all(np.diff(scene.numbers) > 0))
+    if in_order and (scene is None or not len(scene.left_out)):
+        later = np.diff(rows[:, 0], prepend=-np.inf) > 0.0
+        table.require(later, "expected times that increase")
+    kept = time_line(rows[:, 0], np.arange(len(rows))).kept
+    values = {block.name: table.numbers(block.columns)[kept] for block in FILE_ORDER}
     values[ATTITUDE.name] = rotation_from_xyzw(values[ATTITUDE.name])
-    return Trajectory(rows[:, 0] - zero_s, MASS_CENTRE_LAYOUT, values, T_cam_target=T_cam_model)
+    return rows[kept, 0], values

@@ -156,7 +156,10 @@ def simulate_depth(
     """The scene of a pipeline's target. Raises `InputError`, which names the source."""
     if target_mesh is None:
         raise InputError(source, "target_mesh", "expected the mesh of the satellite to simulate")
-    return Scene.showing(load_target(target_mesh, pipeline.mesh_unit), pipeline, source).simulation
+    target = load_target(target_mesh, pipeline.mesh_unit)
+    if target.mesh_file.unit_doubt is not None:
+        _LOG.warning("%s: the mesh is %s", target_mesh, target.mesh_file.unit_doubt)
+    return Scene.showing(target, pipeline, source).simulation
 
 
 def stated_range_sigma(noise: NoiseTable, distance_m: float) -> float | None:

@@ -131,10 +131,13 @@ def test_noise_that_is_not_as_stated_is_told() -> None:
     run.trajectory.T_cam_target[2:, 2, 3] = 2.0
     noise = SensorNoise(0.003, growth=2)
     facts = replace(FACTS, noise=noise, stated_sigma_m=0.004)
-    (sentence,) = diagnosis(run, facts).warnings
+    found = diagnosis(run, facts)
+    # The estimator warned of it when it noticed.
+    assert found.warnings == ()
+    (sentence,) = found.said
     assert "12.0 mm at 2.00 m, where 4.00 mm was stated" in sentence
-    assert not diagnosis(run, replace(facts, stated_sigma_m=0.01)).warnings
-    assert not diagnosis(run, replace(facts, stated_sigma_m=None)).warnings
+    assert not diagnosis(run, replace(facts, stated_sigma_m=0.01)).said
+    assert not diagnosis(run, replace(facts, stated_sigma_m=None)).said
 
 
 def test_an_estimate_that_is_only_coasted_is_no_find() -> None:

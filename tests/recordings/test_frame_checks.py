@@ -97,18 +97,18 @@ def test_millimetres_are_suspected_once(caplog: pytest.LogCaptureFixture) -> Non
     suspect = frame(camera=camera, depth_m=depth_m)
     with caplog.at_level(logging.WARNING, logger="pcnav"):
         guard = FrameGuard(0.147)
-        guard.check(replace(suspect, depth_m=np.zeros_like(depth_m), time_s=0.0))
+        guard.doubt_units(replace(suspect, depth_m=np.zeros_like(depth_m), time_s=0.0))
         assert not caplog.records
-        guard.check(replace(suspect, time_s=1.0))
-        guard.check(replace(suspect, time_s=2.0))
+        guard.doubt_units(replace(suspect, time_s=1.0))
+        guard.doubt_units(replace(suspect, time_s=2.0))
         assert len(caplog.records) == 1
         message = caplog.records[0].getMessage()
         assert message.startswith("frame 4: depth_m: expected metres: the target, 0.147 m across")
         assert "612" in message
         caplog.clear()
         # The same in metres, and a target of satellite size as far away, are believed.
-        FrameGuard(0.147).check(replace(suspect, depth_m=depth_m / 1000.0))
-        FrameGuard(5.0).check(suspect)
+        FrameGuard(0.147).doubt_units(replace(suspect, depth_m=depth_m / 1000.0))
+        FrameGuard(5.0).doubt_units(suspect)
         assert not caplog.records
 
 

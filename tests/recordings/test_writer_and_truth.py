@@ -195,6 +195,36 @@ def test_partial_truth(tmp_path: Path) -> None:
     assert POSITION in states_only
 
 
+@pytest.mark.parametrize("own_time", [False, True])
+@pytest.mark.parametrize("has_poses", [False, True])
+def test_truth_of_frames_whose_stamps_repeat(
+    tmp_path: Path, own_time: bool, has_poses: bool
+) -> None:
+    """A camera that stamps frame 2 as frame 1; the truth knows better, or does not."""
+    write(tmp_path / "seq")
+    expected = read_truth(tmp_path / "seq")
+    assert expected is not None
+    cameras = tmp_path / "seq" / "scene_camera.json"
+    content = json.loads(cameras.read_text())
+    content["2"]["timestamp_s"] = content["1"]["timestamp_s"]
+    cameras.write_text(json.dumps(content))
+    file = tmp_path / "seq" / "truth.csv"
+    rows = file.read_text().splitlines()
+    if not own_time:
+        rows[3] = ",".join([rows[2].split(",")[0], *rows[3].split(",")[1:]])
+    file.write_text("\n".join(rows))
+    if not has_poses:
+        (tmp_path / "seq" / "scene_gt.json").unlink()
+    truth = read_truth(tmp_path / "seq")
+    assert truth is not None
+    assert len(read_bop(tmp_path / "seq")) == 3
+    kept = [0, 1, 3] if has_poses or not own_time else [0, 1, 2, 3]
+    np.testing.assert_allclose(truth.time_s, expected.time_s[kept])
+    np.testing.assert_array_equal(truth[POSITION], expected[POSITION][kept])
+    if has_poses:
+        np.testing.assert_array_equal(truth.T_cam_target, expected.T_cam_target[kept])
+
+
 @pytest.mark.parametrize(
     ("line", "column", "value", "words"),
     [

@@ -157,6 +157,8 @@ class Tracker(Estimator):
             return self._shown_again(frame, observer)
         if self._track is None:
             estimate, view = self._acquire(frame, observer)
+            # What can be no matter of units ended above.
+            self._guard.doubt_units(frame)
         else:
             estimate, view = self._follow(frame, observer, self._track)
         self._remember(estimate)

@@ -1,6 +1,5 @@
 """Reading a mesh file of any common format."""
 
-import logging
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ from pcnav.target.mesh_files.formats import mesh_format, stated_faces
 from pcnav.target.mesh_files.gltf import buffer_files, check_gltf
 from pcnav.target.mesh_files.units import declared_scale, unit_doubt
 
-_LOG = logging.getLogger("pcnav")
 _MAX_COORDINATE_M = 1e6
 _MAX_TRIANGLES = 10_000_000
 _MAX_UNPACKED = 4_000_000_000
@@ -48,6 +46,13 @@ class MeshFile:
             unit.plural for unit in LengthUnit if np.isclose(unit.metres, self.metres_per_unit)
         ]
         return f"{named[0] if named else f'{self.metres_per_unit:g} m'}, {self.unit_from}"
+
+    @property
+    def unit_doubt(self) -> str | None:
+        """A question, where no unit is stated and the size is one that hardly any target has."""
+        if self.stated_unit is not None:
+            return None
+        return unit_doubt(self.diameter_m, self.metres_per_unit)
 
     @property
     def diameter_m(self) -> float:
@@ -93,11 +98,7 @@ def read_mesh_file(path: Path, unit: LengthUnit | None = None) -> MeshFile:
     mesh = cleaned(vertices, faces)
     if len(mesh.faces) == 0:
         raise InputError(path, "faces", "expected faces with an area, found only degenerate ones")
-    found = MeshFile(mesh, scales[0], source, unit)
-    doubt = unit_doubt(found.diameter_m, found.metres_per_unit)
-    if doubt is not None and unit is None:
-        _LOG.warning("%s: the mesh is %s", path, doubt)
-    return found
+    return MeshFile(mesh, scales[0], source, unit)
 
 
 def companion_files(path: Path) -> tuple[Path, ...]:

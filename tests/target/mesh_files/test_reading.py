@@ -216,18 +216,16 @@ def test_a_hollow_of_a_body_stays_hollow(tmp_path):
     assert mesh.volume == pytest.approx(8 - 1)
 
 
-def test_sizes_that_no_target_has_are_asked_about(tmp_path, clean, caplog):
-    as_file(tmp_path, "plain.stl", clean)
-    read_mesh(tmp_path / "plain.stl")
-    assert not caplog.records
+def test_sizes_that_no_target_has_are_asked_about(tmp_path, clean):
+    plain = read_mesh_file(as_file(tmp_path, "plain.stl", clean))
+    assert plain.unit_doubt is None
     clean.apply_scale(1000.0)
     path = as_file(tmp_path, "large.stl", clean)
-    read_mesh(path)
-    (record,) = caplog.records
-    assert "5.46 km across: is the mesh in millimetres (--mesh-unit mm)?" in record.getMessage()
-    caplog.clear()
-    assert read_mesh(path, LengthUnit.MILLIMETRE).extents.max() < 5.0
-    assert not caplog.records
+    doubt = read_mesh_file(path).unit_doubt
+    assert doubt == "5.46 km across: is the mesh in millimetres (--mesh-unit mm)?"
+    stated = read_mesh_file(path, LengthUnit.MILLIMETRE)
+    assert stated.mesh.extents.max() < 5.0
+    assert stated.unit_doubt is None
 
 
 def header_of(path, change):
