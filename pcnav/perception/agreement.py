@@ -23,6 +23,13 @@ target's."""
 _IN_FRONT = 0.25
 """Weight of a pixel hidden by what cannot be the target: it may as well stand before it as the view
 be sunk into it."""
+_EXCUSED = 0.25
+"""Weight, against the target's being there at all, of what it may be hidden by, and of a return
+that is missing: surfaces that are dark or slanted do not return."""
+_CLAIMED = 0.1
+"""A small part of which a view explains this share is the target's or nothing is."""
+_MAX_UNTOLD = 0.02
+"""So few conflicts, over what agrees, are not worth sorting."""
 _MAX_HIDDEN = 3
 """With more than so many times as many pixels hidden as agree, a view is not seen."""
 
@@ -41,6 +48,15 @@ class Agreement:
     seen_through: int = 0
     """Of the conflicts, what no other return makes good: something farther, or space, where a
     surface is predicted."""
+    contradictions: int | None = None
+    """Of the conflicts, in terms of pixels, those that false and lost returns, ragged rims and what
+    stands before the target do not explain: whole patches of something else. None where they were
+    not told apart."""
+
+    @property
+    def against(self) -> int:
+        """Pixels that say that it is not the target that is seen."""
+        return self.conflict if self.contradictions is None else self.contradictions
 
     @property
     def inlier_ratio(self) -> float:
@@ -89,8 +105,17 @@ def agreement(
     agree = int(np.count_nonzero(surface & seen_here & close))
     gaps = surface & ~seen_here
     empty = int(np.count_nonzero(gaps & _sparse(seen_here))) if gaps.any() else 0
-    hidden = int(np.count_nonzero(surface & seen_here & (seen <= predicted - tolerance_m)))
-    return Agreement(agree, int(np.count_nonzero(returned)) - agree + empty, hidden, empty)
+    nearer = surface & seen_here & (seen <= predicted - tolerance_m)
+    hidden = int(np.count_nonzero(nearer))
+    conflict = int(np.count_nonzero(returned)) - agree + empty
+    against = conflict
+    if conflict > _MAX_UNTOLD * agree:
+        strange = returned.copy()
+        strange[part] &= ~(surface & close)
+        patches = _in_patches(strange)
+        excused = int(np.count_nonzero(patches[part] & nearer)) + empty
+        against = int(np.count_nonzero(patches)) + empty - round((1.0 - _EXCUSED) * excused)
+    return Agreement(agree, conflict, hidden, empty, against)
 
 
 def judged(
@@ -130,7 +155,8 @@ def _among_others(
     # Lone returns are false ones.
     joined = surroundings.labels[part] > 0
     farther = int(np.count_nonzero(past & joined & (seen > predicted)))
-    through = farther + round(space_share * np.count_nonzero(past & ~returned))
+    missing = round(space_share * np.count_nonzero(past & ~returned))
+    through = farther + missing
     candidates = surroundings.candidates_where(agrees, part)
     nearer = past & returned & (seen < predicted)
     foreign = int(np.count_nonzero(nearer & ~candidates[part]))
@@ -139,7 +165,13 @@ def _among_others(
     going_on = round(agree * continued_share(depth_m, rendered, agrees, tolerance_m, space_share))
     hidden += round(_IN_FRONT * foreign)
     conflict = through + hidden + int(np.count_nonzero(beside)) + going_on
-    return Agreement(agree - going_on, conflict, hidden, through)
+    # Other small things may lie beside the target; of one thing it is not a part.
+    parts = surroundings.labels
+    sizes = np.maximum(surroundings.sizes, 1)
+    own = np.bincount(parts[part][agrees], minlength=len(sizes)) > _CLAIMED * sizes
+    rest = int(np.count_nonzero(_in_patches(beside & own[parts[about]])))
+    against = farther + rest + going_on + round(_EXCUSED * (missing + hidden))
+    return Agreement(agree - going_on, conflict, hidden, through, against)
 
 
 def _neighbourhood(rendered: RenderedDepth, diameter_m: float) -> tuple[slice, slice]:
@@ -169,3 +201,18 @@ def _sparse(mask: BoolArray) -> BoolArray:
     """Pixels with few of a kind about them."""
     about = ndimage.uniform_filter(mask.astype(np.float32), _ABOUT_PX, mode="constant")
     return np.asarray(about < _EMPTY_SHARE)
+
+
+def _in_patches(mask: BoolArray) -> BoolArray:
+    """The pixels of a mask (height, width) that lie in squares of three by three of it."""
+    whole = np.zeros_like(mask)
+    if min(mask.shape) < 3:
+        return whole
+    rows = mask[:-2] & mask[1:-1] & mask[2:]
+    middles = rows[:, :-2] & rows[:, 1:-1] & rows[:, 2:]
+    wide = np.zeros((middles.shape[0], mask.shape[1]), dtype=np.bool_)
+    for shift in range(3):
+        wide[:, shift : shift + middles.shape[1]] |= middles
+    for shift in range(3):
+        whole[shift : shift + middles.shape[0]] |= wide
+    return whole

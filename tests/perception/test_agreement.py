@@ -249,3 +249,32 @@ def test_surroundings_are_asked_for_where_a_view_leaves_some_of_a_frame_unexplai
     # A frame that has no surroundings is judged as it is.
     found, surroundings = judged(frame, view(), 1e-9, lambda: None)
     assert (found.conflict, surroundings) == (9, None)
+
+
+def test_contradictions_are_patches_of_something_else_and_no_scattered_returns() -> None:
+    rng = np.random.default_rng(3)
+    frame = image()
+    frame[PART] = 5.0
+    scattered = frame.copy()
+    rows, columns = np.nonzero(frame)
+    half = rng.permutation(len(rows))[: len(rows) // 3]
+    scattered[rows[half], columns[half]] = rng.uniform(3.0, 8.0, len(half))
+    found = agreement(scattered, view(), TOLERANCE)
+    assert found.conflict > 25
+    assert found.against < 0.5 * found.conflict
+    # As many in one piece are another surface.
+    patch = frame.copy()
+    patch[3:6, 3:13] = 7.0
+    found = agreement(patch, view(), TOLERANCE)
+    assert (found.agree, found.conflict, found.against) == (70, 30, 30)
+    # What is nearer, or does not return, may have reasons.
+    patch[3:6, 3:13] = 4.0
+    assert agreement(patch, view(), TOLERANCE).against == 8
+    patch[3:6, 3:13] = 0.0
+    assert agreement(patch, view(), TOLERANCE).against <= 8
+
+
+def test_what_goes_on_from_the_target_contradicts_it() -> None:
+    frame = before_wall()
+    frame[3:13, 13:16] = 5.0
+    assert among(frame).against >= 30

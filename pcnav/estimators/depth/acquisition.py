@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 
 from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
-from pcnav.estimators.depth.first_pose import fit_first_pose
+from pcnav.estimators.depth.first_pose import STATED_ODDS, fit_first_pose
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measured_again import Observed, is_outdated, measured_again
+from pcnav.estimators.depth.measuring import predicted_pose
 from pcnav.estimators.depth.motion_hypotheses import (
     MAX_OBSERVATIONS,
     MIN_FRAMES,
@@ -34,7 +35,9 @@ from pcnav.estimators.depth.single_frame import (
     best_first,
     compared_poses,
     search,
+    with_rivals,
 )
+from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds
 from pcnav.estimators.depth.views import (
     FrameView,
     silent_view,
@@ -77,6 +80,8 @@ class Initialised:
     view: FrameView
     start: tuple[Observed, ...]
     """The frames that it was begun with."""
+    odds: float
+    """Logarithm of the odds that it is the target that is followed."""
 
 
 class Acquisition:
@@ -125,11 +130,12 @@ class Acquisition:
             decision = Decision(best, undecided=False)
         if decision is None:
             return waiting
-        track = self._initialise(decision)
+        track = self._initialise(decision, 0.0 if told is None else STATED_ODDS)
         if track is None:
             self._start = MotionHypotheses(self._target)
             return waiting
-        return track
+        # What is still doubtful of what a few frames show, more may settle.
+        return waiting if track.odds < CLEAR_LEAD else track
 
     def _told(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView] | None:
         """The first frame about where the target is said to be; None where that is no help."""
@@ -163,7 +169,7 @@ class Acquisition:
             usual = max(observation.pose.inlier_ratio for observation in best.observations)
             enough = max(_HIGH_INLIER_RATIO, usual - _MAX_DROP)
             if followed and followed[0].inlier_ratio >= enough:
-                return followed, silent_view(frame)
+                return with_rivals(followed, frame, self._reader), silent_view(frame)
         perceived = self._reader.look(frame)
         if not self._units_checked:
             self._units_checked = self._reader.check_units(perceived)
@@ -172,7 +178,7 @@ class Acquisition:
             self.report = report
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
-    def _initialise(self, decision: Decision) -> Initialised | None:
+    def _initialise(self, decision: Decision, prior_odds: float) -> Initialised | None:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
         motion, belief = decision.motion, self._belief
         n = self._model.mean_motion_rad_s
@@ -205,7 +211,29 @@ class Acquisition:
         setup = MotionSetup(self._model, self._filtering, self._target.diameter_m)
         followed = FollowedMotion(setup, belief, free, begin, measured)
         start = tuple(zip(views, observers, strict=True))
-        return Initialised(followed, decision.undecided, views[-1], start)
+        odds = prior_odds + motion.odds
+        if self._refined:
+            odds += self._odds_gained(followed, motion, frames[-1], observers[-1])
+        return Initialised(followed, decision.undecided, views[-1], start, odds)
+
+    def _odds_gained(
+        self,
+        followed: FollowedMotion,
+        motion: MotionHypothesis,
+        frame: Frame,
+        observer: ObserverPose,
+    ) -> float:
+        """By the pose that the filter begins with, over the one fitted to its last frame alone.
+
+        A free motion that is bent to frames of another one is given up for any motion.
+        """
+        single = frame_odds(motion.observations[-1].pose.agreement)
+        comparison = self._reader.compare(frame, *predicted_pose(followed.kalman, observer))
+        gained = frame_odds(comparison.agreement) - single
+        if motion.odds + gained < CLEAR_LEAD and followed.is_torque_free and followed.kinematic:
+            followed.go_over()
+            return self._odds_gained(followed, motion, frame, observer)
+        return min(gained, 0.0)
 
     def _compared(
         self, motion: MotionHypothesis, frames: list[Frame], observers: list[ObserverPose]

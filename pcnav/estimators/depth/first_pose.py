@@ -7,17 +7,17 @@ import numpy as np
 
 from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
-from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD, NATS_PER_CONFLICT
 from pcnav.estimators.depth.pose_fit import SingleFramePose, fit_pose
 from pcnav.estimators.depth.pose_measurement import pose_error
 from pcnav.estimators.depth.single_frame import refined_hypotheses, refitted
+from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds, lead
 from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import FirstPosePrior
 
-_MIN_INLIER_RATIO = 0.5
-"""Of the frame about the pose, for it to be begun from."""
+STATED_ODDS = CLEAR_LEAD
+"""Logarithm of the odds that the statement itself gives."""
 _MIN_SD_FRACTION, _MIN_SD_RAD = 0.01, 0.02
 """What a comparison may be off by at first, over the diameter and in rad: more than any frame, so
 that the frame decides however sharp the statement."""
@@ -49,7 +49,7 @@ def fit_first_pose(
     if pose is None:
         return FirstPoseFit(None, "nothing of the target is seen from there")
     ratio = pose.agreement.visible_ratio
-    if not ratio >= _MIN_INLIER_RATIO:
+    if np.isnan(ratio) or STATED_ODDS + frame_odds(pose.agreement) < 0.0:
         return FirstPoseFit(None, f"it explains {ratio:.0%} of the frame")
     error = pose_error(stated.T_cam_model, pose.T_cam_model)
     spread = np.diag(_deviations(stated, 0.0, 0.0) ** 2) + pose.covariance
@@ -94,8 +94,8 @@ def _lead(
     """Log-likelihood of a pose over the best other one; inf where there is none."""
     frame = perceived.frame
     others = [
-        other.agreement.support
+        other.agreement
         for other in found
         if reader.moved_px(pose.T_cam_model, other.T_cam_model, frame) > _SAME_PX
     ]
-    return NATS_PER_CONFLICT * (pose.agreement.support - max(others, default=-np.inf))
+    return lead(pose.agreement, others)

@@ -10,9 +10,9 @@ from enum import Enum, auto
 
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.evidence import Evidence
-from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD, NATS_PER_CONFLICT
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.single_frame import refined_hypotheses, refitted
+from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds, lead
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
@@ -23,9 +23,6 @@ _MAX_WAIT_OPEN_FRAMES = 5
 """The same while the question is open: sooner or later a view tells the two apart."""
 _VOTES = 2
 """Checks in a row against a track that end it: one frame may be spoilt by something in the way."""
-_MIN_INLIER_RATIO = 0.5
-"""Of a pose found without the track, to be one: where the target is out of sight, something of
-anything else always fits best."""
 _SAME_ANGLE_RAD = 0.1
 _SAME_SHIFT_FRACTION = 0.05
 """Poses closer than this angle and share of the diameter are one."""
@@ -75,11 +72,11 @@ class LockMonitor:
         self._since_check = 0
         # What confirms a doubtful track once will do so in the next frame: doubt has other reasons.
         self._wait = min(2 * self._wait, _MAX_WAIT_FRAMES)
-        lead = self.lead_of(perceived, found, T_cam_model)
-        self._votes = self._votes + 1 if lead < -CLEAR_LEAD else 0
+        led_by = self.lead_of(perceived, found, T_cam_model)
+        self._votes = self._votes + 1 if led_by < -CLEAR_LEAD else 0
         if self._votes >= _VOTES:
             return LockCheck.REJECTED
-        self._lead += lead
+        self._lead += led_by
         if self._votes or self._lead <= CLEAR_LEAD:
             self._wait = min(self._wait, _MAX_WAIT_OPEN_FRAMES)
             return LockCheck.OPEN
@@ -89,12 +86,15 @@ class LockMonitor:
     def lead_of(
         self, perceived: PerceivedFrame, found: Sequence[SingleFramePose], T_cam_model: FloatArray
     ) -> float:
-        """Log-likelihood of the pose tracked over the best other one; inf where there is none."""
+        """Log-likelihood of the pose tracked over the best other one; inf where there is none.
+
+        Where the target is out of sight, something of anything else always fits best: a pose that
+        the frame contradicts is none.
+        """
         others = [
             pose
             for pose in found
-            if pose.inlier_ratio >= _MIN_INLIER_RATIO
-            and not self._same(pose.T_cam_model, T_cam_model)
+            if frame_odds(pose.agreement) > 0.0 and not self._same(pose.T_cam_model, T_cam_model)
         ]
         if not others:
             return float("inf")
@@ -104,9 +104,7 @@ class LockMonitor:
             tracked = stayed[0].agreement
         else:
             tracked = self._reader.score(perceived.frame, T_cam_model)
-        return NATS_PER_CONFLICT * (
-            tracked.support - max(pose.agreement.support for pose in others)
-        )
+        return lead(tracked, [pose.agreement for pose in others])
 
     def _same(self, a: FloatArray, b: FloatArray) -> bool:
         return self._target.shows_alike(a, b, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)

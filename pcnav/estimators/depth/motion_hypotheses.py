@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from pcnav.dynamics.state import (
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import twist_between
+from pcnav.estimators.depth.target_odds import CLEAR_LEAD, NATS_PER_CONFLICT, odds_over
 from pcnav.target.satellite import Target
 
 _MAX_STEP_RAD = 0.5
@@ -30,15 +32,8 @@ MIN_FRAMES = 3
 """With the target in them, that a motion takes."""
 MAX_OBSERVATIONS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
-_MIN_INLIER_RATIO = 0.5
-"""Mean over its frames, for a motion to be accepted."""
 _MAX_LAG = 0.1
 """An observation whose inlier ratio is so much below that of another of its motion is dropped."""
-NATS_PER_CONFLICT = 0.25
-"""Log-likelihood that a pixel against a motion costs it. A stray return costs about 4, the log of
-outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
-CLEAR_LEAD = 9.0
-"""Lead in log-likelihood of the best motion over any other that decides: 8,000 to one."""
 _MAX_MOTIONS = 24
 _POSITION_SD_M = 1.0
 _VELOCITY_SD_M_S = 1.0
@@ -82,6 +77,11 @@ class MotionHypothesis:
     def inlier_ratio(self) -> float:
         """Mean over the frames."""
         return float(np.mean([observation.pose.inlier_ratio for observation in self.observations]))
+
+    @cached_property
+    def odds(self) -> float:
+        """Logarithm of the odds for the target against anything else that moves so."""
+        return odds_over((s.T_cam_model, s.pose.agreement) for s in self.observations)
 
     def log_weight(self, frames: int) -> float:
         """Log-likelihood of the last frames, up to a constant that depends on the frames alone."""
@@ -141,8 +141,10 @@ class MotionHypotheses:
     ) -> Decision | None:
         """Take in the hypotheses of a frame; a decision as soon as one can be made.
 
-        After ten frames the best motion is taken even if another one is as good, and called
-        undecided. A motion that the target's symmetry maps onto the best one is no other.
+        A motion is decided on when the odds are clear that it is the target's, and no other one
+        explains the frames nearly as well. After ten frames the best motion is taken even if
+        another one is as good, and called undecided. A motion that the target's symmetry maps onto
+        the best one is no other.
         """
         observations = [
             PoseObservation(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses
@@ -158,7 +160,7 @@ class MotionHypotheses:
             for observation in observations
             if id(observation) not in claimed
         ]
-        best_first = sorted([*grown, *new], key=lambda motion: -motion.inlier_ratio)
+        best_first = sorted([*grown, *new], key=lambda motion: -motion.odds)
         self._motions = tuple(best_first[:_MAX_MOTIONS])
         return self._decide()
 
@@ -171,7 +173,7 @@ class MotionHypotheses:
 
     @property
     def best(self) -> MotionHypothesis | None:
-        """The motion that explains most so far."""
+        """The motion for which most speaks so far."""
         return self._motions[0] if self._motions else None
 
     def _extended(
@@ -195,10 +197,10 @@ class MotionHypotheses:
 
     def _decide(self) -> Decision | None:
         ripe = [motion for motion in self._motions if len(motion.observations) >= MIN_FRAMES]
-        if not ripe or ripe[0].inlier_ratio < _MIN_INLIER_RATIO:
+        if not ripe or ripe[0].odds < CLEAR_LEAD:
             return None
         best = ripe[0]
-        rivals = [m for m in ripe[1:] if _rivals(best, m)]
+        rivals = [m for m in self._motions if m is not best and _rivals(best, m)]
         undecided = [m for m in rivals if not self._symmetric(best, m)]
         if undecided and len(best.observations) < MAX_OBSERVATIONS:
             return None
@@ -221,8 +223,9 @@ def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, 
 
 
 def _rivals(best: MotionHypothesis, other: MotionHypothesis) -> bool:
-    """Whether another motion is not much less likely, over the frames that both have."""
-    if other.observations[-1] is best.observations[-1]:
+    """Whether another motion, which may be the target's, is not much less likely, over the frames
+    that both have."""
+    if other.observations[-1] is best.observations[-1] or other.odds <= 0.0:
         return False
     frames = min(len(best.observations), len(other.observations))
     return best.log_weight(frames) - other.log_weight(frames) < CLEAR_LEAD

@@ -16,7 +16,6 @@ from pcnav.estimators.depth.measuring import (
     Updated,
     predicted_pose,
 )
-from pcnav.estimators.depth.motion_hypotheses import CLEAR_LEAD
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
@@ -24,12 +23,11 @@ from pcnav.estimators.depth.pose_measurement import (
     moved_pose,
     pose_error,
 )
+from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds
 from pcnav.filtering.error_state import Snapshot, innovation_gate
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.sequence import Frame
 
-_MIN_INLIER_RATIO = 0.5
-"""Of a pose found without the track, or off the prediction, for it to be accepted."""
 _USUAL_SHARE, _WELL_SHARE = 0.8, 0.95
 """A frame of which a smaller share than this of the usual is explained is not explained as it
 should be; and below the second there may be a better pose."""
@@ -50,13 +48,13 @@ class Recovery:
     def is_as_usual(self, updated: Updated, share: float = _USUAL_SHARE) -> bool:
         """Whether an update explains its frame about as well as the frames before: so large a
         share of what was usual."""
-        result, floor = updated.result, _MIN_INLIER_RATIO
+        result, comparison = updated.result, updated.view.comparison
         if result is None or not updated.is_good or self.evidence.is_strained(result):
             return False
-        usual = self.evidence.usual_inlier_ratio
-        if np.isfinite(usual):
-            floor = max(floor, share * usual)
-        return not updated.explained < floor
+        if comparison is not None and frame_odds(comparison.agreement) < 0.0:
+            return False
+        # Of the first frames nothing is usual yet.
+        return not updated.explained < share * self.evidence.usual_inlier_ratio
 
     def overruled(self, motion: FollowedMotion, updated: Updated) -> Updated:
         """The update of a kinematic filter in force, or a better one about where a jolt may have
@@ -142,7 +140,7 @@ class Recovery:
             error = pose_error(predicted, pose.T_cam_model)
             squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
             gate = innovation_gate(self.gate_probability, len(error))
-            if pose.inlier_ratio >= _MIN_INLIER_RATIO and squared < gate:
+            if frame_odds(pose.agreement) > 0.0 and squared < gate:
                 allowed.append((squared, pose))
         if not allowed:
             return None

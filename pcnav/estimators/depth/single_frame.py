@@ -24,6 +24,7 @@ from pcnav.estimators.depth.pose_fit import (
     consistent,
     fit_pose,
 )
+from pcnav.estimators.depth.target_odds import frame_odds
 from pcnav.filtering.error_state import ErrorStateFilter, innovation_gate
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.association import MeasuredFace
@@ -36,8 +37,6 @@ from pcnav.recordings.sequence import Frame
 _MAX_HYPOTHESES = 4
 _MAX_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
-_MIN_INLIER_RATIO = 0.5
-"""Of a pose, for it to be accepted."""
 _SETTLED_INLIER_RATIO = 0.9
 """Of the best pose that rectangles lead to, for nothing else to be tried."""
 _MAX_VIEW_HYPOTHESES = 6
@@ -72,7 +71,7 @@ def single_frame_pose(frame: Frame, reader: FrameReader) -> SingleFramePose | No
     frame is taken.
     """
     candidates = refined_hypotheses(reader.look(frame), reader)
-    return candidates[0] if candidates and candidates[0].inlier_ratio >= _MIN_INLIER_RATIO else None
+    return candidates[0] if candidates and frame_odds(candidates[0].agreement) > 0.0 else None
 
 
 def refined_hypotheses(
@@ -101,10 +100,7 @@ def search(
     if reader.measured_by is Measurements.RECTANGLES:
         return found, reader.report(frame, found[0].inlier_ratio if found else np.nan)
     if found and found[0].inlier_ratio >= _SETTLED_INLIER_RATIO:
-        rivals = reader.rivals(frame, [pose.T_cam_model for pose in found])
-        found = best_first(
-            [*found, *_others(found, compared_poses(rivals, frame, reader), frame, reader)]
-        )
+        found = with_rivals(found, frame, reader)
         return found, reader.report(frame, found[0].inlier_ratio)
     seen, report = reader.view_hypotheses(frame)
     new: list[SingleFramePose] = []
@@ -116,9 +112,20 @@ def search(
         for pose in _others([*found, *new], fits, frame, reader):
             judged = reader.judged(frame, pose.T_cam_model, region.sigma_m)
             new.append(replace(pose, agreement=judged))
-    if reader.shows_target_alone(frame):
-        return best_first([*found, *new]), report
-    return _weightiest([*found, *new]), report
+    best = best_first if reader.shows_target_alone(frame) else _weightiest
+    return with_rivals(best([*found, *new]), frame, reader), report
+
+
+def with_rivals(
+    found: tuple[SingleFramePose, ...], frame: Frame, reader: FrameReader
+) -> tuple[SingleFramePose, ...]:
+    """Poses found in a frame, the best first, and behind them what the target's shape makes most
+    like the best, whether anything proposes it or not."""
+    if not found:
+        return found
+    rivals = reader.rivals(frame, [pose.T_cam_model for pose in found])
+    new = _others(found, compared_poses(rivals, frame, reader), frame, reader)
+    return best_first([*found, *new]) if reader.shows_target_alone(frame) else (*found, *new)
 
 
 def _others(
@@ -155,8 +162,8 @@ def _likely(hypotheses: Sequence[PoseHypothesis]) -> list[PoseHypothesis]:
 
 
 def best_first(poses: Iterable[SingleFramePose]) -> tuple[SingleFramePose, ...]:
-    """The best explaining first."""
-    return tuple(sorted(poses, key=lambda pose: -pose.inlier_ratio))
+    """The likeliest first, among poses of one frame."""
+    return tuple(sorted(poses, key=lambda pose: -pose.agreement.support))
 
 
 def refitted(

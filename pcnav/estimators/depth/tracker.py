@@ -32,6 +32,7 @@ from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_measurement import ObserverPose, twist_between
 from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.repeats import Repeats
+from pcnav.estimators.depth.target_odds import TrackOdds
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult
@@ -54,6 +55,8 @@ _log = logging.getLogger("pcnav")
 
 _MAX_BLIND_FRAMES = 10
 """Frames with returns but without an accepted measurement before the track is given up."""
+_MAX_REFUTED_FRAMES = 10
+"""Frames on which it is clearly something else that is followed, before that is given up."""
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
 _MAX_SHIFT_SD_FRACTION, _MAX_TURN_SD_RAD = 0.05, 0.087
@@ -73,14 +76,18 @@ class _Track:
     """Whether the target's own symmetry leaves equivalent attitudes."""
     open_question: bool
     """Whether another motion, no equivalent one, explains the frames as well."""
+    odds: TrackOdds
     blind_frames: int = 0
+    refuted_frames: int = 0
     was_wrong: bool = False
 
     @property
     def status(self) -> Status:
-        """What it is worth after a frame that was used."""
-        ambiguous = self.symmetric or self.open_question
-        return Status.AMBIGUOUS if ambiguous else Status.LOCKED
+        """What it is worth after a frame that was used: while there is doubt that it is the target,
+        or that it is so turned, it is followed and not claimed."""
+        if self.open_question or not self.odds.is_clear:
+            return Status.COASTING
+        return Status.AMBIGUOUS if self.symmetric else Status.LOCKED
 
 
 class Tracker(Estimator):
@@ -241,6 +248,7 @@ class Tracker(Estimator):
             RecentFrames(self._reader, outcome.start),
             symmetric=len(self._target.symmetry_transforms) > 1,
             open_question=outcome.undecided,
+            odds=TrackOdds(outcome.odds),
         )
         self._track, self._has_tracked = track, True
         return self._estimate(outcome.view, None, track.status, observer), outcome.view
@@ -290,6 +298,9 @@ class Tracker(Estimator):
     ) -> Status:
         """Take in what a good update says of the track, and say what it is worth now."""
         self._take_in(frame, track, updated)
+        if track.refuted_frames > _MAX_REFUTED_FRAMES:
+            track.was_wrong = True
+            return Status.LOST
         monitor = track.lock_monitor
         if monitor.is_due(track.evidence, is_open=track.open_question):
             perceived, found = monitor.detect(frame)
@@ -343,6 +354,10 @@ class Tracker(Estimator):
         assert updated.result is not None, "the update was good"
         track.blind_frames = 0
         track.evidence.add(updated.view.inlier_ratio, updated.result)
+        comparison = updated.view.comparison
+        if comparison is not None:
+            track.odds.add(comparison.T_cam_model, comparison.agreement)
+        track.refuted_frames = track.refuted_frames + 1 if track.odds.is_refuted else 0
         why = track.motion.take_in(updated.view.measurements, updated.result.accepted)
         if why is not None:
             self._log_motion(frame, track, why)

@@ -1,0 +1,98 @@
+"""Whether what is seen is the target at all: the one judge of every pose that is to be claimed.
+
+That a pose explains more of its frames than others do says where the target is if it is there. It
+need not be: walls, cushions and other boxes hold poses, too, fitted as well as they allow. So a
+claim takes odds for the target at a pose against something else of about its size and place: where
+frame and view agree, or contradict each other in whole patches, both explain that, by chances of
+their own. Of one view of one thing all frames say the same; only new sides of it are new evidence.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import rotation_angle
+from pcnav.perception.agreement import Agreement
+
+CLEAR_LEAD = 9.0
+"""Lead in log-likelihood that decides: 8,000 to one."""
+NATS_PER_CONFLICT = 0.25
+"""Log-likelihood that a pixel against a pose costs it. A stray return costs about 4, the log of
+outliers' density over the noise's; neighbours err together, so a patch of 4 x 4 counts as one."""
+_PATCH_PIXELS = 16
+_MAX_PATCHES = 64.0
+"""However many pixels a target covers, its shape has no more parts that differ: 8 x 8 of them."""
+_CHANCE = 0.75
+"""Share of a view that something else agrees with, once the pose has been fitted to that."""
+_CONTRADICTED = 0.05
+"""Share of the target's own view that may be contradicted: a mesh is not quite the target."""
+_AGAIN = 0.25
+"""What a frame that shows the same view as the one before counts, over a first one ..."""
+_NEW_VIEW_RAD = 0.15
+"""... and the turn of the target in the camera that makes it count as much more."""
+_FOR = float(np.log((1.0 - _CONTRADICTED) / _CHANCE))
+_AGAINST = float(np.log((1.0 - _CHANCE) / _CONTRADICTED))
+
+
+def frame_odds(agreement: Agreement) -> float:
+    """Logarithm of the odds for the target that one frame gives, 0 where it is silent."""
+    pixels = agreement.agree + agreement.against
+    if pixels <= 0:
+        return 0.0
+    share = agreement.agree / pixels
+    patches = min(pixels / _PATCH_PIXELS, _MAX_PATCHES)
+    return patches * (share * _FOR - (1.0 - share) * _AGAINST)
+
+
+def novelty(before: FloatArray | None, T_cam_model: FloatArray) -> float:
+    """What a frame counts, 0 to 1, after one that showed the target at a pose (4, 4); None for
+    none."""
+    if before is None:
+        return 1.0
+    turn = float(rotation_angle(before[:3, :3].T @ T_cam_model[:3, :3]))
+    return min(_AGAIN + turn / _NEW_VIEW_RAD, 1.0)
+
+
+def odds_over(frames: Iterable[tuple[FloatArray, Agreement]]) -> float:
+    """The same of frames in order of time, each with its pose (4, 4)."""
+    total, before = 0.0, None
+    for T_cam_model, agreement in frames:
+        total += novelty(before, T_cam_model) * frame_odds(agreement)
+        before = T_cam_model
+    return total
+
+
+def lead(a: Agreement, others: Sequence[Agreement]) -> float:
+    """Log-likelihood of a pose over the best other pose in one frame; inf where there is none."""
+    return NATS_PER_CONFLICT * (a.support - max((o.support for o in others), default=-np.inf))
+
+
+class TrackOdds:
+    """The odds for the target along a track."""
+
+    def __init__(self, odds: float) -> None:
+        """``odds`` with which it begins."""
+        self._odds, self._last = _bounded(odds), 0.0
+        self._before: FloatArray | None = None
+
+    def add(self, T_cam_model: FloatArray, agreement: Agreement) -> None:
+        """Take in a frame that was explained so at a pose (4, 4)."""
+        self._last = frame_odds(agreement)
+        self._odds = _bounded(self._odds + novelty(self._before, T_cam_model) * self._last)
+        self._before = T_cam_model
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is the target beyond doubt, and the last frame does not contradict that."""
+        return self._odds > CLEAR_LEAD and self._last >= 0.0
+
+    @property
+    def is_refuted(self) -> bool:
+        """Whether it is something else beyond doubt."""
+        return self._odds < -CLEAR_LEAD
+
+
+def _bounded(odds: float) -> float:
+    # What was sure once may turn out wrong, and be found again.
+    return float(np.clip(odds, -2.0 * CLEAR_LEAD, 2.0 * CLEAR_LEAD))
