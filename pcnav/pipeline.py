@@ -49,7 +49,6 @@ from pcnav.runs.result_files import (
 from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target, load_target
-from pcnav.target.symmetry import group_name
 
 _LOG = logging.getLogger("pcnav")
 
@@ -198,7 +197,7 @@ def run(
             run=found,
             metrics=metrics,
             target=None if inputs.target is None else inputs.target.name,
-            symmetry="C1" if symmetries is None else group_name(symmetries),
+            symmetry="C1" if inputs.target is None else inputs.target.symmetry_name,
             gain=gain,
             observability=tables_of_run(found, inputs.recording, inputs.target),
             configuration=inputs.as_run.stated(of_a_run=True),

@@ -18,19 +18,7 @@ def distinct(poses: FloatArray, order: IntArray, target: Target, most: int) -> l
         if len(kept) == most:
             break
         # One pose is another if what takes it there is nearly a symmetry.
-        between = inverse[kept] @ poses[k] if kept else np.empty((0, 4, 4))
-        if not _nearly_symmetric(between, target):
+        between = inverse[kept] @ poses[k]
+        if not target.leave_no_trace(between, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION).any():
             kept.append(k)
     return kept
-
-
-def _nearly_symmetric(motions: FloatArray, target: Target) -> bool:
-    group = target.symmetry_transforms
-    cosine = np.einsum("kij,gij->kg", motions[:, :3, :3], group[:, :3, :3])
-    turned = 0.5 * (cosine - 1.0) > np.cos(_SAME_ANGLE_RAD)
-    # What a motion does to the middle of the target, not to a far-off origin.
-    middle = np.asarray(target.mesh.bounds).mean(axis=0)
-    moved = motions[:, :3, :3] @ middle + motions[:, :3, 3]
-    mapped = group[:, :3, :3] @ middle + group[:, :3, 3]
-    apart = np.linalg.norm(moved[:, None] - mapped[None], axis=2)
-    return bool(np.any(turned & (apart < _SAME_SHIFT_FRACTION * target.diameter_m)))

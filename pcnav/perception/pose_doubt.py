@@ -21,13 +21,17 @@ class PoseDoubt:
     axes)."""
     sigma_m: float
     """Range noise."""
+    without_turns: FloatArray | None = None
+    """(6, 6) projection of its error that takes out turns of which a round target shows no trace:
+    what its facets seem to say of them is that of the mesh, not of the target."""
 
     def by_pose(self, gradient: FloatArray, p_cam: FloatArray) -> FloatArray:
         """(n, 6) derivative by the pose of what changes by gradients (n, 3) where points of the
         target (n, 3) move."""
         R = self.T_cam_model[:3, :3]
         p_model = (p_cam - self.T_cam_model[:3, 3]) @ R
-        return np.hstack([gradient, np.cross(p_model, gradient @ R)])
+        jacobian = np.hstack([gradient, np.cross(p_model, gradient @ R)])
+        return jacobian if self.without_turns is None else jacobian @ self.without_turns
 
     def variance(self, jacobian: FloatArray) -> FloatArray:
         """(n,) variance that the pose's error makes of quantities with derivatives (n, 6) by it."""

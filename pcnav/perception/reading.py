@@ -233,12 +233,7 @@ class FrameReader:
     def nearest_equivalent(self, T_cam_model: FloatArray, near: Sequence[FloatArray]) -> FloatArray:
         """(4, 4) of the poses that show the target alike, the one nearest in attitude to any of
         ``near`` (4, 4 each); the given one when there are none."""
-        equivalent = self._target.equivalent_poses(T_cam_model)
-        if not near or len(equivalent) == 1:
-            return T_cam_model
-        others = np.stack(near)[:, None, :3, :3]
-        turns = rotation_angle(np.swapaxes(others, -1, -2) @ equivalent[:, :3, :3])
-        return np.asarray(equivalent[np.argmin(turns.min(axis=0))])
+        return self._target.equivalent_pose(T_cam_model, near)
 
     def check_units(self, perceived: PerceivedFrame) -> bool:
         """Whether enough was seen to compare sizes; `InputError` when it cannot be the target.

@@ -183,11 +183,17 @@ class RenderComparer:
     def doubt_px(self, T_cam_model: FloatArray, pose_covariance: FloatArray) -> float:
         """How far a point at the target's rim may be from where a pose (4, 4) shows it, pixels."""
         focal = max(self.camera.fx, self.camera.fy) / self._stride
-        doubt_m = self._doubt_m(pose_covariance)
+        doubt_m = self._doubt_m(self._without_turns(T_cam_model), pose_covariance)
         return doubt_m * focal / float(np.linalg.norm(T_cam_model[:3, 3]))
 
-    def _doubt_m(self, pose_covariance: FloatArray) -> float:
+    def _without_turns(self, T_cam_model: FloatArray) -> FloatArray | None:
+        roundness = self._target.roundness
+        return None if roundness is None else roundness.without_turns(T_cam_model[:3, :3])
+
+    def _doubt_m(self, without_turns: FloatArray | None, pose_covariance: FloatArray) -> float:
         """How far a point at the target's rim may be from where a pose has it."""
+        if without_turns is not None:
+            pose_covariance = without_turns @ pose_covariance @ without_turns.T
         shift = float(np.trace(pose_covariance[:3, :3])) / 3.0
         turn = float(np.trace(pose_covariance[3:, 3:])) / 3.0
         return float(np.sqrt(shift + self.lever_m**2 * turn))
@@ -208,10 +214,11 @@ class RenderComparer:
         typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
         # What a face or a frame shares moves its returns off the view as well.
         total_m = float(np.hypot(typical_m, self._noise.shared_sd_m))
-        doubt = PoseDoubt(T_cam_model, pose_covariance, total_m)
+        without_turns = self._without_turns(T_cam_model)
+        doubt = PoseDoubt(T_cam_model, pose_covariance, total_m, without_turns)
         # A crease by less than the pose is doubted does not matter yet; of a curved mesh, whose
         # facets are small, hardly a pixel of a coarse grid would be left.
-        doubted_m = float(np.hypot(typical_m, self._doubt_m(pose_covariance)))
+        doubted_m = float(np.hypot(typical_m, self._doubt_m(without_turns, pose_covariance)))
         pixels = surface_pixels(rendered, doubted_m, self._noise)
         residuals = pixels.residuals(depth_m, rendered, doubt, self._noise, self._face_of_triangle)
         variance = residuals.pose_variance_m2

@@ -1,5 +1,6 @@
 """The target satellite: its mesh, rectangle catalogue, symmetry group and mass properties."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +10,7 @@ import trimesh
 from rich.table import Table
 
 from pcnav.config.length_unit import LengthUnit
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
 from pcnav.dynamics.rigid_body import ratios_from_inertia
@@ -24,9 +25,10 @@ from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
 from pcnav.target.mesh_files.reading import MeshFile, read_mesh_file
+from pcnav.target.roundness import Roundness
 from pcnav.target.self_matches import SelfMatch, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
-from pcnav.target.symmetry import SYMMETRY_TOLERANCE, group_name, half_turns, symmetry_motions
+from pcnav.target.symmetry import Resolution, find_symmetry, half_turns, symmetry_name
 
 __all__ = [
     "Rectangle",
@@ -58,7 +60,8 @@ class Target:
     rectangles: tuple[Rectangle, ...]
     """Largest area first."""
     symmetry_transforms: FloatArray
-    """(n, 4, 4) proper rigid motions of the model frame that map the mesh onto itself; [0] is I."""
+    """(n, 4, 4) proper rigid motions of the model frame that map the mesh onto itself as far as a
+    sensor can tell; [0] is I. Of a round target each may be followed by any turn, too."""
     com_model: FloatArray
     """(3,) nominal mass centre, m."""
     com_sd_m: float
@@ -69,6 +72,8 @@ class Target:
     """Standard deviation of the true ratios about them."""
     mesh_file: MeshFile
     """What the mesh comes from."""
+    roundness: Roundness | None = None
+    """About which axes it can be turned without a trace; None for a target that is not round."""
 
     @property
     def diameter_m(self) -> float:
@@ -92,27 +97,60 @@ class Target:
         nearly as before, that which changes least first: the poses ``T_cam_model @ match.T_model``
         are those a right one is mistaken for, and ``match.differing_share`` of the surface tells
         them apart. Found when first asked for, in a few seconds at most."""
-        found = near_symmetries(self.mesh, SYMMETRY_TOLERANCE * self.diameter_m)
-        identity = np.eye(4)
-        return tuple(
-            match
-            for match in found
-            if not self.shows_alike(identity, match.T_model, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)
-        )
+        found = near_symmetries(self.mesh, Resolution.usual(self.diameter_m).tolerance_m)
+        if not found:
+            return ()
+        motions = np.stack([match.T_model for match in found])
+        alike = self.leave_no_trace(motions, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)
+        return tuple(match for match, same in zip(found, alike, strict=True) if not same)
 
-    def equivalent_poses(self, T_frame_model: FloatArray) -> FloatArray:
-        """(n, 4, 4) the poses that show the target as a pose (4, 4) does; [0] is that pose."""
-        return np.asarray(T_frame_model @ self.symmetry_transforms)
+    @property
+    def symmetry_name(self) -> str:
+        """Of its symmetry, for tables: "C1" is none."""
+        return symmetry_name(self.symmetry_transforms, self.roundness)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it has equivalent attitudes."""
+        return len(self.symmetry_transforms) > 1 or self.roundness is not None
+
+    def equivalent_pose(self, T_frame_model: FloatArray, near: Sequence[FloatArray]) -> FloatArray:
+        """(4, 4) of the poses that show the target as a pose (4, 4) does, the one nearest in
+        attitude to any of ``near`` (4, 4 each); that pose itself where there are none."""
+        if not near or not self.is_symmetric:
+            return T_frame_model
+        equivalent = T_frame_model @ self.symmetry_transforms
+        relative = np.swapaxes(equivalent[:, None, :3, :3], -1, -2) @ np.stack(near)[:, :3, :3]
+        if self.roundness is not None:
+            turns = self.roundness.towards(relative)
+            relative = np.swapaxes(turns[..., :3, :3], -1, -2) @ relative
+            equivalent = equivalent[:, None] @ turns
+        else:
+            equivalent = np.broadcast_to(equivalent[:, None], (*relative.shape[:2], 4, 4))
+        angles = rotation_angle(relative)
+        return np.asarray(equivalent[np.unravel_index(np.argmin(angles), angles.shape)])
+
+    def leave_no_trace(
+        self, motions: FloatArray, angle_rad: float, shift_fraction: float
+    ) -> BoolArray:
+        """(n,) which motions (n, 4, 4) of the model frame are closer to a symmetry than an angle
+        and, in the middle of the target, a share of the diameter."""
+        relative = np.linalg.inv(self.symmetry_transforms) @ motions[:, None]
+        if self.roundness is not None:
+            turns = self.roundness.towards(relative[..., :3, :3])
+            relative = np.linalg.inv(turns) @ relative
+        middle = np.asarray(self.mesh.bounds).mean(axis=0)
+        moved = relative[..., :3, :3] @ middle + relative[..., :3, 3] - middle
+        near = np.linalg.norm(moved, axis=-1) < shift_fraction * self.diameter_m
+        near &= rotation_angle(relative[..., :3, :3]) < angle_rad
+        return np.asarray(near.any(axis=1))
 
     def shows_alike(
         self, a: FloatArray, b: FloatArray, angle_rad: float, shift_fraction: float
     ) -> bool:
         """Whether two poses (4, 4) show the target alike: its symmetry taken into account, they
         are closer than an angle and a share of the diameter."""
-        equivalent = self.equivalent_poses(a)
-        shifts = np.linalg.norm(equivalent[:, :3, 3] - b[:3, 3], axis=1)
-        turns = rotation_angle(b[:3, :3].T @ equivalent[:, :3, :3])
-        return bool(np.any((shifts < shift_fraction * self.diameter_m) & (turns < angle_rad)))
+        return bool(self.leave_no_trace(np.linalg.inv(a)[None] @ b, angle_rad, shift_fraction)[0])
 
 
 def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
@@ -142,17 +180,19 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
         faces, minimum_side, EQUIVALENT_TOLERANCE, "equivalent"
     )
     com, ratios = _mass_properties(mesh, sidecar.mass, sidecar_path)
+    symmetry = find_symmetry(mesh)
     return Target(
         name=sidecar.name or mesh_path.stem,
         mesh_path=mesh_path,
         mesh=mesh,
         rectangles=_named(rectangles, sidecar.rectangles.names, diameter, sidecar_path),
-        symmetry_transforms=symmetry_motions(mesh, faces),
+        symmetry_transforms=symmetry.motions,
         com_model=com,
         com_sd_m=sidecar.mass.com_sd_m or COM_SD_FRACTION * diameter,
         inertia_ratios=ratios,
         inertia_ratio_sd=sidecar.mass.inertia_ratio_sd or INERTIA_RATIO_SD,
         mesh_file=mesh_file,
+        roundness=symmetry.roundness,
     )
 
 
@@ -254,7 +294,7 @@ def describe(target: Target) -> tuple[Table, Table]:
     facts.add_row("size", f"{' x '.join(f'{side:.3f}' for side in high - low)} m")
     facts.add_row("diameter", f"{target.diameter_m:.3f} m")
     facts.add_row("unit of the file", target.mesh_file.unit_text)
-    facts.add_row("symmetry group", group_name(target.symmetry_transforms))
+    facts.add_row("symmetry group", target.symmetry_name)
     facts.add_row("mass centre (model)", f"{_numbers(target.com_model)} m")
     facts.add_row("  standard deviation", f"{target.com_sd_m:.4f} m")
     facts.add_row("inertia Iyy Izz Ixy Ixz Iyz / Ixx", _numbers(target.inertia_ratios))

@@ -27,6 +27,8 @@ _GRID = 6_000
 _GRID_POINTS, _ROUGH_POINTS, _FINE_POINTS = 120, 160, 400
 _ROUGH_STARTS, _FINE_STARTS = 160, 24
 _ROUGH_STEPS, _FIRST_STEPS, _FINE_STEPS = 12, 4, 20
+_FIRST_SLACK = 0.05
+"""Share of the area that a coarse fit may leave off the surface where a fine one would not."""
 _LIKE_NONE_RAD = np.radians(10.0)
 """A smaller turn takes any surface nearly onto itself."""
 _ONE_RAD = np.radians(6.0)
@@ -77,10 +79,9 @@ class SelfMatcher:
         area beyond the tolerance, the least first. Turns of less than 10 degrees are left out."""
         found: list[SelfMatch] = []
         for start in _distinct(starts)[:_FINE_STARTS]:
-            T = self.fitted(start, self._rough, _FIRST_STEPS)
-            if not self._is_new(T, found) or self._share(T, self._few) > 1.5 * max_share:
+            finer = self.fitted_to_all(start, max_share + _FIRST_SLACK)
+            if finer is None:
                 continue
-            finer = self.fitted(T, self._fine, _FINE_STEPS)
             share = self.differing_share(finer)
             if share <= max_share and self._is_new(finer, found):
                 found.append(SelfMatch(finer, share))
@@ -90,6 +91,14 @@ class SelfMatcher:
         """Share of the area seen that a motion (4, 4) or its inverse takes off the surface."""
         both = (T_model, invert_transform(T_model))
         return max(self._share(T, self.probes.points) for T in both)
+
+    def fitted_to_all(self, T_model: FloatArray, max_share: float) -> FloatArray | None:
+        """(4, 4) a motion moved to where the surface lies nearest to itself, see `fitted`; None if
+        a first look finds clearly more than a share of it elsewhere."""
+        T = self.fitted(T_model, self._rough, _FIRST_STEPS)
+        if self._share(T, self._few) > 1.5 * max_share:
+            return None
+        return self.fitted(T, self._fine, _FINE_STEPS)
 
     def fitted(self, T_model: FloatArray, points: FloatArray, steps: int) -> FloatArray:
         """(4, 4) a motion moved to where points (n, 3) lie nearest to the surface; those that have
@@ -110,8 +119,7 @@ class SelfMatcher:
         return len(_distinct([*known, T])) > len(known)
 
     def _share(self, T: FloatArray, points: FloatArray) -> float:
-        away = self.samples.distance(transform_points(T, points)) > self._tolerance_m
-        return float(away.mean())
+        return float(self.samples.is_off(transform_points(T, points), self._tolerance_m).mean())
 
     def _promising(self) -> FloatArray:
         """(n, 4, 4) turns that leave the surface nearest to itself."""

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.target.mesh import mesh_diameter, seen_from_outside, wireframe_edges
 
 _AREA_SAMPLES = 20_000
@@ -33,6 +33,8 @@ class Probes:
     """(n, 3) model frame, m."""
     area_m2: float
     """That all of them stand for."""
+    corners: FloatArray
+    """(m, 3) points hard by corners of faces that are seen from outside: as far out as it gets."""
 
     @cached_property
     def centre(self) -> FloatArray:
@@ -75,14 +77,38 @@ def visible_probes(mesh: trimesh.Trimesh, count: int = _PROBES) -> Probes:
     seen; a mesh of which nothing is seen, a flat speck, counts whole.
     """
     points, owner = _spread(mesh, count, seed=1)
-    normals = np.asarray(mesh.face_normals)[owner]
-    clearance = _CLEARANCE_FRACTION * mesh_diameter(mesh)
-    seen = seen_from_outside(mesh, points, normals, clearance)
-    seen |= seen_from_outside(mesh, points, -normals, clearance)
+    corners, of_corner = _near_corners(mesh, count)
+    seen = _is_seen(mesh, points, owner)
     if not seen.any():
         seen[:] = True
     each = float(mesh.area) / len(points)
-    return Probes(points[seen], each * int(seen.sum()))
+    outer = corners[_is_seen(mesh, corners, of_corner)]
+    return Probes(points[seen], each * int(seen.sum()), outer)
+
+
+def _is_seen(mesh: trimesh.Trimesh, points: FloatArray, faces: IntArray) -> BoolArray:
+    """(n,) whether points (n, 3) on faces (n,) are seen from outside, from either side."""
+    normals = np.asarray(mesh.face_normals)[faces]
+    clearance = _CLEARANCE_FRACTION * mesh_diameter(mesh)
+    front, behind = (
+        seen_from_outside(mesh, points, side, clearance) for side in (normals, -normals)
+    )
+    return front | behind
+
+
+def _near_corners(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, IntArray]:
+    """At most so many points (n, 3) of faces next to their corners, and the face (n,) of each.
+
+    On its face such a point has a definite normal, and is still as far out as the face gets.
+    """
+    chosen = np.arange(3 * len(mesh.faces))
+    if len(chosen) > count:
+        chosen = np.random.default_rng(2).choice(len(chosen), count, replace=False)
+    face, corner = chosen // 3, chosen % 3
+    triangles = np.asarray(mesh.triangles)[face]
+    middles = triangles.mean(axis=1)
+    points = middles + 0.98 * (triangles[np.arange(len(chosen)), corner] - middles)
+    return np.asarray(points), face
 
 
 def _spread(mesh: trimesh.Trimesh, count: int, seed: int) -> tuple[FloatArray, IntArray]:
@@ -140,6 +166,15 @@ class SurfaceSamples:
     def distance(self, points: FloatArray) -> FloatArray:
         """(n,) of points (n, 3) from the surface, m."""
         return np.asarray(np.linalg.norm(self.closest(points)[0] - points, axis=1))
+
+    def is_off(self, points: FloatArray, tolerance_m: float) -> BoolArray:
+        """(n,) whether points (n, 3) are further from the surface than a tolerance."""
+        # Samples lie on the surface: a point within the tolerance of one is settled.
+        apart, _ = self._tree.query(points, distance_upper_bound=tolerance_m)
+        off = np.asarray(~np.isfinite(apart))
+        if off.any():
+            off[off] = self.distance(points[off]) > tolerance_m
+        return off
 
     def nearest_roughly(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(..., 3) the samples nearest to points (..., 3), as the cells of a coarse grid know them,

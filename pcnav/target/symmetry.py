@@ -1,53 +1,286 @@
-"""The proper rigid motions that map a target onto itself, and what their group is called."""
+"""What can be done to a target without a trace: turns of a finite group, and about a round axis.
+
+Whether a motion leaves a trace is a matter of the sensor: it does where enough of the surface seen
+from outside is moved off itself by more than noise and pixels hide. The search is `self_matches`.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.core.spatial import log_rotation, make_transform, rotation_angle, transform_points
-from pcnav.target.facets import PlanarFace
-from pcnav.target.mesh import mesh_diameter, seen_from_outside
+from pcnav.core.spatial import (
+    exp_rotation,
+    invert_transform,
+    log_rotation,
+    nearest_rotation,
+    rotation_angle,
+    transform_points,
+)
+from pcnav.target.mesh import mesh_diameter
+from pcnav.target.roundness import Roundness
+from pcnav.target.self_matches import SelfMatcher, turns_about_point
 
-SYMMETRY_TOLERANCE = 0.005
-"""A motion is a symmetry when no visible point of the mesh leaves the surface by more than this
-fraction of the diameter."""
-_CONGRUENT = 0.01
-"""Relative agreement of area and second moments of faces that may map onto one another."""
-_ISOTROPIC = 0.05
-"""Faces whose in-plane second moments differ by less have no principal axes to match."""
 _SAME_ANGLE_RAD = np.radians(1.0)
-_SURFACE_SAMPLES = 30_000
-_PROBES = 1_500
-_NEIGHBOURS = 6
+_NOISE_FRACTION, _PIXEL_FRACTION = 0.002, 1.0 / 180.0
+"""A sensor nobody says anything of: noise and size of a pixel over the diameter, which a target
+that fills most of an image of 256 pixels has."""
+_TOLERANCE_NOISE, _TOLERANCE_PIXELS = 3.0, 0.5
+_ROUND_NOISE = 1.5
+_MAX_SHARE = 0.005
+_SPECK_PIXELS = 4.0
+_UNLIKE_MOMENTS = 0.15
+_SCANNED = 20
+_ROUGHLY_ROUND_SHARE = 0.1
+_MAX_ORDER = 120
+_GOLDEN_RAD = np.pi * (3.0 - np.sqrt(5.0))
+_MATCHED_VERTICES, _VERTEX_SHARE = 3_000, 0.3
 
 
-def symmetry_motions(
-    mesh: trimesh.Trimesh,
-    faces: tuple[PlanarFace, ...],
-    tolerance_fraction: float = SYMMETRY_TOLERANCE,
-) -> FloatArray:
-    """(n, 4, 4) proper rigid motions of the model frame that map the mesh onto itself.
+@dataclass(frozen=True)
+class Resolution:
+    """What a sensor tells from a surface, at the distance that it works at."""
 
-    The first is the identity, the rest come in order of angle. Every symmetry takes a flat face
-    to a congruent one, so the candidates are the motions that take one reference face to each face
-    congruent with it; one is a symmetry when it leaves every visible point of the mesh within
-    `tolerance_fraction` of the diameter from the surface. Reflections are never candidates. A
-    body of revolution, whose group is infinite, gives the finite group of its tessellation.
-    Without faces only the identity is returned.
+    noise_m: float
+    """Standard deviation of ranges."""
+    pixel_m: float
+    """What a pixel sees of a surface across the line of sight."""
+
+    @staticmethod
+    def usual(diameter_m: float) -> "Resolution":
+        """Of a sensor of which nothing is known but that it sees a target of this diameter well."""
+        return Resolution(_NOISE_FRACTION * diameter_m, _PIXEL_FRACTION * diameter_m)
+
+    @property
+    def tolerance_m(self) -> float:
+        """Nearer to a surface than this nothing is seen to be off it."""
+        return max(_TOLERANCE_NOISE * self.noise_m, _TOLERANCE_PIXELS * self.pixel_m)
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """All motions that a target looks the same after: those of a group, each maybe followed by any
+    turn about a round axis."""
+
+    motions: FloatArray
+    """(n, 4, 4) proper rigid motions of the model frame, the identity first, then by angle."""
+    roundness: Roundness | None = None
+
+    @property
+    def name(self) -> str:
+        """For tables: see `group_name`; of round bodies "round about z" and "ball"."""
+        return symmetry_name(self.motions, self.roundness)
+
+
+def find_symmetry(mesh: trimesh.Trimesh, resolution: Resolution | None = None) -> Symmetry:
+    """The symmetry of a mesh (metres), as a sensor of some resolution sees it.
+
+    A motion is a symmetry when it moves less than half a percent of the area seen from outside off
+    the surface by more than three deviations of the noise and half a pixel, and nothing at all by
+    more than four pixels. Reflections are none. A body is round about an axis when the facets of
+    its mesh are finer than the noise.
     """
-    identity = np.eye(4)
-    tolerance = tolerance_fraction * mesh_diameter(mesh)
-    candidates = _candidates(faces, tolerance)
-    found = [identity]
-    if len(candidates) > 1:
-        surface = _Surface(mesh)
-        probes = _visible_probes(mesh)
-        for T in candidates:
-            known = any(_same_motion(T, other, tolerance) for other in found)
-            if not known and _maps_onto(T, probes, surface, tolerance):
+    resolution = resolution or Resolution.usual(mesh_diameter(mesh))
+    return _Finder(mesh, resolution).found()
+
+
+class _Finder:
+    """Looks for the symmetry of one mesh."""
+
+    def __init__(self, mesh: trimesh.Trimesh, resolution: Resolution) -> None:
+        self._vertices = np.asarray(mesh.vertices)
+        self._resolution = resolution
+        self._matcher = SelfMatcher(mesh, resolution.tolerance_m)
+        probes = self._matcher.probes
+        self._centre, self._axes = probes.centre, probes.axes
+        self._seen = np.vstack([probes.points, probes.corners])
+        self._moments = np.linalg.eigvalsh(probes.second_moments)
+
+    def found(self) -> Symmetry:
+        """The symmetry."""
+        # Moments that differ are exchanged by no symmetry.
+        low, middle, high = (
+            a > (1.0 - _UNLIKE_MOMENTS) * b
+            for a, b in (
+                (self._moments[0], self._moments[1]),
+                (self._moments[1], self._moments[2]),
+                (self._moments[0], self._moments[2]),
+            )
+        )
+        if low and middle and high and (ball := self._ball()) is not None:
+            return Symmetry(np.eye(4)[None], ball)
+        axes = [
+            axis for axis, alike in ((self._axes[:, 2], low), (self._axes[:, 0], middle)) if alike
+        ]
+        for axis in axes:
+            if (roundness := self._round_about(axis)) is not None:
+                return Symmetry(self._with_flip(roundness), roundness)
+        if not axes:
+            half_turns = np.stack([exp_rotation(np.pi * axis) for axis in self._axes.T])
+            starts = list(turns_about_point(self._centre, half_turns))
+            matches = self._matcher.near(starts, _MAX_SHARE)
+        else:
+            matches = self._matcher.all_over(_MAX_SHARE)
+        motions = [match.T_model for match in matches]
+        if low and middle and high:
+            for motion in motions[:3]:
+                vector = log_rotation(motion[:3, :3])
+                roundness = self._round_about(vector / np.linalg.norm(vector))
+                if roundness is not None:
+                    return Symmetry(self._with_flip(roundness), roundness)
+        motions = [self._sharpened(T) for T in motions if self._moves_nothing_far(T)]
+        return Symmetry(self._group(motions))
+
+    def _leaves_no_trace(self, T: FloatArray) -> bool:
+        return self._moves_nothing_far(T) and self._matcher.differing_share(T) <= _MAX_SHARE
+
+    def _moves_nothing_far(self, T: FloatArray) -> bool:
+        """Whether a motion and its inverse leave all that is seen within a few pixels of it."""
+        speck_m = _SPECK_PIXELS * self._resolution.pixel_m
+        return not any(
+            self._matcher.samples.is_off(transform_points(motion, self._seen), speck_m).any()
+            for motion in (T, invert_transform(T))
+        )
+
+    # Round bodies.
+
+    def _round_about(self, axis: FloatArray) -> Roundness | None:
+        """Roundness about an axis near a direction (3,), through a point near the middle."""
+        # Angles that no polygon is turned by: they tell at once what is not round.
+        for angle in (0.47 * np.pi, 0.29 * np.pi):
+            start = turns_about_point(self._centre, exp_rotation(angle * axis))
+            T = self._matcher.fitted_to_all(start, _ROUGHLY_ROUND_SHARE)
+            if T is None:
+                return None
+            vector = log_rotation(T[:3, :3])
+            turned = float(np.linalg.norm(vector))
+            if turned < 0.5 * angle or abs(vector @ axis) < 0.9 * turned:
+                return None
+            axis = vector / turned * np.sign(vector @ axis)
+        # (I - R) p = t holds for all points of the axis: that nearest to the middle.
+        A = np.vstack([np.eye(3) - T[:3, :3], axis])
+        b = np.append(T[:3, 3], axis @ self._centre)
+        roundness = Roundness(np.linalg.lstsq(A, b, rcond=None)[0], axis[None])
+        turns = roundness.turns(np.outer(_GOLDEN_RAD * np.arange(1, _SCANNED), axis))
+        return roundness if all(map(self._is_round_under, turns)) else None
+
+    def _ball(self) -> Roundness | None:
+        # |p|^2 = 2 c . p + const on a sphere about c.
+        points = self._matcher.probes.points - self._centre
+        A = np.column_stack([2.0 * points, np.ones(len(points))])
+        offset = np.linalg.lstsq(A, np.sum(points**2, axis=1), rcond=None)[0][:3]
+        ball = Roundness(self._centre + offset, np.eye(3))
+        vectors = np.random.default_rng(0).normal(size=(_SCANNED, 3))
+        return ball if all(map(self._is_round_under, ball.turns(vectors))) else None
+
+    def _is_round_under(self, turn: FloatArray) -> bool:
+        """Whether a turn moves the surface by no more than the noise hides."""
+        resolution, probes = self._resolution, self._matcher.probes
+        moved = transform_points(turn, self._seen)
+        off = self._matcher.samples.distance(moved)
+        surface = off[: len(probes.points)]
+        far = float(np.mean(surface > 2.0 * resolution.tolerance_m))
+        rms = float(np.sqrt(np.mean(surface**2)))
+        largest = float(off.max())
+        return (
+            far <= _MAX_SHARE
+            and rms <= _ROUND_NOISE * resolution.noise_m
+            and largest < _SPECK_PIXELS * resolution.pixel_m
+        )
+
+    def _with_flip(self, roundness: Roundness) -> FloatArray:
+        """(1 or 2, 4, 4) the identity and, where it is a symmetry, a half turn across the axis."""
+        across = np.cross(
+            roundness.axes_model[0], np.eye(3)[np.argmin(np.abs(roundness.axes_model[0]))]
+        )
+        R = exp_rotation(np.pi * across / np.linalg.norm(across))
+        T = self._matcher.fitted_to_all(turns_about_point(self._centre, R), _ROUGHLY_ROUND_SHARE)
+        flips = [] if T is None or not self._leaves_no_trace(T) else [self._sharpened(T)]
+        return np.stack([np.eye(4), *flips])
+
+    # Groups.
+
+    def _sharpened(self, T: FloatArray) -> FloatArray:
+        """(4, 4) a symmetry by the corners of the mesh that it takes to corners, where most are."""
+        every = max(1, len(self._vertices) // _MATCHED_VERTICES)
+        moved = self._vertices[::every]
+        tree = cKDTree(self._vertices)
+        for reach_m in (self._resolution.tolerance_m, 0.1 * self._resolution.tolerance_m):
+            apart, partner = tree.query(transform_points(T, moved), distance_upper_bound=reach_m)
+            paired = np.isfinite(apart)
+            if np.mean(paired) < _VERTEX_SHARE or np.count_nonzero(paired) < 4:
+                return T
+            T = _best_motion(moved[paired], self._vertices[partner[paired]])
+        return T
+
+    def _group(self, motions: list[FloatArray]) -> FloatArray:
+        """(n, 4, 4) the group that symmetries generate, sorted by angle."""
+        found = [np.eye(4)]
+        for T in motions:
+            if not self._is_among(T, found):
                 found.append(T)
-    return _closed(found, mesh, tolerance)
+        grown = 0
+        while grown < len(found) < _MAX_ORDER:
+            # Products with each of the first ones reach every element.
+            first = found[grown]
+            for other in found[1 : 1 + len(motions)]:
+                product = first @ other
+                if not self._is_among(product, found) and self._leaves_no_trace(product):
+                    found.append(product)
+            grown += 1
+        return self._closed(np.stack(found))
+
+    def _is_among(self, T: FloatArray, others: list[FloatArray]) -> bool:
+        return bool(self._members(T[None], np.stack(others))[0])
+
+    def _closed(self, found: FloatArray) -> FloatArray:
+        """The largest set of motions that composition does not leave, sorted by angle.
+
+        Only a motion that fits barely within the tolerance can break closure; it is then dropped.
+        """
+        motions = found
+        while True:
+            products = motions[:, None] @ motions[None, :]
+            member = self._members(products.reshape(-1, 4, 4), motions)
+            strays = (~member.reshape(len(motions), -1)).sum(axis=1)
+            if not strays.any():
+                break
+            motions = np.delete(motions, int(np.argmax(strays)), axis=0)
+        angles = np.round(rotation_angle(motions[:, :3, :3]), 4)
+        axes = np.round(log_rotation(motions[:, :3, :3]), 4)
+        order = np.lexsort((axes[:, 0], axes[:, 1], -axes[:, 2], angles))
+        return np.asarray(motions[order])
+
+    def _members(self, products: FloatArray, motions: FloatArray) -> BoolArray:
+        """(n,) whether each product is one of the motions, within twice their own tolerance."""
+        trace = np.einsum("nij,mij->nm", products[:, :3, :3], motions[:, :3, :3])
+        angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+        # About the middle of the target the translations of equal motions agree best.
+        placed, known = (transform_points(T, self._centre[None])[:, 0] for T in (products, motions))
+        shift = np.linalg.norm(placed[:, None] - known[None], axis=-1)
+        near = (angle < 2.0 * _SAME_ANGLE_RAD) & (shift < 4.0 * self._resolution.tolerance_m)
+        return np.asarray(near.any(axis=1))
+
+
+def _best_motion(points: FloatArray, partners: FloatArray) -> FloatArray:
+    """(4, 4) that takes points (n, 3) nearest to their partners (Kabsch)."""
+    a, b = points.mean(axis=0), partners.mean(axis=0)
+    R = nearest_rotation((partners - b).T @ (points - a))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, b - R @ a
+    return T
+
+
+def symmetry_name(motions: FloatArray, roundness: Roundness | None) -> str:
+    """Name of a symmetry: `group_name`, or how it is round."""
+    if roundness is None:
+        return group_name(motions)
+    if roundness.is_ball:
+        return "ball: round about all axes"
+    either = ", alike from both ends" if len(motions) > 1 else ""
+    return f"round about {_axis_name(roundness.axes_model[0])}{either}"
 
 
 def group_name(motions: FloatArray) -> str:
@@ -95,145 +328,3 @@ def _axis_name(axis: FloatArray) -> str:
         return "xyz"[int(np.argmax(aligned))]
     axis = axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 6))))])
     return "({:.3f}, {:.3f}, {:.3f})".format(*(axis + 0.0))
-
-
-def _candidates(faces: tuple[PlanarFace, ...], tolerance_m: float) -> list[FloatArray]:
-    """The motions that take one face to each face congruent with it: as few as can be had."""
-    if not faces:
-        return []
-    shapes = np.array([_shape(face) for face in faces])
-    frames = [_anchor_frames(face, tolerance_m) for face in faces]
-    counts = np.array([len(own) for own in frames])
-    congruent = np.all(np.abs(shapes[:, None] - shapes) <= _CONGRUENT * shapes + 1e-12, axis=-1)
-    reference = int(np.argmin(congruent @ counts))
-    T_face_model = np.linalg.inv(frames[reference][0])
-    targets = np.flatnonzero(congruent[:, reference])
-    return [T_model_face @ T_face_model for k in targets for T_model_face in frames[k]]
-
-
-def _shape(face: PlanarFace) -> FloatArray:
-    """(4,) lengths that congruent faces share, and 1 for a two-sided face."""
-    spread = np.sqrt(np.linalg.eigvalsh(face.second_moments_m2))
-    return np.array([*spread, np.sqrt(face.area_m2), float(face.two_sided)])
-
-
-def _anchor_frames(face: PlanarFace, tolerance_m: float) -> list[FloatArray]:
-    """Frames (4, 4) of a face among which any of its own symmetries permutes.
-
-    Their origin is the centroid, x a direction the shape singles out: its long principal axis
-    either way or, where it has none, the directions of its farthest corners; z the normal, on a
-    two-sided face either way.
-    """
-    variances, axes = np.linalg.eigh(face.second_moments_m2)
-    if variances[1] > (1.0 + _ISOTROPIC) * variances[0]:
-        directions = np.stack([axes[:, 1], -axes[:, 1]])
-    else:
-        reach = np.linalg.norm(face.outline, axis=1)
-        far = face.outline[reach > reach.max() - tolerance_m]
-        directions = far / np.linalg.norm(far, axis=1, keepdims=True)
-    frames = []
-    R_model_face, centroid = face.T_model_face[:3, :3], face.T_model_face[:3, 3]
-    for side in (1.0, -1.0) if face.two_sided else (1.0,):
-        z = side * R_model_face[:, 2]
-        for direction in directions:
-            x = R_model_face[:, :2] @ direction
-            frames.append(make_transform(np.column_stack([x, np.cross(z, x), z]), centroid))
-    return frames
-
-
-class _Surface:
-    """Tells whether points lie on a mesh: by the nearest surface samples, then exactly."""
-
-    def __init__(self, mesh: trimesh.Trimesh) -> None:
-        points, faces = trimesh.sample.sample_surface(mesh, _SURFACE_SAMPLES, seed=0)
-        # Points hard by the corners make sure that no small face is without a sample. They stay off
-        # the vertices, where the neighbours found would all be one vertex, shared by other faces.
-        self._faces = np.concatenate([faces, np.repeat(np.arange(len(mesh.faces)), 3)])
-        self._tree = cKDTree(np.vstack([points, _near_corners(mesh)]))
-        self._triangles = np.asarray(mesh.triangles)
-
-    def holds(self, points: FloatArray, tolerance_m: float) -> bool:
-        """Whether all points (n, 3) are within the tolerance of the surface."""
-        _, nearest = self._tree.query(points, k=_NEIGHBOURS)
-        distance = _distance(points, self._triangles[self._faces[nearest]])
-        doubtful = np.flatnonzero(distance > tolerance_m)
-        # The samples miss a triangle now and then; only every triangle gives the true distance.
-        # The worst point comes first, so that one look settles most motions that are none.
-        for k in doubtful[np.argsort(-distance[doubtful])]:
-            if _distance(points[k : k + 1], self._triangles[None])[0] > tolerance_m:
-                return False
-        return True
-
-
-def _distance(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """(n,) distance of each point (n, 3) to the nearest of its own triangles (n, m, 3, 3)."""
-    count = triangles.shape[1]
-    repeated = np.repeat(points, count, axis=0)
-    closest = trimesh.triangles.closest_point(triangles.reshape(-1, 3, 3), repeated)
-    distance = np.linalg.norm(closest - repeated, axis=1)
-    return np.asarray(distance.reshape(-1, count).min(axis=1))
-
-
-def _near_corners(mesh: trimesh.Trimesh) -> FloatArray:
-    """(3 faces, 3) points of the faces next to their corners, face by face."""
-    inset = 0.98 * np.eye(3) + 0.02 / 3.0
-    return np.asarray(np.einsum("kj,nji->nki", inset, mesh.triangles).reshape(-1, 3))
-
-
-def _visible_probes(mesh: trimesh.Trimesh) -> FloatArray:
-    """(n, 3) points of the surface that are seen from outside: corners of faces and samples."""
-    samples, owner = trimesh.sample.sample_surface(mesh, _PROBES, seed=1)
-    # Just inside its corners a face has a definite normal and is still as far out as it gets.
-    points = np.vstack([samples, _near_corners(mesh)])
-    normals = mesh.face_normals[np.concatenate([owner, np.repeat(np.arange(len(mesh.faces)), 3)])]
-    if len(points) > 3 * _PROBES:
-        chosen = np.random.default_rng(2).choice(len(points), 3 * _PROBES, replace=False)
-        points, normals = points[chosen], normals[chosen]
-    clearance = 1e-4 * mesh_diameter(mesh)
-    seen = seen_from_outside(mesh, points, normals, clearance)
-    seen |= seen_from_outside(mesh, points, -normals, clearance)
-    return np.asarray(points[seen])
-
-
-def _maps_onto(T: FloatArray, probes: FloatArray, surface: _Surface, tolerance_m: float) -> bool:
-    """Whether the moved probes all lie on the surface; most motions fail on the first few."""
-    first_few = probes[:: max(1, len(probes) // 100)]
-    return all(
-        surface.holds(transform_points(T, some), tolerance_m) for some in (first_few, probes)
-    )
-
-
-def _same_motion(T: FloatArray, other: FloatArray, tolerance_m: float) -> bool:
-    difference = np.linalg.inv(T) @ other
-    near = bool(np.linalg.norm(difference[:3, 3]) < 2.0 * tolerance_m)
-    return near and float(rotation_angle(difference[:3, :3])) < _SAME_ANGLE_RAD
-
-
-def _closed(found: list[FloatArray], mesh: trimesh.Trimesh, tolerance_m: float) -> FloatArray:
-    """The largest set of the found motions that composition does not leave, sorted by angle.
-
-    Only a motion that fits barely within the tolerance can break closure; it is then dropped.
-    """
-    # About the mesh's centre the translations of equal motions agree best.
-    centre = make_transform(np.eye(3), mesh.bounds.mean(axis=0))
-    motions = np.linalg.inv(centre) @ np.array(found) @ centre
-    while True:
-        products = motions[:, None] @ motions[None, :]
-        member = _members(products.reshape(-1, 4, 4), motions, tolerance_m)
-        strays = (~member.reshape(len(motions), -1)).sum(axis=1)
-        if not strays.any():
-            break
-        motions = np.delete(motions, int(np.argmax(strays)), axis=0)
-    angles = np.round(rotation_angle(motions[:, :3, :3]), 4)
-    axes = np.round(log_rotation(motions[:, :3, :3]), 4)
-    order = np.lexsort((axes[:, 0], axes[:, 1], -axes[:, 2], angles))
-    return np.asarray(centre @ motions[order] @ np.linalg.inv(centre))
-
-
-def _members(products: FloatArray, motions: FloatArray, tolerance_m: float) -> BoolArray:
-    """(n,) whether each product is one of the motions, within twice their own tolerance."""
-    trace = np.einsum("nij,mij->nm", products[:, :3, :3], motions[:, :3, :3])
-    angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
-    shift = np.linalg.norm(products[:, None, :3, 3] - motions[None, :, :3, 3], axis=-1)
-    near = (angle < 2.0 * _SAME_ANGLE_RAD) & (shift < 4.0 * tolerance_m)
-    return np.asarray(near.any(axis=1))

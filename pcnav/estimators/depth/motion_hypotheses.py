@@ -208,9 +208,8 @@ class MotionHypotheses:
 
     def _symmetric(self, a: MotionHypothesis, b: MotionHypothesis) -> bool:
         """Whether the target's own symmetry turns one motion into the other."""
-        relative = a.observations[-1].T_cam_model[:3, :3].T @ b.observations[-1].T_cam_model[:3, :3]
-        angles = rotation_angle(self._target.symmetry_transforms[:, :3, :3] @ relative.T)
-        return bool(np.min(angles) < 0.5 * _MAX_STEP_RAD)
+        between = np.linalg.inv(a.observations[-1].T_cam_model) @ b.observations[-1].T_cam_model
+        return bool(self._target.leave_no_trace(between[None], 0.5 * _MAX_STEP_RAD, np.inf)[0])
 
 
 def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, ...]:

@@ -49,7 +49,6 @@ from pcnav.recordings.sequence import (
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target
-from pcnav.target.symmetry import group_name
 
 _log = logging.getLogger("pcnav")
 
@@ -214,7 +213,7 @@ class Tracker(Estimator):
     def _log_status(self, frame: Frame, estimate: Estimate, inlier_ratio: float) -> None:
         group = ""
         if estimate.status == Status.AMBIGUOUS:
-            group = f", symmetry group {group_name(self._target.symmetry_transforms)}"
+            group = f", symmetry group {self._target.symmetry_name}"
         _log.info(
             "frame %d: %s -> %s%s (inlier ratio %.0f %%, NIS per degree of freedom %.2f)",
             frame.index,
@@ -246,7 +245,7 @@ class Tracker(Estimator):
             LockMonitor(self._target, self._reader),
             Evidence(),
             RecentFrames(self._reader, outcome.start),
-            symmetric=len(self._target.symmetry_transforms) > 1,
+            symmetric=self._target.is_symmetric,
             open_question=outcome.undecided,
             odds=TrackOdds(outcome.odds),
         )
