@@ -162,6 +162,7 @@ def run(
     folder = truth_folder(inputs.path)
     truth, points = read_truth(folder), read_truth_features(folder)
     symmetries = None if inputs.target is None else inputs.target.symmetry_transforms
+    roundness = None if inputs.target is None else inputs.target.roundness
     running = inputs.make_estimator()
     with RunWriter(out, running.output, overwrite) as writer:
         # At once: a run that is killed, or still goes on, can then be looked at.
@@ -178,7 +179,9 @@ def run(
         if isinstance(inputs.recording, TrackedImages):
             inputs.recording.write(staging)
         found = read_run(staging, with_covariance=True)
-        metrics = evaluate(found, truth, symmetry_transforms=symmetries, true_points=points)
+        metrics = evaluate(
+            found, truth, symmetry_transforms=symmetries, roundness=roundness, true_points=points
+        )
         if metrics.errors is not None:
             writer.write_json(METRICS_FILE, metrics.to_json())
         gain = None

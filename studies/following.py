@@ -164,6 +164,7 @@ def _judged(scene: Scene, target: Target, said: Run, seconds: FloatArray) -> Jud
         motion.truth,
         AxesPolicy.SYMMETRY_OF_FRAME,
         symmetry_transforms=target.symmetry_transforms,
+        roundness=target.roundness,
     )
     return JudgedRun(said, compared, seconds, pose_covariance, nees)
 

@@ -68,7 +68,8 @@ def run_metrics(followed: Followed, truth: Trajectory, target: Target | None) ->
     """
     run = followed.run
     symmetries = None if target is None else target.symmetry_transforms
-    found = errors(run, truth, symmetry_transforms=symmetries)
+    roundness = None if target is None else target.roundness
+    found = errors(run, truth, symmetry_transforms=symmetries, roundness=roundness)
     plain = found if target is None else errors(run, truth, AxesPolicy.SAME)
     nees = squared_errors(run, found)
     columns: dict[str, FloatArray | list[str]] = {

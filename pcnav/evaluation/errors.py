@@ -16,6 +16,7 @@ from pcnav.estimators.interface import AxesPolicy
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.runs.reader import read_points
 from pcnav.runs.run import PointTable, Run
+from pcnav.target.roundness import Roundness
 
 TIME_TOLERANCE_S = 1e-6
 """Frames of a run and of its truth are the same when their times are so near."""
@@ -70,6 +71,7 @@ def errors(
     axes: AxesPolicy | None = None,
     *,
     symmetry_transforms: FloatArray | None = None,
+    roundness: Roundness | None = None,
     true_points: Mapping[int, FloatArray] | None = None,
 ) -> Errors:
     """Compare the frames of a run with the truth at the same time.
@@ -79,6 +81,8 @@ def errors(
         truth: of the recording.
         axes: how it is brought into the axes of the run; None asks the registry.
         symmetry_transforms: (k, 4, 4) motions of the model frame that leave the target unchanged.
+        roundness: of a target that can be turned by any angle: it is then compared as it is turned
+            in each frame of the run.
         true_points: (3,) by feature, true body axes, m.
 
     Raises `InputError` when no frame has a truth within `TIME_TOLERANCE_S`.
@@ -90,7 +94,7 @@ def errors(
     if axes is None:
         entry = ESTIMATORS.get(run.estimator)
         axes = AxesPolicy.SAME if entry is None else entry.axes
-    found = _axes_of(run, matched, axes, symmetry_transforms)
+    found = _axes_of(run, matched, axes, symmetry_transforms, roundness)
     true = matched if found.T_true_run is None else relabelled(matched, found.T_true_run)
     compared = _compared(run.trajectory, true)
     compared = replace(compared, symmetry=found.symmetry, defines_axes=found.defines_axes)
@@ -156,50 +160,90 @@ class _Axes:
     defines_axes: BoolArray | None = None
 
 
-def _axes_of(run: Run, truth: Trajectory, axes: AxesPolicy, symmetries: FloatArray | None) -> _Axes:
+def _axes_of(
+    run: Run,
+    truth: Trajectory,
+    axes: AxesPolicy,
+    symmetries: FloatArray | None,
+    roundness: Roundness | None,
+) -> _Axes:
     if run.segments and ATTITUDE in truth:
         return _segment_axes(run, truth)
     if axes is AxesPolicy.SYMMETRY and symmetries is not None:
-        best = _best_symmetry(run.trajectory, truth, symmetries)
-        return _Axes(symmetries[best], best)
+        relative = _relative_attitudes(run.trajectory, truth)
+        best = _best_symmetry(relative, symmetries, roundness)
+        return _Axes(_turned_alike(relative, symmetries[best], roundness), best)
     if axes is AxesPolicy.SYMMETRY_OF_FRAME and symmetries is not None:
-        return _Axes(symmetries[_nearest_symmetries(run.trajectory, truth, symmetries)])
+        relative = _relative_attitudes(run.trajectory, truth)
+        chosen = symmetries[_nearest_symmetries(relative, symmetries, roundness)]
+        return _Axes(_turned_alike(relative, chosen, roundness))
     if axes is AxesPolicy.PRINCIPAL:
         R_true_run = _nearest_principal(run.trajectory, truth)
         return _Axes(make_transform(R_true_run, np.zeros(3)))
     return _Axes()
 
 
-def _best_symmetry(run: Trajectory, truth: Trajectory, symmetries: FloatArray) -> int:
+def _relative_attitudes(run: Trajectory, truth: Trajectory) -> FloatArray:
+    """(n, 3, 3) from the true model axes to the run's, frame by frame; nan where one is missing."""
+    if truth.T_cam_target is not None and run.T_cam_target is not None:
+        return _between(truth.T_cam_target[:, :3, :3], run.T_cam_target[:, :3, :3])
+    if ATTITUDE in truth and ATTITUDE in run:
+        return _between(truth[ATTITUDE], run[ATTITUDE])
+    return np.full((len(run), 3, 3), np.nan)
+
+
+def _best_symmetry(
+    relative: FloatArray, symmetries: FloatArray, roundness: Roundness | None
+) -> int:
     """Which symmetry S makes ``T_cam_model @ S`` of the truth fit the run best.
 
     One for the whole run, by the median attitude error: a run that jumps from one equivalent
     attitude to another is wrong and is not to be excused frame by frame. 0 without any match.
     """
-    if truth.T_cam_target is not None and run.T_cam_target is not None:
-        relative = _between(run.T_cam_target[:, :3, :3], truth.T_cam_target[:, :3, :3])
-    elif ATTITUDE in truth and ATTITUDE in run:
-        relative = _between(run[ATTITUDE], truth[ATTITUDE])
-    else:
-        return 0
     relative = relative[np.isfinite(relative).all(axis=(1, 2))]
     if not len(relative):
         return 0
-    angles = [np.median(rotation_angle(relative @ S[:3, :3])) for S in symmetries]
+    angles = np.median(_angles_under(relative, symmetries, roundness), axis=0)
     # Equal angles differ by rounding; the identity comes first and is to win then.
-    return int(np.argmax(np.asarray(angles) <= np.min(angles) + 1e-9))
+    return int(np.argmax(angles <= angles.min() + 1e-9))
 
 
-def _nearest_symmetries(run: Trajectory, truth: Trajectory, symmetries: FloatArray) -> IntArray:
+def _nearest_symmetries(
+    relative: FloatArray, symmetries: FloatArray, roundness: Roundness | None
+) -> IntArray:
     """(n,) which symmetry brings the truth nearest to the run in attitude, frame by frame."""
-    choice = np.zeros(len(run), dtype=np.intp)
-    if truth.T_cam_target is None or run.T_cam_target is None:
-        return choice
-    relative = _between(run.T_cam_target[:, :3, :3], truth.T_cam_target[:, :3, :3])
-    turned = relative[:, None] @ symmetries[:, :3, :3]
+    choice = np.zeros(len(relative), dtype=np.intp)
     known = np.isfinite(relative).all(axis=(1, 2))
-    choice[known] = rotation_angle(turned[known]).argmin(axis=1)
+    if known.any():
+        choice[known] = _angles_under(relative[known], symmetries, roundness).argmin(axis=1)
     return choice
+
+
+def _angles_under(
+    relative: FloatArray, symmetries: FloatArray, roundness: Roundness | None
+) -> FloatArray:
+    """(n, k) by how much attitudes differ under each symmetry, however a round target is turned."""
+    left = np.swapaxes(symmetries[:, :3, :3], -1, -2) @ relative[:, None]
+    if roundness is not None:
+        left = np.swapaxes(roundness.towards(left)[..., :3, :3], -1, -2) @ left
+    return rotation_angle(left)
+
+
+def _turned_alike(
+    relative: FloatArray, T_true_run: FloatArray, roundness: Roundness | None
+) -> FloatArray:
+    """(4, 4) or (n, 4, 4) motions, those of a round target turned as the run has it in each frame;
+    as in the frame before where the run has no pose."""
+    if roundness is None:
+        return T_true_run
+    T = np.broadcast_to(T_true_run, (len(relative), 4, 4))
+    left = np.swapaxes(T[:, :3, :3], -1, -2) @ relative
+    known = np.asarray(np.isfinite(left).all(axis=(1, 2)))
+    if not known.any():
+        return T_true_run
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+    last[last < 0] = int(np.argmax(known))
+    return np.asarray(T @ roundness.towards(left[last]))
 
 
 def _nearest_principal(run: Trajectory, truth: Trajectory) -> FloatArray:

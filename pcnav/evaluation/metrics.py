@@ -30,6 +30,7 @@ from pcnav.evaluation.consistency import (
 )
 from pcnav.evaluation.errors import Errors, errors
 from pcnav.runs.run import Run
+from pcnav.target.roundness import Roundness
 
 PERCENTILES = (50, 70, 90, 95, 99)
 UNIT_SUFFIX = {"m": "_m", "m/s": "_m_s", "deg": "_deg", "deg/s": "_deg_s", "1": ""}
@@ -190,6 +191,7 @@ def evaluate(
     truth: Trajectory | None,
     *,
     symmetry_transforms: FloatArray | None = None,
+    roundness: Roundness | None = None,
     true_points: Mapping[int, FloatArray] | None = None,
 ) -> Metrics:
     """Numbers of a run; without a truth only what the run says of itself.
@@ -200,7 +202,13 @@ def evaluate(
     of_run = run_metrics(run)
     if truth is None:
         return of_run
-    found = errors(run, truth, symmetry_transforms=symmetry_transforms, true_points=true_points)
+    found = errors(
+        run,
+        truth,
+        symmetry_transforms=symmetry_transforms,
+        roundness=roundness,
+        true_points=true_points,
+    )
     compared = found.has_pose
     if run.trajectory.layout.blocks:
         compared = compared | found.has(*run.trajectory.layout.blocks)

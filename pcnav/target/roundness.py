@@ -28,8 +28,8 @@ class Roundness:
         return make_transform(R, self.point_model - R @ self.point_model)
 
     def towards(self, R_relative: FloatArray) -> FloatArray:
-        """(..., 4, 4) the turns of which no trace is seen that come nearest to rotations (..., 3, 3)
-        of the model frame."""
+        """(..., 4, 4) the turns of which no trace is seen that come nearest to rotations
+        (..., 3, 3) of the model frame."""
         if self.is_ball:
             return self.turns(log_rotation(R_relative))
         (axis,) = self.axes_model

@@ -24,9 +24,9 @@ from pcnav.target.surface_samples import SurfaceSamples, edge_points, visible_pr
 
 _GRID = 6_000
 """Rotations of the grid: 14 degrees apart."""
-_GRID_POINTS, _ROUGH_POINTS, _FINE_POINTS = 120, 160, 400
-_ROUGH_STARTS, _FINE_STARTS = 160, 24
-_ROUGH_STEPS, _FIRST_STEPS, _FINE_STEPS = 12, 4, 20
+_GRID_POINTS, _ROUGH_POINTS, _FINE_POINTS = 120, 160, 250
+_ROUGH_STARTS, _FINE_STARTS = 120, 24
+_ROUGH_STEPS, _FIRST_STEPS, _FINE_STEPS = 10, 4, 12
 _FIRST_SLACK = 0.05
 """Share of the area that a coarse fit may leave off the surface where a fine one would not."""
 _LIKE_NONE_RAD = np.radians(10.0)
@@ -37,7 +37,7 @@ _REACH_FRACTION = 0.1
 """Points further from the surface than this share of the diameter count as having no part there."""
 _SLIDE_WEIGHT = 0.2
 """Of the distance along the surface, which a map of samples knows only to their spacing."""
-_STILL_FRACTION = 1e-11
+_STILL_FRACTION = 1e-6
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from pcnav.core.spatial import (
     exp_rotation,
     invert_transform,
     log_rotation,
+    make_transform,
     nearest_rotation,
     rotation_angle,
     transform_points,
@@ -34,6 +35,7 @@ _SPECK_PIXELS = 4.0
 _UNLIKE_MOMENTS = 0.15
 _SCANNED = 20
 _ROUGHLY_ROUND_SHARE = 0.1
+_HALF_TURN_RAD = np.radians(179.0)
 _MAX_ORDER = 120
 _GOLDEN_RAD = np.pi * (3.0 - np.sqrt(5.0))
 _MATCHED_VERTICES, _VERTEX_SHARE = 3_000, 0.3
@@ -125,10 +127,8 @@ class _Finder:
             matches = self._matcher.all_over(_MAX_SHARE)
         motions = [match.T_model for match in matches]
         if low and middle and high:
-            for motion in motions[:3]:
-                vector = log_rotation(motion[:3, :3])
-                roundness = self._round_about(vector / np.linalg.norm(vector))
-                if roundness is not None:
+            for axis in _likely_round_axes(motions):
+                if (roundness := self._round_about(axis)) is not None:
                     return Symmetry(self._with_flip(roundness), roundness)
         motions = [self._sharpened(T) for T in motions if self._moves_nothing_far(T)]
         return Symmetry(self._group(motions))
@@ -148,13 +148,14 @@ class _Finder:
 
     def _round_about(self, axis: FloatArray) -> Roundness | None:
         """Roundness about an axis near a direction (3,), through a point near the middle."""
+        T = np.eye(4)
         # Angles that no polygon is turned by: they tell at once what is not round.
         for angle in (0.47 * np.pi, 0.29 * np.pi):
             start = turns_about_point(self._centre, exp_rotation(angle * axis))
-            T = self._matcher.fitted_to_all(start, _ROUGHLY_ROUND_SHARE)
-            if T is None:
+            fitted = self._matcher.fitted_to_all(start, _ROUGHLY_ROUND_SHARE)
+            if fitted is None:
                 return None
-            vector = log_rotation(T[:3, :3])
+            T, vector = fitted, log_rotation(fitted[:3, :3])
             turned = float(np.linalg.norm(vector))
             if turned < 0.5 * angle or abs(vector @ axis) < 0.9 * turned:
                 return None
@@ -162,7 +163,7 @@ class _Finder:
         # (I - R) p = t holds for all points of the axis: that nearest to the middle.
         A = np.vstack([np.eye(3) - T[:3, :3], axis])
         b = np.append(T[:3, 3], axis @ self._centre)
-        roundness = Roundness(np.linalg.lstsq(A, b, rcond=None)[0], axis[None])
+        roundness = Roundness(np.asarray(np.linalg.lstsq(A, b, rcond=None)[0]), axis[None])
         turns = roundness.turns(np.outer(_GOLDEN_RAD * np.arange(1, _SCANNED), axis))
         return roundness if all(map(self._is_round_under, turns)) else None
 
@@ -209,10 +210,10 @@ class _Finder:
         tree = cKDTree(self._vertices)
         for reach_m in (self._resolution.tolerance_m, 0.1 * self._resolution.tolerance_m):
             apart, partner = tree.query(transform_points(T, moved), distance_upper_bound=reach_m)
-            paired = np.isfinite(apart)
+            paired = np.asarray(np.isfinite(apart))
             if np.mean(paired) < _VERTEX_SHARE or np.count_nonzero(paired) < 4:
                 return T
-            T = _best_motion(moved[paired], self._vertices[partner[paired]])
+            T = _best_motion(moved[paired], self._vertices[np.asarray(partner)[paired]])
         return T
 
     def _group(self, motions: list[FloatArray]) -> FloatArray:
@@ -262,6 +263,20 @@ class _Finder:
         shift = np.linalg.norm(placed[:, None] - known[None], axis=-1)
         near = (angle < 2.0 * _SAME_ANGLE_RAD) & (shift < 4.0 * self._resolution.tolerance_m)
         return np.asarray(near.any(axis=1))
+
+
+def _likely_round_axes(motions: list[FloatArray]) -> list[FloatArray]:
+    """Axes (3,) that a body may be round about of which turns by any angle and half turns across
+    are among its motions (4, 4 each)."""
+    if not motions:
+        return []
+    vectors = log_rotation(np.stack(motions)[:, :3, :3])
+    angles = np.linalg.norm(vectors, axis=1)
+    axes = vectors / angles[:, None]
+    turns, halves = axes[angles < _HALF_TURN_RAD], axes[angles >= _HALF_TURN_RAD]
+    across = [np.cross(halves[0], other) for other in halves[1:3]]
+    long_enough = [axis / np.linalg.norm(axis) for axis in across if np.linalg.norm(axis) > 0.1]
+    return [*turns[:2], *long_enough]
 
 
 def _best_motion(points: FloatArray, partners: FloatArray) -> FloatArray:

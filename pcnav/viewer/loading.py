@@ -139,9 +139,12 @@ def _compared(loaded: LoadedRun) -> Errors | None:
     if truth is None:
         return None
     symmetries = None if loaded.target is None else loaded.target.symmetry_transforms
+    roundness = None if loaded.target is None else loaded.target.roundness
     try:
         # The points of every frame, which belong to a folder, are not compared.
-        return errors(replace(run, folder=None), truth, symmetry_transforms=symmetries)
+        return errors(
+            replace(run, folder=None), truth, symmetry_transforms=symmetries, roundness=roundness
+        )
     except InputError:
         return None
 

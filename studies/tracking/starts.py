@@ -13,7 +13,6 @@ from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Spread, random_truth, satellite
-from pcnav.target.symmetry import group_name
 
 from ..folder import StudyFigure
 from ..following import follow
@@ -111,7 +110,7 @@ def claims(starts: Sequence[Start]) -> list[Claim]:
     """The bars of a satellite."""
     name = starts[0].satellite
     right, locks = count(starts, Outcome.RIGHT), _locks(starts)
-    symmetric = len(satellite(name).target.symmetry_transforms) > 1
+    symmetric = satellite(name).target.is_symmetric
     word = Status.AMBIGUOUS if symmetric else Status.LOCKED
     return [
         Claim(
@@ -133,9 +132,7 @@ def _share_table(found: Starts) -> TextTable:
         found.values(),
         {
             "satellite": lambda starts: starts[0].satellite,
-            "symmetry": lambda starts: group_name(
-                satellite(starts[0].satellite).target.symmetry_transforms
-            ),
+            "symmetry": lambda starts: satellite(starts[0].satellite).target.symmetry_name,
             "locks reported": lambda starts: ", ".join(
                 f"{times} {word}"
                 for word, times in Counter(s.status for s in _locks(starts)).most_common()

@@ -16,7 +16,6 @@ from pcnav.core.spatial import transform_points
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.target.mesh import uniform_mass_properties
 from pcnav.target.satellite import describe, load_target, write_target_toml
-from pcnav.target.symmetry import group_name
 
 SATELLITES = {"boxsat": "C1", "twinwing": "C2 about z", "cubesat6u": "C2 about x"}
 QUADS = [(1, 4, 3, 2), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]
@@ -57,7 +56,7 @@ def test_formats_give_the_same_target(tmp_path, suffix):
     assert target.mesh.vertices.shape == (8, 3)
     assert np.allclose(target.mesh.bounds, mesh.bounds)
     assert [r.length_m for r in target.rectangles] == pytest.approx([3, 3, 3, 3, 2, 2])
-    assert group_name(target.symmetry_transforms) == "D2"
+    assert target.symmetry_name == "D2"
 
 
 def test_scene_is_joined_where_its_nodes_put_it(tmp_path):
@@ -238,7 +237,7 @@ def test_sidecar_into_a_missing_folder(box_file, tmp_path):
 
 
 def test_shipped_satellite(shipped):
-    assert group_name(shipped.symmetry_transforms) == SATELLITES[shipped.name]
+    assert shipped.symmetry_name == SATELLITES[shipped.name]
     # Every rectangle has a human name, and the mass properties are those of a real body.
     assert not [r.name for r in shipped.rectangles if r.name.startswith("rectangle")]
     assert is_physical_inertia(inertia_from_ratios(shipped.inertia_ratios))
@@ -314,7 +313,7 @@ def test_mass_properties_of_the_build_are_those_of_a_point_cloud(build):
 def test_mesh_without_a_true_rectangle_uses_equivalent_ones(shared_data):
     # Its panels are rectangles of 5.5 x 2 m, each with a triangle of 1 m towards the bus.
     target = load_target(shared_data / "meshes" / "ARC_Target.obj")
-    assert group_name(target.symmetry_transforms) == "C2 about z"
+    assert target.symmetry_name == "C2 about z"
     assert [r.name for r in target.rectangles] == [f"equivalent_{k}" for k in range(1, 5)]
     # Centroid and second moment of rectangle and triangle, by the parallel axis theorem.
     centroid = (11 * 4.75 + 1 * 5 / 3) / 12

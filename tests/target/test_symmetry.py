@@ -5,15 +5,16 @@ import pytest
 import trimesh
 
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_fault, transform_points
-from pcnav.target.facets import planar_faces
 from pcnav.target.mesh import mesh_diameter
-from pcnav.target.symmetry import group_name, symmetry_motions
+from pcnav.target.symmetry import Resolution, find_symmetry, group_name
 
 POSE = make_transform(exp_rotation(np.array([0.3, -1.1, 0.7])), np.array([3.0, -2.0, 5.0]))
 
 
 def motions_of(mesh):
-    return symmetry_motions(mesh, planar_faces(mesh, (0.015 * mesh_diameter(mesh)) ** 2))
+    found = find_symmetry(mesh)
+    assert found.roundness is None
+    return found.motions
 
 
 def solid(size, centre=(0.0, 0.0, 0.0)):
@@ -112,6 +113,62 @@ def test_small_thing_that_sticks_out_breaks_a_symmetry():
     assert group_name(motions_of(mesh)) == "C1"
 
 
-def test_without_flat_faces_only_the_identity():
-    ball = trimesh.creation.icosphere(3)
-    assert np.array_equal(symmetry_motions(ball, ()), np.eye(4)[None])
+def box_with_chamfers_that_only_nearly_agree():
+    """A box whose faces have no congruent partners, though a half turn moves nothing by 2e-4."""
+    mesh = solid((1, 2, 3)).subdivide().subdivide()
+    rng = np.random.default_rng(0)
+    mesh.vertices += 1e-4 * mesh_diameter(mesh) * rng.uniform(-1.0, 1.0, mesh.vertices.shape)
+    return mesh
+
+
+def box_with_a_lost_twin():
+    """One of two ribs is there twice over as thin, so that its own faces have no twins."""
+    ribs = [solid((0.3, 0.02, 2.0), (0, y, 0)) for y in (1.01, -1.01)]
+    return trimesh.util.concatenate([solid((1, 2, 3)), ribs[0], ribs[1].subdivide()])
+
+
+@pytest.mark.parametrize("make", [box_with_chamfers_that_only_nearly_agree, box_with_a_lost_twin])
+def test_what_no_sensor_tells_apart_is_symmetric(make):
+    assert group_name(motions_of(make())) == "D2"
+
+
+def test_a_finer_sensor_tells_more_apart():
+    bump = solid((0.3, 0.3, 0.02), (0, 0, 1.51))
+    mesh = trimesh.util.concatenate([solid((1, 2, 3)), bump])
+    coarse, fine = Resolution(0.02, 0.02), Resolution(0.002, 0.005)
+    assert find_symmetry(mesh, coarse).name == "D2"
+    assert find_symmetry(mesh, fine).name == "C2 about z"
+
+
+@pytest.mark.parametrize(
+    ("mesh", "name"),
+    [
+        (prism(16), "round about z, alike from both ends"),
+        (trimesh.creation.cone(1.0, 2.0, sections=32), "round about z"),
+        (trimesh.creation.icosphere(3), "ball: round about all axes"),
+    ],
+    ids=["stage of 16 sides", "cone", "ball"],
+)
+def test_facets_finer_than_the_noise_are_a_round_body(mesh, name):
+    mesh = mesh.copy()
+    mesh.apply_transform(POSE)
+    roundness = find_symmetry(mesh).roundness
+    at_origin = mesh.copy()
+    at_origin.apply_transform(np.linalg.inv(POSE))
+    assert find_symmetry(at_origin).name == name
+    if len(roundness.axes_model) == 1:
+        assert abs(roundness.axes_model[0] @ POSE[:3, 2]) > np.cos(1e-4)
+        across = np.cross(roundness.point_model - POSE[:3, 3], POSE[:3, 2])
+    else:
+        across = roundness.point_model - POSE[:3, 3]
+    assert np.linalg.norm(across) < 1e-3
+
+
+def test_facets_coarser_than_the_noise_are_none():
+    stage = prism(16)
+    assert find_symmetry(stage, Resolution(1e-4, 0.005)).name == "D16 about z"
+
+
+def test_a_mark_makes_a_round_body_none():
+    mark = solid((0.2, 0.2, 0.2), (1.0, 0.0, 0.2))
+    assert group_name(motions_of(trimesh.util.concatenate([prism(48), mark]))) == "C1"

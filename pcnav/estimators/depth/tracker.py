@@ -385,9 +385,13 @@ class Tracker(Estimator):
     # Results.
 
     def _is_known(self, observer: ObserverPose) -> bool:
-        """Whether the pose is known in all directions: of two faces and no edge it is not."""
+        """Whether the pose is known in all directions but those of which the target shows no trace:
+        of two faces and no edge it is not."""
         assert self._track is not None, "there is something to know"
-        _, covariance = predicted_pose(self._track.motion.kalman, observer)
+        pose, covariance = predicted_pose(self._track.motion.kalman, observer)
+        if self._target.roundness is not None:
+            without_turns = self._target.roundness.without_turns(pose[:3, :3])
+            covariance = without_turns @ covariance @ without_turns.T
         shift, turn = (
             float(np.sqrt(np.linalg.eigvalsh(covariance[part, part])[-1]))
             for part in (slice(0, 3), slice(3, 6))
