@@ -91,7 +91,6 @@ class FrameErrors:
     def applied(self, noise: SensorNoise) -> SensorNoise:
         """The noise with what is believed of an offset of a frame."""
         log_likelihood = self.log_likelihood + self._of_recent()
-        log_likelihood = log_likelihood + self.against_outline.log_likelihood
         of_levels = log_likelihood[1:] - np.log(len(_LEVELS))
         if float(logsumexp(of_levels)) + _PRIOR_ODDS < log_likelihood[0]:
             return replace(noise, frame_sd_m=0.0)
