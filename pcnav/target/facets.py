@@ -23,6 +23,10 @@ _CLEARANCE_FRACTION = 1e-4
 """How far off a face the eye starts when asking whether it is seen."""
 _SEEN_SHARE = 0.5
 """A face of which less than this share is seen from outside is internal."""
+_FIRST_LOOK = 32
+"""Points of a unit at least that tell a hidden one."""
+_FEW = 64
+"""So many triangles are joined as fast one way as another."""
 _FACES_SAMPLED = 256
 """Triangles looked at to tell whether coplanar ones joined by edges are seen."""
 SAME_SIDE_RATIO = 1e-4
@@ -51,6 +55,24 @@ class PlanarFace:
 
 
 @dataclass(frozen=True)
+class _PlainMesh:
+    """Arrays of a mesh: each look at the mesh itself reads it all to see whether it changed."""
+
+    vertices: FloatArray
+    faces: IntArray
+    areas: FloatArray
+    centres: FloatArray
+    diameter_m: float
+
+    @staticmethod
+    def of(mesh: trimesh.Trimesh) -> "_PlainMesh":
+        return _PlainMesh(
+            *(np.array(mesh.vertices), np.array(mesh.faces), np.array(mesh.area_faces)),
+            *(np.array(mesh.triangles_center), mesh_diameter(mesh)),
+        )
+
+
+@dataclass(frozen=True)
 class _Patch:
     """A polygon in the x, y of a plane; z of the plane is the normal."""
 
@@ -76,12 +98,12 @@ def planar_faces(mesh: trimesh.Trimesh, minimum_area_m2: float) -> tuple[PlanarF
     # in one plane and looks the same way.
     planes = _group_planes(mesh, normals, mesh.triangles_center[faces])
     smooth = _smooth_edges(mesh, labels, group_areas)
-    found = []
+    plain, found = _PlainMesh.of(mesh), []
     for plane, sided in sorted(set(zip(planes.tolist(), two_sided.tolist(), strict=True))):
         members = (planes == plane) & (two_sided == sided)
         found += [
             _face_of_patch(patch, smooth, _GAP_FRACTION * diameter)
-            for patch in _patches(mesh, faces[members], normals[members], sided)
+            for patch in _patches(plain, faces[members], normals[members], sided)
             if patch.polygon.area >= minimum_area_m2
         ]
     return tuple(sorted(found, key=lambda face: _order(face, diameter)))
@@ -118,7 +140,7 @@ def _outward_faces(
     clearance = _CLEARANCE_FRACTION * mesh_diameter(mesh)
     total = np.bincount(owner, weight, minlength=len(units))
     front, behind = (
-        np.bincount(owner, weight * seen_from_outside(mesh, points, side, clearance)) / total
+        np.bincount(owner, weight * _seen_of_units(mesh, points, side, owner, clearance)) / total
         >= _SEEN_SHARE
         for side in (facing[owner], -facing[owner])
     )
@@ -128,6 +150,28 @@ def _outward_faces(
     seen = front[unit] | behind[unit]
     outward = normals * sign[:, None]
     return candidates[seen], outward[seen], (front & behind)[unit][seen]
+
+
+def _seen_of_units(
+    mesh: trimesh.Trimesh, points: FloatArray, normals: FloatArray, owner: IntArray, clear_m: float
+) -> BoolArray:
+    """(n,) `seen_from_outside` of points on units, which is not asked of the rest of a unit of
+    which none of the first points is seen: the inner side of a body takes most rays."""
+    first = _rank_within(owner) % np.maximum(1, np.bincount(owner) // _FIRST_LOOK)[owner] == 0
+    seen = np.zeros(len(points), dtype=np.bool_)
+    seen[first] = seen_from_outside(mesh, points[first], normals[first], clear_m)
+    rest = ~first & (np.bincount(owner, seen) > 0.0)[owner]
+    seen[rest] = seen_from_outside(mesh, points[rest], normals[rest], clear_m)
+    return seen
+
+
+def _rank_within(unit: IntArray) -> IntArray:
+    """(n,) how many before each have the same label, from 0 up."""
+    count = np.bincount(unit)
+    order = np.argsort(unit, kind="stable")
+    rank = np.empty(len(unit), dtype=np.intp)
+    rank[order] = np.arange(len(unit)) - np.repeat(np.cumsum(count) - count, count)
+    return rank
 
 
 def _joined_by_edges(mesh: trimesh.Trimesh, labels: IntArray) -> IntArray:
@@ -147,10 +191,7 @@ def _sample_points(
     mesh: trimesh.Trimesh, faces: IntArray, unit: IntArray
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Points (n, 3) on the faces, the unit each stands for, and the area it does."""
-    count = np.bincount(unit)
-    order = np.argsort(unit, kind="stable")
-    rank = np.empty(len(unit), dtype=np.intp)
-    rank[order] = np.arange(len(unit)) - np.repeat(np.cumsum(count) - count, count)
+    count, rank = np.bincount(unit), _rank_within(unit)
     # A unit of few faces gets many points on each; of a unit of many faces some are enough.
     stride = np.maximum(1, count // _FACES_SAMPLED)[unit]
     chosen = rank % stride == 0
@@ -179,17 +220,33 @@ _SUBTRIANGLES = _subtriangle_centres(4)
 
 
 def _patches(
-    mesh: trimesh.Trimesh, faces: IntArray, normals: FloatArray, two_sided: bool
+    mesh: _PlainMesh, faces: IntArray, normals: FloatArray, two_sided: bool
 ) -> list[_Patch]:
     """The connected polygons that mesh faces of one plane cover."""
-    weights = mesh.area_faces[faces]
+    weights = mesh.areas[faces]
     normal = weights @ normals
     normal /= np.linalg.norm(normal)
-    origin = weights @ mesh.triangles_center[faces] / weights.sum()
+    origin = weights @ mesh.centres[faces] / weights.sum()
     T_model_plane = make_transform(plane_axes(normal), origin)
-    corners = transform_points(invert_transform(T_model_plane), mesh.triangles[faces])
-    polygons = _union(shapely.polygons(corners[..., :2]), _GAP_FRACTION * mesh_diameter(mesh))
+    # A vertex is moved once, so that triangles that share it agree to the bit.
+    used, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    points = transform_points(invert_transform(T_model_plane), mesh.vertices[used])[:, :2]
+    triangles = shapely.polygons(points[corners.reshape(-1, 3)])
+    polygons = _union(_joined(triangles), _GAP_FRACTION * mesh.diameter_m)
     return [_Patch(T_model_plane, polygon, two_sided) for polygon in polygons]
+
+
+def _joined(triangles: npt.NDArray[np.object_]) -> npt.NDArray[np.object_]:
+    """What triangles cover; those of a fine tessellation, which meet edge to edge, as few polygons.
+
+    Overlapping ones are left as they are.
+    """
+    if len(triangles) <= _FEW:
+        return triangles
+    covered = shapely.coverage_union_all(triangles)
+    stated = float(shapely.area(triangles).sum())
+    whole = bool(shapely.is_valid(covered)) and abs(covered.area - stated) <= 1e-9 * stated
+    return shapely.get_parts(covered) if whole else triangles
 
 
 def _union(polygons: npt.NDArray[np.object_], gap_m: float) -> list[shapely.Polygon]:

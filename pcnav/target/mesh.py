@@ -9,7 +9,10 @@ SHARP_EDGE_RAD = np.radians(20.0)
 """Faces that meet at less than this belong to one gently bending surface."""
 
 _RAYS_PER_POINT = 32
-_POINTS_PER_BATCH = 20_000
+_ROUNDS = (1, 3, 12)
+"""Directions looked along one round after the other, and then the rest: most points are seen at
+once."""
+_RAYS_PER_BATCH = 600_000
 """Bounds the memory of one batch of rays to about 50 MB."""
 
 
@@ -35,18 +38,18 @@ def seen_from_outside(
     """Whether points (n, 3) just off the surface see empty space; (n,) of bool.
 
     Each point is lifted by the clearance along its normal (n, 3) and looks along 32 directions
-    of the half space in front of it; one that leaves the mesh is enough.
+    of the half space in front of it, straight ahead first; one that leaves the mesh is enough.
     """
     seen = np.zeros(len(points), dtype=np.bool_)
-    local = _half_space_directions(_RAYS_PER_POINT)
-    for start in range(0, len(points), _POINTS_PER_BATCH):
-        batch = slice(start, start + _POINTS_PER_BATCH)
-        frames = plane_axes(normals[batch])
-        directions = np.einsum("nij,kj->nki", frames, local)
-        lifted = points[batch] + clearance_m * normals[batch]
-        origins = np.repeat(lifted, len(local), axis=0)
-        hit = mesh.ray.intersects_any(origins, directions.reshape(-1, 3))
-        seen[batch] = ~np.all(np.reshape(hit, (-1, len(local))), axis=1)
+    local = _half_space_directions(_RAYS_PER_POINT)[::-1]
+    lifted = points + clearance_m * normals
+    for few in np.split(local, np.cumsum(_ROUNDS)):
+        unseen = np.flatnonzero(~seen)
+        for batch in np.array_split(unseen, len(unseen) * len(few) // _RAYS_PER_BATCH + 1):
+            directions = np.einsum("nij,kj->nki", plane_axes(normals[batch]), few)
+            origins = np.repeat(lifted[batch], len(few), axis=0)
+            hit = mesh.ray.intersects_any(origins, directions.reshape(-1, 3))
+            seen[batch] = ~np.all(np.reshape(hit, (-1, len(few))), axis=1)
     return seen
 
 
