@@ -38,5 +38,5 @@ def target(
     Console().print(*describe(satellite), sep="\n")
     if out is not None:
         typer.echo(f"catalogue: {out}")
-    if satellite.mesh_file.unit_doubt is not None:
-        _LOG.warning("%s: the mesh is %s", mesh, satellite.mesh_file.unit_doubt)
+    if satellite.mesh_origin.unit_doubt is not None:
+        _LOG.warning("%s: the mesh is %s", mesh, satellite.mesh_origin.unit_doubt)

@@ -157,8 +157,8 @@ def simulate_depth(
     if target_mesh is None:
         raise InputError(source, "target_mesh", "expected the mesh of the satellite to simulate")
     target = load_target(target_mesh, pipeline.mesh_unit)
-    if target.mesh_file.unit_doubt is not None:
-        _LOG.warning("%s: the mesh is %s", target_mesh, target.mesh_file.unit_doubt)
+    if target.mesh_origin.unit_doubt is not None:
+        _LOG.warning("%s: the mesh is %s", target_mesh, target.mesh_origin.unit_doubt)
     return Scene.showing(target, pipeline, source).simulation
 
 

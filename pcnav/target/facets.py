@@ -17,6 +17,8 @@ from pcnav.target.mesh import SHARP_EDGE_RAD, mesh_diameter, plane_axes, seen_fr
 _SAME_PLANE_FRACTION = 5e-5
 """Faces are coplanar when their planes differ by less than this fraction of the diameter."""
 _SAME_PLANE_RAD = 5e-4
+_ONE_WAY_RAD = 20.0 * _SAME_PLANE_RAD
+"""Normals of one flat face differ from their mean by less."""
 _GAP_FRACTION = 1e-4
 """Coplanar faces closer than this fraction of the diameter touch."""
 _CLEARANCE_FRACTION = 1e-4
@@ -92,7 +94,8 @@ def planar_faces(mesh: trimesh.Trimesh, minimum_area_m2: float) -> tuple[PlanarF
     labels = _group_planes(mesh, mesh.face_normals, mesh.triangles_center)
     group_areas = np.bincount(labels, weights=mesh.area_faces).astype(np.float64)
     # A plane must hold a fair part of the area asked for: a face may be wound half and half.
-    candidates = np.flatnonzero(group_areas[labels] > 0.3 * minimum_area_m2)
+    large = group_areas[labels] > 0.3 * minimum_area_m2
+    candidates = np.flatnonzero(large & _is_flat(mesh, labels)[labels])
     faces, normals, two_sided = _outward_faces(mesh, labels, candidates)
     # Two bodies that meet in a plane from opposite sides are different faces: what is joined lies
     # in one plane and looks the same way.
@@ -122,6 +125,19 @@ def _group_planes(mesh: trimesh.Trimesh, normals: FloatArray, points: FloatArray
     )
     pairs = cKDTree(cells).query_pairs(1.0 / 0.05, output_type="ndarray")
     return _components(pairs, len(cells))[np.ravel(cell_of)]
+
+
+def _is_flat(mesh: trimesh.Trimesh, labels: IntArray) -> BoolArray:
+    """(n,) whether the faces of a label look one way: a gentle curve may be cut so finely that each
+    face is coplanar with the next."""
+    normals = np.array(mesh.face_normals)
+    weighted = normals * mesh.area_faces[:, None]
+    sums = np.stack([np.bincount(labels, weighted[:, k]) for k in range(3)], axis=1)
+    length = np.linalg.norm(sums, axis=1)
+    mean = sums / np.where(length > 0.0, length, 1.0)[:, None]
+    cosine = np.full(len(mean), 1.0)
+    np.minimum.at(cosine, labels, np.einsum("ij,ij->i", normals, mean[labels]))
+    return np.asarray(cosine > np.cos(_ONE_WAY_RAD))
 
 
 def _outward_faces(

@@ -33,17 +33,22 @@ def wireframe_edges(mesh: trimesh.Trimesh) -> FloatArray:
 
 
 def seen_from_outside(
-    mesh: trimesh.Trimesh, points: FloatArray, normals: FloatArray, clearance_m: float
+    mesh: trimesh.Trimesh,
+    points: FloatArray,
+    normals: FloatArray,
+    clearance_m: float,
+    ahead: bool = False,
 ) -> BoolArray:
     """Whether points (n, 3) just off the surface see empty space; (n,) of bool.
 
     Each point is lifted by the clearance along its normal (n, 3) and looks along 32 directions
-    of the half space in front of it, straight ahead first; one that leaves the mesh is enough.
+    of the half space in front of it, straight ahead first; one that leaves the mesh is enough. With
+    ``ahead`` the first one decides.
     """
     seen = np.zeros(len(points), dtype=np.bool_)
     local = _half_space_directions(_RAYS_PER_POINT)[::-1]
     lifted = points + clearance_m * normals
-    for few in np.split(local, np.cumsum(_ROUNDS)):
+    for few in np.split(local, np.cumsum(_ROUNDS))[: 1 if ahead else None]:
         unseen = np.flatnonzero(~seen)
         for batch in np.array_split(unseen, len(unseen) * len(few) // _RAYS_PER_BATCH + 1):
             directions = np.einsum("nij,kj->nki", plane_axes(normals[batch]), few)

@@ -24,11 +24,12 @@ from pcnav.target.catalogue import (
 from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
-from pcnav.target.mesh_files.reading import MeshFile, read_mesh_file
+from pcnav.target.mesh_files.reading import MeshOrigin, read_mesh_file
 from pcnav.target.roundness import Roundness
 from pcnav.target.self_matches import SelfMatch, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
 from pcnav.target.symmetry import Resolution, find_symmetry, half_turns, symmetry_name
+from pcnav.target.visible_shell import visible_shell
 
 __all__ = [
     "Rectangle",
@@ -70,7 +71,7 @@ class Target:
     """(5,) nominal Iyy, Izz, Ixy, Ixz, Iyz over Ixx about the nominal mass centre."""
     inertia_ratio_sd: float
     """Standard deviation of the true ratios about them."""
-    mesh_file: MeshFile
+    mesh_origin: MeshOrigin
     """What the mesh comes from."""
     roundness: Roundness | None = None
     """About which axes it can be turned without a trace; None for a target that is not round."""
@@ -171,7 +172,8 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
     mesh_path = Path(mesh_path)
     sidecar_path, sidecar = _sidecar_of(mesh_path)
     mesh_file = read_mesh_file(mesh_path, mesh_unit or sidecar.mesh_unit)
-    mesh = mesh_file.mesh
+    com, ratios = _mass_properties(mesh_file.mesh, sidecar.mass, sidecar_path)
+    mesh = visible_shell(mesh_file.mesh)
     diameter = mesh_diameter(mesh)
     minimum_side = MINIMUM_SIDE_FRACTION * diameter
     faces = planar_faces(mesh, 0.8 * minimum_side**2)
@@ -179,7 +181,6 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
     rectangles = rectangles or rectangles_among(
         faces, minimum_side, EQUIVALENT_TOLERANCE, "equivalent"
     )
-    com, ratios = _mass_properties(mesh, sidecar.mass, sidecar_path)
     symmetry = find_symmetry(mesh)
     return Target(
         name=sidecar.name or mesh_path.stem,
@@ -191,7 +192,7 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
         com_sd_m=sidecar.mass.com_sd_m or COM_SD_FRACTION * diameter,
         inertia_ratios=ratios,
         inertia_ratio_sd=sidecar.mass.inertia_ratio_sd or INERTIA_RATIO_SD,
-        mesh_file=mesh_file,
+        mesh_origin=mesh_file.origin,
         roundness=symmetry.roundness,
     )
 
@@ -231,6 +232,9 @@ def _named(
     sidecar_path: Path,
 ) -> tuple[Rectangle, ...]:
     """The rectangles with the names of the sidecar given to those it points at."""
+    if not rectangles and names:
+        expected = "expected none: the mesh has no rectangle to be named"
+        raise InputError(sidecar_path, "rectangles.names", expected)
     named = list(rectangles)
     taken: set[int] = set()
     centroids = np.array([rectangle.T_model_rect[:3, 3] for rectangle in rectangles])
@@ -274,7 +278,7 @@ def write_target_toml(target: Target, path: Path) -> None:
         inertia_ratios=(a, b, c, d, e),
         inertia_ratio_sd=target.inertia_ratio_sd,
     )
-    write_sidecar(Sidecar.of(target.name, mass, names, target.mesh_file.stated_unit), path)
+    write_sidecar(Sidecar.of(target.name, mass, names, target.mesh_origin.stated_unit), path)
 
 
 def _vector3(values: FloatArray) -> tuple[float, float, float]:
@@ -289,11 +293,13 @@ def describe(target: Target) -> tuple[Table, Table]:
     facts.add_column("value")
     mesh = target.mesh
     closed = "watertight" if mesh.is_watertight else "open"
-    facts.add_row("mesh", f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {closed}")
+    hidden = target.mesh_origin.n_faces - len(mesh.faces)
+    inner = f", {hidden} more that nobody sees" if hidden else f", {closed}"
+    facts.add_row("mesh", f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces{inner}")
     low, high = target.mesh.bounds
     facts.add_row("size", f"{' x '.join(f'{side:.3f}' for side in high - low)} m")
     facts.add_row("diameter", f"{target.diameter_m:.3f} m")
-    facts.add_row("unit of the file", target.mesh_file.unit_text)
+    facts.add_row("unit of the file", target.mesh_origin.unit_text)
     facts.add_row("symmetry group", target.symmetry_name)
     facts.add_row("mass centre (model)", f"{_numbers(target.com_model)} m")
     facts.add_row("  standard deviation", f"{target.com_sd_m:.4f} m")

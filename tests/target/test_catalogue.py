@@ -231,3 +231,20 @@ def test_third_party_cubesat(shared_data):
     assert len(mesh.faces) > 400
     rectangles = find_rectangles(mesh)
     assert sides(rectangles) == [(0.3, 0.2)] * 2 + [(0.3, 0.1)] * 2 + [(0.2, 0.1)] * 2
+
+
+def test_a_gentle_curve_cut_finely_is_no_flat_face():
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 301), np.linspace(-0.3, 0.3, 31), indexing="ij")
+    vertices = np.column_stack([x.ravel(), y.ravel(), (x**2 / 20.0).ravel()])
+    corner = np.arange(300)[:, None] * 31 + np.arange(30)
+    first, across = corner.ravel(), corner.ravel() + 31
+    faces = np.vstack(
+        [
+            np.column_stack([first, across, across + 1]),
+            np.column_stack([first, across + 1, first + 1]),
+        ]
+    )
+    bent = trimesh.Trimesh(vertices, faces, process=False)
+    flat = trimesh.Trimesh(vertices * [1.0, 1.0, 0.0], faces, process=False)
+    assert len(planar_faces(flat, 0.01)) == 1
+    assert planar_faces(bent, 0.01) == ()

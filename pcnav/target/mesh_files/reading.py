@@ -28,36 +28,34 @@ _TAKES_SKIP_MATERIALS = (*_GLTF, "obj")
 
 
 @dataclass(frozen=True)
-class MeshFile:
-    """What a mesh file holds."""
+class MeshOrigin:
+    """What a mesh comes from."""
 
-    mesh: trimesh.Trimesh
-    """Clean triangles, m, in the axes of the file."""
+    n_faces: int
+    """Triangles of the file, without those that are none."""
     metres_per_unit: float
     """The scale by which it was read."""
     unit_from: str
     """"stated" by the user, "declared" by the file, or "assumed", which metres are."""
     stated_unit: LengthUnit | None = None
+    unit_doubt: str | None = None
+    """A question, where no unit is stated and the size is one that hardly any target has."""
 
     @property
     def unit_text(self) -> str:
         """The unit of the file, and where it is known from."""
-        named = [
-            unit.plural for unit in LengthUnit if np.isclose(unit.metres, self.metres_per_unit)
-        ]
-        return f"{named[0] if named else f'{self.metres_per_unit:g} m'}, {self.unit_from}"
+        scale = self.metres_per_unit
+        names = [unit.plural for unit in LengthUnit if np.isclose(unit.metres, scale)]
+        return f"{names[0] if names else f'{scale:g} m'}, {self.unit_from}"
 
-    @property
-    def unit_doubt(self) -> str | None:
-        """A question, where no unit is stated and the size is one that hardly any target has."""
-        if self.stated_unit is not None:
-            return None
-        return unit_doubt(self.diameter_m, self.metres_per_unit)
 
-    @property
-    def diameter_m(self) -> float:
-        """Diagonal of its bounding box, m."""
-        return float(np.linalg.norm(np.ptp(self.mesh.bounds, axis=0)))
+@dataclass(frozen=True)
+class MeshFile:
+    """What a mesh file holds."""
+
+    mesh: trimesh.Trimesh
+    """Clean triangles, m, in the axes of the file."""
+    origin: MeshOrigin
 
 
 @dataclass(frozen=True)
@@ -80,9 +78,8 @@ def read_mesh_file(path: Path, unit: LengthUnit | None = None) -> MeshFile:
 
     Bodies and instances stand where the file puts them, polygons are cut into triangles, colours
     and textures dropped; what `cleaned` does follows. Coordinates are in ``unit``, else in the one
-    that the file declares, else in metres; where the target would then be larger or smaller than
-    any, a warning asks for the unit. The axes are the file's. Raises `InputError` when the file is
-    missing, holds no triangles that can be read, or coordinates that are no numbers.
+    that the file declares, else in metres. The axes are the file's. Raises `InputError` when the
+    file is missing, holds no triangles that can be read, or coordinates that are no numbers.
     """
     if not path.is_file():
         raise InputError(path, "file", "expected a mesh file, found none")
@@ -98,7 +95,10 @@ def read_mesh_file(path: Path, unit: LengthUnit | None = None) -> MeshFile:
     mesh = cleaned(vertices, faces)
     if len(mesh.faces) == 0:
         raise InputError(path, "faces", "expected faces with an area, found only degenerate ones")
-    return MeshFile(mesh, scales[0], source, unit)
+    diameter_m = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    doubt = unit_doubt(diameter_m, scales[0]) if unit is None else None
+    origin = MeshOrigin(len(mesh.faces), scales[0], source, unit, doubt)
+    return MeshFile(mesh, origin)
 
 
 def companion_files(path: Path) -> tuple[Path, ...]:

@@ -71,7 +71,7 @@ def test_units_of_3mf_are_read(tmp_path, clean, unit, metres):
             model = content.replace(b'unit="millimeter"', f'unit="{unit}"'.encode())
             archive.writestr(name, model)
     found = read_mesh_file(path)
-    assert found.unit_from == "declared"
+    assert found.origin.unit_from == "declared"
     clean.apply_scale(metres)
     agrees(found.mesh, clean)
 
@@ -85,16 +85,16 @@ def test_units_of_dae_are_read(tmp_path, clean):
         text = text.replace(old, "")
     path.write_text(text.replace("</asset>", f"{unit}</asset>"))
     found = read_mesh_file(path)
-    assert found.metres_per_unit == pytest.approx(0.0254)
+    assert found.origin.metres_per_unit == pytest.approx(0.0254)
     clean.apply_scale(0.0254)
     agrees(found.mesh, clean)
 
 
 def test_a_stated_unit_goes_before_a_declared_one(tmp_path, clean):
     path = as_file(tmp_path, "mesh.glb", clean)
-    assert read_mesh_file(path).unit_from == "declared"
+    assert read_mesh_file(path).origin.unit_from == "declared"
     found = read_mesh_file(path, LengthUnit.CENTIMETRE)
-    assert found.unit_from == "stated"
+    assert found.origin.unit_from == "stated"
     clean.apply_scale(0.01)
     agrees(found.mesh, clean)
 
@@ -218,14 +218,14 @@ def test_a_hollow_of_a_body_stays_hollow(tmp_path):
 
 def test_sizes_that_no_target_has_are_asked_about(tmp_path, clean):
     plain = read_mesh_file(as_file(tmp_path, "plain.stl", clean))
-    assert plain.unit_doubt is None
+    assert plain.origin.unit_doubt is None
     clean.apply_scale(1000.0)
     path = as_file(tmp_path, "large.stl", clean)
-    doubt = read_mesh_file(path).unit_doubt
+    doubt = read_mesh_file(path).origin.unit_doubt
     assert doubt == "5.46 km across: is the mesh in millimetres (--mesh-unit mm)?"
     stated = read_mesh_file(path, LengthUnit.MILLIMETRE)
     assert stated.mesh.extents.max() < 5.0
-    assert stated.unit_doubt is None
+    assert stated.origin.unit_doubt is None
 
 
 def header_of(path, change):
