@@ -16,6 +16,7 @@ from pcnav.estimators.interface import AxesPolicy
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.runs.reader import read_points
 from pcnav.runs.run import PointTable, Run
+from pcnav.runs.status import Status
 from pcnav.target.roundness import Roundness
 
 TIME_TOLERANCE_S = 1e-6
@@ -170,9 +171,7 @@ def _axes_of(
     if run.segments and ATTITUDE in truth:
         return _segment_axes(run, truth)
     if axes is AxesPolicy.SYMMETRY and symmetries is not None:
-        relative = _relative_attitudes(run.trajectory, truth)
-        best = _best_symmetry(relative, symmetries, roundness)
-        return _Axes(_turned_alike(relative, symmetries[best], roundness), best)
+        return _symmetric_axes(run, truth, symmetries, roundness)
     if axes is AxesPolicy.SYMMETRY_OF_FRAME and symmetries is not None:
         relative = _relative_attitudes(run.trajectory, truth)
         chosen = symmetries[_nearest_symmetries(relative, symmetries, roundness)]
@@ -192,17 +191,32 @@ def _relative_attitudes(run: Trajectory, truth: Trajectory) -> FloatArray:
     return np.full((len(run), 3, 3), np.nan)
 
 
+def _symmetric_axes(
+    run: Run, truth: Trajectory, symmetries: FloatArray, roundness: Roundness | None
+) -> _Axes:
+    """One symmetry for every track; that of the first in which any is known is reported.
+
+    A track that jumps from one equivalent attitude to another is wrong and is not to be excused
+    frame by frame. Where a target was lost and found anew, nothing tells which it was before.
+    """
+    relative = _relative_attitudes(run.trajectory, truth)
+    known = np.isfinite(relative).all(axis=(1, 2))
+    track = np.cumsum(np.isin(run.status, (Status.ACQUIRING, Status.LOST)))
+    best = {
+        k: _best_symmetry(relative[known & (track == k)], symmetries, roundness)
+        for k in np.unique(track[known]).tolist()
+    }
+    first = next(iter(best.values()), 0)
+    chosen = symmetries[first]
+    if len(set(best.values())) > 1:
+        chosen = symmetries[[best.get(k, first) for k in track.tolist()]]
+    return _Axes(_turned_alike(relative, chosen, roundness), first)
+
+
 def _best_symmetry(
     relative: FloatArray, symmetries: FloatArray, roundness: Roundness | None
 ) -> int:
-    """Which symmetry S makes ``T_cam_model @ S`` of the truth fit the run best.
-
-    One for the whole run, by the median attitude error: a run that jumps from one equivalent
-    attitude to another is wrong and is not to be excused frame by frame. 0 without any match.
-    """
-    relative = relative[np.isfinite(relative).all(axis=(1, 2))]
-    if not len(relative):
-        return 0
+    """Which symmetry S makes ``T_cam_model @ S`` of the truth fit attitudes (n, 3, 3) best."""
     angles = np.median(_angles_under(relative, symmetries, roundness), axis=0)
     # Equal angles differ by rounding; the identity comes first and is to win then.
     return int(np.argmax(angles <= angles.min() + 1e-9))

@@ -40,6 +40,7 @@ from pcnav.evaluation.metrics import PERCENTILES, Metrics, distribution, evaluat
 from pcnav.files.text_table import number
 from pcnav.report.summary import summary_table
 from pcnav.runs.run import Run
+from pcnav.runs.status import Status
 from tests.made_runs import made_run
 
 
@@ -324,6 +325,26 @@ def test_errors_are_taken_up_to_the_symmetry_of_the_target(honest: tuple[Any, Ru
     fitted = errors(track, poses, AxesPolicy.SYMMETRY_OF_FRAME, symmetry_transforms=SYMMETRIES)
     assert plain.errors is not None
     np.testing.assert_allclose(fitted.theta_model_rad, plain.errors.theta_model_rad, atol=1e-9)
+
+
+def test_a_target_found_anew_may_be_found_in_another_of_its_equivalent_attitudes(
+    honest: tuple[Any, Run, Path],
+) -> None:
+    run, track, _ = honest
+    half = len(track) // 2
+    other = relabelled(run.truth, invert_transform(HALF_TURN)).T_cam_target
+    assert run.truth.T_cam_target is not None and other is not None
+    turned = np.concatenate([run.truth.T_cam_target[:half], other[half:]])
+    poses = Trajectory(run.truth.time_s, POSE_LAYOUT, T_cam_target=turned)
+    largest = {}
+    for word in (Status.COASTING, Status.LOST, Status.ACQUIRING):
+        status = (*track.status[:half], word, *track.status[half + 1 :])
+        parted = replace(track, status=status)
+        found = errors(parted, poses, AxesPolicy.SYMMETRY, symmetry_transforms=SYMMETRIES)
+        largest[word] = np.nanmax(np.linalg.norm(found.theta_model_rad, axis=1))
+    # A track that goes on must not jump.
+    assert largest[Status.COASTING] > 3.0
+    assert largest[Status.LOST] == largest[Status.ACQUIRING] < 0.2
 
 
 def test_distribution_of_a_known_sample() -> None:

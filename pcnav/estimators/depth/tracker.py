@@ -214,15 +214,13 @@ class Tracker(Estimator):
         group = ""
         if estimate.status == Status.AMBIGUOUS:
             group = f", symmetry group {self._target.symmetry_name}"
-        _log.info(
-            "frame %d: %s -> %s%s (inlier ratio %.0f %%, NIS per degree of freedom %.2f)",
-            frame.index,
-            self._status,
-            estimate.status,
-            group,
-            100.0 * inlier_ratio,
-            estimate.window_nis,
-        )
+        known = []
+        if np.isfinite(inlier_ratio):
+            known.append(f"inlier ratio {inlier_ratio:.0%}")
+        if estimate.window_nis is not None and np.isfinite(estimate.window_nis):
+            known.append(f"NIS per degree of freedom {estimate.window_nis:.2f}")
+        why = f" ({', '.join(known)})" if known else ""
+        _log.info("frame %d: %s -> %s%s%s", frame.index, self._status, estimate.status, group, why)
 
     # Acquiring.
 

@@ -8,12 +8,14 @@ import pytest
 import trimesh
 
 from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import DepthImage
 from pcnav.core.spatial import exp_rotation, log_rotation, rotation_angle
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target, load_target
 from tests.estimators.depth.tracked_boxsat import (
     PIPELINE,
+    SIGMA_M,
     Recording,
     note,
     recorded,
@@ -137,10 +139,16 @@ def box_with_a_tower(folder: Path, height_m: float) -> Target:
 def test_a_track_that_sees_only_other_things_is_given_up_after_ten_frames(
     recording: Recording,
 ) -> None:
-    wall = np.zeros_like(recording.frames[0].depth_m)
-    wall[:40, :40] = 60.0
+    rng = np.random.default_rng(0)
+
+    def wall() -> DepthImage:
+        """Never the same twice: a frame that repeats the one before is none."""
+        depth_m = np.zeros_like(recording.frames[0].depth_m)
+        depth_m[:40, :40] = 60.0 + rng.normal(0.0, SIGMA_M, (40, 40))
+        return depth_m
+
     frames = recording.frames[:8] + [
-        replace(frame, depth_m=wall) for frame in recording.frames[8:20]
+        replace(frame, depth_m=wall()) for frame in recording.frames[8:20]
     ]
     words = [estimate.status for estimate in track(recording, frames)]
     assert words[7] == Status.LOCKED
