@@ -31,6 +31,8 @@ _EDGE_SD_PX = 0.01
 _ONE_PIXEL_SIGMA = 2.5
 """A single displaced pixel may be at most so many standard deviations: its law has a long tail that
 a variance alone does not tell, and the gates go by variances."""
+_MAX_SIGNS = 65_536
+"""Edges of larger meshes draw their signs in turn from so many."""
 _MEAN_ABS_NORMAL = float(np.sqrt(2.0 / np.pi))
 """Mean absolute value of a standard normal variable."""
 
@@ -79,7 +81,8 @@ def contour_runs(
         unknown: (height, width) pixels that say nothing of the outline, see `OutlineFrame`.
     """
     crossings = edge_crossings(edges, rendered, doubt.T_cam_model)
-    shift_px = count_offsets(len(edges.ends), doubt.T_cam_model)[crossings.edge]
+    signs = count_offsets(min(len(edges), _MAX_SIGNS), doubt.T_cam_model)
+    shift_px = signs[crossings.edge % max(len(signs), 1)]
     shift_px = shift_px + crossings.by_offsets(0) @ noise.outline_offset_px
     jacobian = crossings.displacement_jacobian(rendered.camera, doubt)
     variance_px = np.einsum("ij,jk,ik->i", jacobian, doubt.covariance, jacobian)

@@ -12,6 +12,9 @@ from pcnav.perception.mesh_edges import MeshEdges
 from pcnav.perception.pose_doubt import PoseDoubt
 from pcnav.target.rendering import RenderedDepth
 
+_MANY_EDGES, _MIN_SPAN_PX = 10_000, 1.0
+"""Of more edges than this, those that are imaged shorter are not looked at: a crossing counts
+beside two others of its edge."""
 _ROW_ROUNDS = 2
 """A row's time moves a point by far less than the rows between."""
 
@@ -146,27 +149,46 @@ def edge_crossings(
 def _bounding(edges: MeshEdges, imaging: _Imaging) -> _Chords:
     """The edges beyond which one looks past a part of the target."""
     camera = imaging.rendered.camera
-    p_cam = transform_points(imaging.T_cam_model, edges.vertices)
+    edge, ends, wings, vertices = _candidates(edges, imaging.rendered)
+    p_cam = transform_points(imaging.T_cam_model, vertices)
     z = p_cam[:, 2]
     in_front = z > 1e-3 * float(np.abs(z).max())
     safe = np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0])
-    pixels, ends = project(camera, safe), edges.ends
+    pixels = project(camera, safe)
     # Which side of an edge a point lies on is seen where edges are straight.
     places = safe[:, :2] / safe[:, 2:] if imaging.is_bent else pixels
     along = places[ends[:, 1]] - places[ends[:, 0]]
-    to_wings = places[edges.wings] - places[ends[:, 0]][:, None, :]
+    to_wings = places[wings] - places[ends[:, 0]][:, None, :]
     cross = along[:, None, 0] * to_wings[..., 1] - along[:, None, 1] * to_wings[..., 0]
     # Faces on one side of the edge only: beyond it one looks past the part.
     bounds = (cross > 0.0).all(axis=1) | (cross < 0.0).all(axis=1)
-    bounds &= in_front[ends].all(axis=1) & in_front[edges.wings].all(axis=1)
-    edge = np.flatnonzero(bounds)
-    start, end = p_cam[ends[edge, 0]], p_cam[ends[edge, 1]]
-    first, second = pixels[ends[edge, 0]], pixels[ends[edge, 1]]
+    bounds &= in_front[ends].all(axis=1) & in_front[wings].all(axis=1)
+    edge, ends, on_left = edge[bounds], ends[bounds], cross[bounds, 0] > 0.0
+    start, end = p_cam[ends[:, 0]], p_cam[ends[:, 1]]
+    first, second = pixels[ends[:, 0]], pixels[ends[:, 1]]
     if imaging.is_bent:
         cut = edge_segments(camera, imaging.pixels, start, end)
-        edge, start, end = edge[cut.edge], cut.start_cam, cut.end_cam
+        edge, on_left = edge[cut.edge], on_left[cut.edge]
+        start, end = cut.start_cam, cut.end_cam
         first, second = imaging.pixels(start), imaging.pixels(end)
-    return _Chords(edge, start, end, first, second, cross[edge, 0] > 0.0)
+    return _Chords(edge, start, end, first, second, on_left)
+
+
+def _candidates(
+    edges: MeshEdges, rendered: RenderedDepth
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Edges (k,) that may bound the target over some pixels; their ends (k, 2) and wings (k, w)
+    among vertices (m, 3) of the model."""
+    depth = rendered.depth_m[rendered.window]
+    if len(edges) <= _MANY_EDGES or not depth.any():
+        return np.arange(len(edges)), edges.ends, edges.wings, edges.vertices
+    nearest_m = float(depth[depth > 0.0].min())
+    focal = max(rendered.camera.fx, rendered.camera.fy)
+    edge = edges.at_least(_MIN_SPAN_PX * nearest_m / focal)
+    both = np.hstack([edges.ends[edge], edges.wings[edge]])
+    used, places = np.unique(both, return_inverse=True)
+    places = places.reshape(both.shape)
+    return edge, places[:, :2], places[:, 2:], edges.vertices[used]
 
 
 def _crossings(chords: _Chords, camera: PinholeCamera, is_bent: bool) -> EdgeCrossings:

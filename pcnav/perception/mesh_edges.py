@@ -1,6 +1,7 @@
 """The edges of a mesh that can bound it in an image."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -24,6 +25,20 @@ class MeshEdges:
     wings: IntArray
     """(n, k) the third vertices of the triangles at each edge, padded by repetition."""
 
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def at_least(self, length_m: float) -> IntArray:
+        """(k,) which are no shorter than a length, in rising order."""
+        order, lengths = self._by_length
+        return np.sort(order[np.searchsorted(lengths, length_m) :])
+
+    @cached_property
+    def _by_length(self) -> tuple[IntArray, FloatArray]:
+        lengths = np.linalg.norm(np.diff(self.vertices[self.ends], axis=1)[:, 0], axis=1)
+        order = np.argsort(lengths, kind="stable")
+        return order, lengths[order]
+
 
 def mesh_edges(mesh: trimesh.Trimesh) -> MeshEdges:
     """All edges of a mesh but those inside its flat faces."""
@@ -31,7 +46,9 @@ def mesh_edges(mesh: trimesh.Trimesh) -> MeshEdges:
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     opposite = faces[:, [2, 0, 1]].ravel()
     owner = np.repeat(np.arange(len(faces)), 3)
-    ends, edge = np.unique(pairs, axis=0, return_inverse=True)
+    # As one number each, pairs are sorted in a fraction of the time.
+    keys, edge = np.unique(pairs @ [len(mesh.vertices), 1], return_inverse=True)
+    ends = np.column_stack(np.divmod(keys, len(mesh.vertices)))
     order = np.argsort(edge.ravel(), kind="stable")
     counts = np.bincount(edge.ravel())
     starts = np.cumsum(counts) - counts

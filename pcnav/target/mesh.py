@@ -46,7 +46,7 @@ def seen_from_outside(
     ``ahead`` the first one decides.
     """
     seen = np.zeros(len(points), dtype=np.bool_)
-    local = _half_space_directions(_RAYS_PER_POINT)[::-1]
+    local = half_space_directions(_RAYS_PER_POINT)[::-1]
     lifted = points + clearance_m * normals
     for few in np.split(local, np.cumsum(_ROUNDS))[: 1 if ahead else None]:
         unseen = np.flatnonzero(~seen)
@@ -67,7 +67,7 @@ def plane_axes(normals: FloatArray) -> FloatArray:
     return np.stack([x, np.cross(normals, x), normals], axis=-1)
 
 
-def _half_space_directions(count: int) -> FloatArray:
+def half_space_directions(count: int) -> FloatArray:
     """(count, 3) unit vectors spread evenly over z > 0 (Fibonacci spiral)."""
     index = np.arange(count)
     # Rays closer to the surface than cos = 0.05 would graze it.

@@ -4,16 +4,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, project
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.target.bent_window import seeing_pixels
+from pcnav.target.mesh import half_space_directions
 from pcnav.target.row_motion import RowPlanes
 
 Window = tuple[slice, slice]
 
+_MANY_FACES = 4_000
+"""Of more faces the planes are worked out only where pixels show them."""
+_MAX_OUTER, _OUTER_PLANES = 1_500, 500
 _START_FRACTION = 0.999
 """Rays start at this share of the nearest vertex's depth, so that no facet is skipped."""
 _JUMP_TOLERANCE = 1e-6
@@ -32,7 +36,8 @@ class RenderedDepth:
     window: Window
     """Rows and columns outside which there is no return."""
     inverse_depth_planes: FloatArray
-    """(n_faces, 3) m with ``1 / z = m . ray`` for a ray (z = 1) that meets the face's plane."""
+    """(n_faces, 3) m with ``1 / z = m . ray`` for a ray (z = 1) that meets the face's plane; of a
+    mesh of very many faces zero for those that no pixel shows."""
     row_planes: RowPlanes | None = None
     """The same row by row, where the target moves while the rows are read out."""
 
@@ -57,8 +62,10 @@ class DepthRenderer:
     def __init__(self, mesh: trimesh.Trimesh, camera: PinholeCamera) -> None:
         self._camera = camera
         self._vertices = np.array(mesh.vertices, dtype=np.float64)
+        self._outer_vertices = _outer(self._vertices)
         self._first_vertices = np.array(mesh.triangles[:, 0], dtype=np.float64)
         self._normals = np.array(mesh.face_normals, dtype=np.float64)
+        self._offsets = np.einsum("ij,ij->i", self._normals, self._first_vertices)
         self._face_vertices = np.array(mesh.faces, dtype=np.intp)
         # Embree where it is installed, else trimesh's own slow search.
         self._scene = mesh.ray
@@ -69,50 +76,45 @@ class DepthRenderer:
         Each row is seen at the pose of its own time where ``row_poses`` (height, 4, 4) are given.
         """
         camera = self._camera
-        vertices_cam = transform_points(T_cam_model, self._vertices)
-        planes = self._inverse_depth_planes(T_cam_model)
+        outer_cam = transform_points(T_cam_model, self._outer_vertices)
         depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
         triangle = np.full((camera.height, camera.width), -1, dtype=np.intp)
-        row_planes, spans = None, [vertices_cam]
+        row_planes, poses, outer = None, T_cam_model[None], outer_cam
         if row_poses is not None:
-            offsets = np.einsum("ij,ij->i", self._normals, self._first_vertices)
-            row_planes = RowPlanes(self._normals, offsets, row_poses)
-            spans += [transform_points(T, self._vertices) for T in (row_poses[0], row_poses[-1])]
-        rendered = RenderedDepth(
-            *(camera, depth_m, triangle, (slice(0, 0), slice(0, 0)), planes, row_planes)
-        )
-        # The vertices move along lines that are as good as straight.
-        window, cast = self._pixels(np.vstack(spans) if row_poses is not None else vertices_cam)
-        rays = pixel_rays(camera)[window][cast]
+            row_planes = RowPlanes(self._normals, self._offsets, row_poses)
+            poses = np.stack([T_cam_model, row_poses[0], row_poses[-1]])
+            # The vertices move along lines that are as good as straight.
+            outer = np.vstack([transform_points(T, self._outer_vertices) for T in poses])
+        window, seeing = self._pixels(outer)
+        rays = pixel_rays(camera)[window][seeing]
+        faces = np.empty(0, dtype=np.intp)
         if len(rays) > 0:
-            spans_z = np.stack([span[:, 2] for span in spans])
-            nearest_z = float(spans_z.min())
-            if row_poses is None or row_planes is None:
+            nearest_z = float(outer[:, 2].min())
+            if row_poses is None:
                 faces = self._first_faces(rays, T_cam_model, nearest_z)
-                hit = faces >= 0
-                m = planes[faces[hit]]
             else:
-                rows = np.nonzero(cast)[0] + window[0].start
+                rows = np.nonzero(seeing)[0] + window[0].start
                 faces = self._first_faces_by_row(rays, row_poses[rows], nearest_z)
-                hit = faces >= 0
-                m = row_planes.at(faces[hit], rows[hit])
+        hit = faces >= 0
+        planes = self._inverse_depth_planes(T_cam_model, faces[hit])
+        if len(rays) > 0:
+            m = planes[faces[hit]] if row_planes is None else row_planes.at(faces[hit], rows[hit])
             depth = np.zeros(len(rays))
-            depth[hit] = self._depths(rays[hit], faces[hit], m, spans_z)
-            depth_m[window][cast] = depth
-            triangle[window][cast] = faces
-        return replace(rendered, window=window)
+            depth[hit] = self._depths(rays[hit], faces[hit], m, poses)
+            depth_m[window][seeing] = depth
+            triangle[window][seeing] = faces
+        return RenderedDepth(camera, depth_m, triangle, window, planes, row_planes)
 
     def cast(self, rays_cam: FloatArray, T_cam_model: FloatArray) -> tuple[FloatArray, IntArray]:
         """z-depth (n,), m, and face (n,) that rays (n, 3), z = 1, meet first; 0 and -1 for none."""
-        vertices_z = transform_points(T_cam_model, self._vertices)[:, 2]
+        outer_z = transform_points(T_cam_model, self._outer_vertices)[:, 2]
         depth = np.zeros(len(rays_cam))
-        if vertices_z.max() <= 0.0 or not len(rays_cam):
+        if outer_z.max() <= 0.0 or not len(rays_cam):
             return depth, np.full(len(rays_cam), -1, dtype=np.intp)
-        planes = self._inverse_depth_planes(T_cam_model)
-        faces = self._first_faces(rays_cam, T_cam_model, float(vertices_z.min()))
+        faces = self._first_faces(rays_cam, T_cam_model, float(outer_z.min()))
         hit = faces >= 0
-        m = planes[faces[hit]]
-        depth[hit] = self._depths(rays_cam[hit], faces[hit], m, vertices_z[None])
+        m = self._inverse_depth_planes(T_cam_model, faces[hit])[faces[hit]]
+        depth[hit] = self._depths(rays_cam[hit], faces[hit], m, T_cam_model[None])
         return depth, faces
 
     def _pixels(self, vertices_cam: FloatArray) -> tuple[Window, BoolArray]:
@@ -184,29 +186,63 @@ class DepthRenderer:
         origins = centres + _START_FRACTION * max(nearest_z_m, 0.0) * directions
         return np.asarray(self._scene.intersects_first(origins, directions), dtype=np.intp)
 
-    def _inverse_depth_planes(self, T_cam_model: FloatArray) -> FloatArray:
+    def _inverse_depth_planes(self, T_cam_model: FloatArray, shown: IntArray) -> FloatArray:
+        """(n_faces, 3) of all faces of a small mesh; else of those shown (k,), zero elsewhere."""
         R = T_cam_model[:3, :3]
         p_model_cam = invert_transform(T_cam_model)[:3, 3]
-        distance = np.einsum("ij,ij->i", self._normals, self._first_vertices - p_model_cam)
+        n = len(self._normals)
+        # The last one stands where nothing is shown, at index -1.
+        some = slice(None) if n <= _MANY_FACES else np.unique(np.append(shown, n - 1))
+        normals = self._normals[some]
+        distance = np.einsum("ij,ij->i", normals, self._first_vertices[some] - p_model_cam)
         # A plane through the camera centre is seen edge-on: no ray hits it.
         safe = np.where(distance == 0.0, np.nan, distance)
-        return np.asarray((self._normals @ R.T) / safe[:, None])
+        m = np.asarray((normals @ R.T) / safe[:, None])
+        if n <= _MANY_FACES:
+            return m
+        planes = np.zeros((n, 3))
+        planes[some] = m
+        return planes
 
     def _depths(
-        self, rays: FloatArray, faces: IntArray, planes: FloatArray, vertices_z: FloatArray
+        self, rays: FloatArray, faces: IntArray, planes: FloatArray, poses: FloatArray
     ) -> FloatArray:
         """(n,) z-depth where each ray meets the plane (n, 3) of its face, in double precision.
 
-        ``vertices_z`` (k, n_vertices) has the depths of the vertices at some times, m.
+        ``poses`` (k, 4, 4) are those of the mesh at some times.
         """
         inverse_depth = np.einsum("ij,ij->i", planes, rays)
-        face_z = vertices_z[:, self._face_vertices]
-        low, high = face_z.min(axis=(0, 2))[faces], face_z.max(axis=(0, 2))[faces]
+        few, which = np.arange(len(self._face_vertices)), faces
+        if len(few) > _MANY_FACES:
+            few, which = np.unique(faces, return_inverse=True)
+        corners = self._vertices[self._face_vertices[few]]
+        z = np.einsum("nij,kj->kni", corners, poses[:, 2, :3]) + poses[:, 2, 3, None, None]
+        low, high = z.min(axis=(0, 2))[which], z.max(axis=(0, 2))[which]
         # A grazing ray that float32 let in at the rim of a face may miss it by a hair and meet its
         # plane far away; the face's own depth span bounds it.
         with np.errstate(divide="ignore"):
             depth = 1.0 / inverse_depth
         return np.asarray(np.clip(np.where(np.isfinite(depth), depth, low), low, high))
+
+
+def _outer(vertices: FloatArray) -> FloatArray:
+    """Points (k, 3) whose convex hull holds vertices (n, 3): where they are imaged, all is within.
+
+    They are the corners of the hull or, where a curved surface has very many, of a polytope about
+    it that is little larger.
+    """
+    try:
+        corners = np.asarray(vertices[ConvexHull(vertices).vertices])
+    except QhullError:
+        # All of a flat mesh lies in its hull.
+        return vertices
+    if len(corners) <= _MAX_OUTER:
+        return corners
+    above = half_space_directions(_OUTER_PLANES // 2)
+    normals = np.vstack([above, -above])
+    reach = (corners @ normals.T).max(axis=0)
+    planes = np.column_stack([normals, -reach])
+    return np.asarray(HalfspaceIntersection(planes, corners.mean(axis=0)).intersections)
 
 
 def depth_beyond_edge(rendered: RenderedDepth) -> FloatArray:

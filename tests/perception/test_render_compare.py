@@ -13,6 +13,7 @@ from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.perception.mesh_edges import mesh_edges
 from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.recordings.sequence import Frame
 from pcnav.simulation.noise import add_sensor_faults
@@ -424,3 +425,33 @@ def test_a_doubtful_pose_is_compared_on_curved_surfaces_too(
     # Neighbouring pixels lie on facets that differ by more than the noise, but less than the doubt.
     assert share(1e-5) < 0.1
     assert share(0.1) > 0.6
+
+
+def test_shortcuts_of_large_meshes_change_nothing(
+    boxsat: Target,
+    camera: PinholeCamera,
+    shoot: Callable[..., tuple[Frame, RenderedDepth]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    T = make_transform(exp_rotation(np.array([0.4, -0.7, 0.2])), np.array([0.3, -0.2, 21.0]))
+    frame, clean = shoot(boxsat.mesh, T, SIGMA)
+    expected = RenderComparer(boxsat, camera, SIGMA).compare(frame.depth_m, T, PRIOR)
+    monkeypatch.setattr("pcnav.target.rendering._MANY_FACES", 0)
+    monkeypatch.setattr("pcnav.target.rendering._MAX_OUTER", 4)
+    monkeypatch.setattr("pcnav.perception.edge_crossings._MANY_EDGES", 0)
+    found = RenderComparer(boxsat, camera, SIGMA).compare(frame.depth_m, T, PRIOR)
+    assert np.array_equal(found.rendered.triangle, clean.triangle)
+    assert np.allclose(found.rendered.depth_m, clean.depth_m, rtol=0.0, atol=1e-9)
+    for before, after in zip(total(expected), total(found), strict=True):
+        assert np.allclose(before, after, rtol=1e-9)
+
+
+def test_long_edges_of_a_fine_mesh_are_few_and_the_right_ones() -> None:
+    body = trimesh.util.concatenate(
+        [trimesh.creation.icosphere(subdivisions=5), trimesh.creation.box((0.1, 6.0, 1.0))]
+    )
+    edges = mesh_edges(body)
+    long = edges.at_least(0.5)
+    lengths = np.linalg.norm(np.diff(edges.vertices[edges.ends], axis=1)[:, 0], axis=1)
+    assert np.array_equal(long, np.flatnonzero(lengths >= 0.5))
+    assert 0 < len(long) < 30 < len(edges)

@@ -21,6 +21,7 @@ from pcnav.estimators.depth.motion_hypotheses import (
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.perception.agreement import Agreement
+from pcnav.target.mesh_files.reading import MeshFile
 from pcnav.target.satellite import Target
 
 HALF_TURN = make_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
@@ -30,16 +31,18 @@ START = exp_rotation(np.array([0.4, 1.0, -0.6]))
 
 def target_with(*motions: FloatArray) -> Target:
     """A target 3 m across with these symmetries besides the identity."""
+    mesh = trimesh.creation.box((1.0, 2.0, 2.0))
     return Target(
         name="box",
         mesh_path=Path("box.ply"),
-        mesh=trimesh.creation.box((1.0, 2.0, 2.0)),
+        mesh=mesh,
         rectangles=(),
         symmetry_transforms=np.stack([np.eye(4), *motions]),
         com_model=np.zeros(3),
         com_sd_m=0.1,
         inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
         inertia_ratio_sd=0.1,
+        mesh_file=MeshFile(mesh, 1.0, "assumed"),
     )
 
 
