@@ -39,7 +39,7 @@ def test_an_interrupted_run_leaves_nothing(
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends a process without asking it")
 def test_a_command_told_to_terminate_leaves_nothing(tmp_path: Path) -> None:
     endless = tmp_path / "endless.toml"
-    endless.write_text(PIPELINE.replace("frames = 6", "frames = 20000"))
+    endless.write_text(PIPELINE.replace("frames = 6", "frames = 2000"))
     arguments = ["simulate", str(endless), "-o", str(tmp_path / "sequence")]
     with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True) as process:
         deadline = time.monotonic() + 60.0
