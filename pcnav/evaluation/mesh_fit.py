@@ -1,0 +1,310 @@
+"""Where the target is not as its mesh says: each part against the returns of a run's frames.
+
+Returns are taken along with the pose into the model frame, where a part that is as in the mesh lies
+on its surface, one that was turned on another plane, and one that is missing nowhere. No truth
+enters: the poses are the run's own.
+"""
+
+import csv
+import io
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import ndimage
+
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
+from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.recordings.sequence import Frame
+from pcnav.target.parts import Part, Parts, parts_of
+from pcnav.target.rendering import DepthRenderer, RenderedDepth
+from pcnav.target.satellite import Target
+
+_MAX_FRAMES = 24
+"""Frames that are kept, evenly over the run."""
+_MAX_POINTS = 3000
+"""Returns that are kept of a frame."""
+_GATE_SIGMA = 4.0
+_MIN_PIXELS, _MIN_FRAMES = 200, 3
+"""A part of which less is seen is not judged."""
+_FITS_SHARE = 0.7
+"""Of the pixels of a part that nothing hides, explained: it is where the mesh has it."""
+_MISSING_SHARE = 0.5
+"""Seen through where it should be: it is not there."""
+_MIN_ON_PLANE = 0.5
+"""Of the returns about a part, on one plane, for that to be its face."""
+_MIN_TURN_DEG, _CLEAR_SD = 1.0, 5.0
+"""A face is turned when it is by so much, and by so many of its deviations."""
+_MAX_TURN_COSINE = 0.1
+_TRIALS = 200
+_UNEXPLAINED = -1
+
+
+class PartVerdict(StrEnum):
+    """What the frames say of a part."""
+
+    FITS = "fits"
+    TURNED = "turned"
+    MISSING = "missing"
+    DIFFERS = "differs"
+    HARDLY_SEEN = "hardly seen"
+
+
+@dataclass(frozen=True)
+class PartFit:
+    """A part against the frames."""
+
+    name: str
+    verdict: PartVerdict
+    pixels: int
+    """Of its surface that were predicted, and not hidden by something before the target."""
+    explained_share: float
+    """Of them, with a return where the mesh has the surface; nan where there are none."""
+    seen_through_share: float
+    """Of them, with a return from behind it, or none."""
+    turn_deg: float = float("nan")
+    """By which its largest flat face is turned against the mesh; nan where no plane was found."""
+    turn_sd_deg: float = float("nan")
+    axis_model: tuple[float, float, float] | None = None
+    """About which, unit vector in the model frame; None of a part that is not turned."""
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What one frame tells: counts by part, and returns in the model frame."""
+
+    agree: IntArray
+    through: IntArray
+    """(n_parts,) pixels each."""
+    points: FloatArray
+    """(m, 3) m."""
+    part: IntArray
+    """(m,) part whose surface a return lies on, -1 of one that lies on none."""
+
+
+class MeshFit:
+    """Takes in frames with their poses, and judges the parts of the mesh by them."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._parts: Parts | None = None
+        self._renderer: DepthRenderer | None = None
+        self._camera: PinholeCamera | None = None
+        self._kept: list[_Seen] = []
+        self._count, self._every = 0, 1
+        self._sigma_m = 0.0
+
+    def add(self, frame: Frame, T_cam_model: FloatArray, sigma_m: float) -> None:
+        """Take in a frame whose pose (4, 4) is known, and the noise along its rays, m."""
+        self._count += 1
+        if (self._count - 1) % self._every:
+            return
+        if self._renderer is None or frame.camera != self._camera:
+            self._parts = parts_of(self._target)
+            self._renderer = DepthRenderer(self._target.mesh, frame.camera)
+            self._camera = frame.camera
+        assert self._parts is not None, "made with the renderer"
+        self._sigma_m = sigma_m
+        rendered = self._renderer.render(T_cam_model)
+        reach_m = 0.6 * self._target.diameter_m
+        self._kept.append(_seen(frame, T_cam_model, rendered, self._parts, sigma_m, reach_m))
+        if len(self._kept) > _MAX_FRAMES:
+            # Every second one is left out, so that what is kept stays even over the run.
+            self._kept, self._every = self._kept[::2], 2 * self._every
+
+    def parts(self) -> tuple[PartFit, ...]:
+        """Every part, the largest first; none before a frame."""
+        if self._parts is None or not self._kept:
+            return ()
+        agree = np.stack([seen.agree for seen in self._kept])
+        through = np.stack([seen.through for seen in self._kept])
+        points = np.concatenate([seen.points for seen in self._kept])
+        owner = np.concatenate([seen.part for seen in self._kept])
+        return tuple(
+            self._judged(part, agree[:, k], through[:, k], points[(owner == k) | (owner < 0)])
+            for k, part in enumerate(self._parts.each)
+        )
+
+    def _judged(
+        self, part: Part, agree: IntArray, through: IntArray, points: FloatArray
+    ) -> PartFit:
+        pixels = int(agree.sum() + through.sum())
+        frames = int(np.count_nonzero(agree + through))
+        if pixels < _MIN_PIXELS or frames < _MIN_FRAMES:
+            return PartFit(part.name, PartVerdict.HARDLY_SEEN, pixels, np.nan, np.nan)
+        shares = float(agree.sum()) / pixels, float(through.sum()) / pixels
+        face = _LargestFace.of(self._target, part)
+        turn = _turn(face, points, self._sigma_m)
+        if turn is not None and turn.is_clear:
+            axis = (float(turn.axis[0]), float(turn.axis[1]), float(turn.axis[2]))
+            return PartFit(
+                part.name, PartVerdict.TURNED, pixels, *shares, turn.angle_deg, turn.sd_deg, axis
+            )
+        found = (np.nan, np.nan) if turn is None else (turn.angle_deg, turn.sd_deg)
+        verdict = PartVerdict.FITS
+        if shares[0] < _FITS_SHARE:
+            is_gone = shares[1] > _MISSING_SHARE
+            verdict = PartVerdict.MISSING if is_gone else PartVerdict.DIFFERS
+        return PartFit(part.name, verdict, pixels, *shares, *found)
+
+
+def _seen(
+    frame: Frame,
+    T_cam_model: FloatArray,
+    rendered: RenderedDepth,
+    parts: Parts,
+    sigma_m: float,
+    reach_m: float,
+) -> _Seen:
+    camera, n_parts = rendered.camera, len(parts.each)
+    depth_m, shown = frame.depth_m, rendered.triangle
+    label = np.where(shown >= 0, parts.of_triangle[shown], _UNEXPLAINED)
+    inside = _inside(label)
+    returned = depth_m > 0.0
+    tolerance_m = _GATE_SIGMA * sigma_m
+    residual = (depth_m - rendered.depth_m) * range_per_depth(camera)
+    agrees = (shown >= 0) & returned & (np.abs(residual) < tolerance_m)
+    through = inside & (~returned | (residual >= tolerance_m))
+    counts = [
+        np.bincount(label[pixels], minlength=n_parts).astype(np.intp)
+        for pixels in (inside & agrees, through)
+    ]
+    owner = np.where(agrees & inside, label, _UNEXPLAINED)
+    # What agrees beside an edge may be of either side; what does not is on no part of the mesh.
+    rows, columns = np.nonzero(_about(depth_m, T_cam_model, camera, reach_m) & (inside | ~agrees))
+    step = max(len(rows) // _MAX_POINTS, 1)
+    rows, columns = rows[::step], columns[::step]
+    rays = pixel_rays(camera)[rows, columns]
+    points = transform_points(
+        invert_transform(T_cam_model), rays * depth_m[rows, columns].astype(np.float64)[:, None]
+    )
+    return _Seen(counts[0], counts[1], points, owner[rows, columns])
+
+
+def _inside(label: IntArray) -> BoolArray:
+    """Pixels (height, width) on a part with nothing but that part about them."""
+    same = ndimage.minimum_filter(label, 3) == ndimage.maximum_filter(label, 3)
+    return np.asarray(same & (label >= 0))
+
+
+def _about(
+    depth_m: DepthImage, T_cam_model: FloatArray, camera: PinholeCamera, reach_m: float
+) -> BoolArray:
+    """Returns (height, width) that are near enough to be the target's."""
+    p = pixel_rays(camera) * depth_m[..., None]
+    near = np.sum((p - T_cam_model[:3, 3]) ** 2, axis=-1) < (2.0 * reach_m) ** 2
+    return np.asarray(near & (depth_m > 0.0))
+
+
+@dataclass(frozen=True)
+class _LargestFace:
+    """The largest flat face of a part. Model frame, m."""
+
+    centre: FloatArray
+    normal: FloatArray
+    reach_m: float
+    """From its centre to its farthest corner."""
+
+    @staticmethod
+    def of(target: Target, part: Part) -> "_LargestFace":
+        mesh = target.mesh
+        normal = np.asarray(mesh.face_normals[part.largest_face], dtype=np.float64)
+        corner = mesh.triangles[part.largest_face][0]
+        # The triangles in the plane of the one that stands for the face.
+        along = np.abs(mesh.face_normals @ normal) > 1.0 - 1e-6
+        off = np.abs((mesh.triangles_center - corner) @ normal) < 1e-4 * target.diameter_m
+        members = np.flatnonzero(along & off)
+        corners = mesh.triangles[members].reshape(-1, 3)
+        weights = mesh.area_faces[members]
+        centre = np.average(mesh.triangles_center[members], axis=0, weights=weights)
+        reach = float(np.max(np.linalg.norm(corners - centre, axis=1)))
+        return _LargestFace(np.asarray(centre, dtype=np.float64), normal, reach)
+
+
+@dataclass(frozen=True)
+class _Turn:
+    angle_deg: float
+    sd_deg: float
+    axis: FloatArray
+
+    @property
+    def is_clear(self) -> bool:
+        return self.angle_deg > max(_MIN_TURN_DEG, _CLEAR_SD * self.sd_deg)
+
+
+def _turn(face: _LargestFace, points: FloatArray, sigma_m: float) -> _Turn | None:
+    """How the plane of most returns about a face lies against it; None where most lie on none."""
+    near = points[np.linalg.norm(points - face.centre, axis=1) < face.reach_m]
+    if len(near) < _MIN_PIXELS:
+        return None
+    tolerance_m = _GATE_SIGMA * sigma_m
+    plane = _plane_of_most(near, tolerance_m)
+    if plane is None:
+        return None
+    on = near[np.abs((near - plane[0]) @ plane[1]) < tolerance_m]
+    if len(on) < _MIN_ON_PLANE * len(near):
+        return None
+    centre = on.mean(axis=0)
+    _, spread, axes = np.linalg.svd(on - centre, full_matrices=False)
+    normal = axes[2] * np.sign(axes[2] @ face.normal or 1.0)
+    cosine = float(normal @ face.normal)
+    if cosine < _MAX_TURN_COSINE or not spread[1] > 0.0:
+        return None
+    angle = float(np.rad2deg(np.arccos(min(cosine, 1.0))))
+    axis = np.cross(face.normal, normal)
+    sd = float(np.rad2deg(spread[2] / np.sqrt(len(on)) / spread[1]))
+    return _Turn(angle, sd, axis / max(float(np.linalg.norm(axis)), 1e-12))
+
+
+def _plane_of_most(points: FloatArray, tolerance_m: float) -> tuple[FloatArray, FloatArray] | None:
+    """A point and the unit normal of the plane near which most of points (n, 3) lie."""
+    rng = np.random.default_rng(0)
+    corners = points[rng.integers(len(points), size=(_TRIALS, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    usable = size > 1e-12
+    if not usable.any():
+        return None
+    normals, corners = normals[usable] / size[usable, None], corners[usable, 0]
+    offsets = points @ normals.T - np.sum(corners * normals, axis=1)
+    best = int(np.argmax(np.count_nonzero(np.abs(offsets) < tolerance_m, axis=0)))
+    return corners[best], normals[best]
+
+
+def mesh_fit_csv(parts: tuple[PartFit, ...]) -> str:
+    """The content of mesh_fit.csv, a row per part."""
+    stream = io.StringIO()
+    rows = csv.writer(stream, lineterminator="\n")
+    rows.writerow(
+        (
+            *("part", "verdict", "pixels", "explained_share", "seen_through_share"),
+            *("turn_deg", "turn_sd_deg", "axis_x", "axis_y", "axis_z"),
+        )
+    )
+    for each in parts:
+        axis = each.axis_model or (np.nan,) * 3
+        shares = (each.explained_share, each.seen_through_share)
+        turn = (each.turn_deg, each.turn_sd_deg)
+        rows.writerow((each.name, each.verdict, each.pixels, *shares, *turn, *axis))
+    return stream.getvalue()
+
+
+def sentences(parts: tuple[PartFit, ...]) -> tuple[str, ...]:
+    """What differs from the mesh, a sentence a part."""
+    found = []
+    for each in parts:
+        if each.verdict is PartVerdict.TURNED:
+            assert each.axis_model is not None, "it is turned about something"
+            axis = ", ".join(f"{x:.2f}" for x in each.axis_model)
+            found.append(
+                f"{each.name} is not as in the mesh: turned by {each.turn_deg:.1f} deg "
+                f"(sd {each.turn_sd_deg:.2g}) about ({axis}) of the model"
+            )
+        elif each.verdict is PartVerdict.MISSING:
+            share = f"{each.seen_through_share:.0%}"
+            found.append(f"{each.name} is not where the mesh has it: {share} of it is seen through")
+        elif each.verdict is PartVerdict.DIFFERS:
+            share = f"{each.explained_share:.0%}"
+            found.append(f"{each.name} differs from the mesh: {share} of its pixels are explained")
+    return tuple(found)
