@@ -19,8 +19,9 @@ from pcnav.estimators.choice import chosen
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import make_estimator
-from pcnav.evaluation.diagnosis import Diagnosis, Facts, diagnosis
+from pcnav.evaluation.diagnosis import CLAIMED, Diagnosis, Facts, diagnosis
 from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
+from pcnav.evaluation.mesh_fit import MeshFit, PartFit, mesh_fit_csv, sentences
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import tables_of_run
 from pcnav.recordings.first_pose import prior_of
@@ -41,6 +42,7 @@ from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import read_run
 from pcnav.runs.result_files import (
     KNOWLEDGE_FILE,
+    MESH_FIT_FILE,
     METRICS_FILE,
     PIPELINE_FILE,
     REPORT_FILE,
@@ -171,7 +173,7 @@ def run(
         if on_start is not None:
             on_start(inputs.as_run, running.output)
         frames = inputs.frames()
-        survey = _estimate(inputs, frames, running, writer, on_estimate)
+        survey, parts = _estimate(inputs, frames, running, writer, on_estimate)
         remarks = frames.remarks if isinstance(frames, Intake) else ()
         if isinstance(frames, Intake) and frames.skipped:
             writer.write_text(SKIPPED_FRAMES_FILE, skipped_frames_csv(frames.skipped))
@@ -191,8 +193,10 @@ def run(
             gain = gain_of_run(found, running.prior, orbit_rate)
         if gain is not None:
             writer.write_text(KNOWLEDGE_FILE, gain_csv(gain))
+        if parts:
+            writer.write_text(MESH_FIT_FILE, mesh_fit_csv(parts))
         says = diagnosis(found, _facts(inputs, running, survey))
-        warnings = (*remarks, *says.warnings)
+        warnings = (*remarks, *says.warnings, *sentences(parts))
         picture, caption = _picture(inputs.target, running)
         content = ReportContent(
             title=inputs.recording.name,
@@ -202,6 +206,7 @@ def run(
             target=None if inputs.target is None else inputs.target.name,
             symmetry="C1" if inputs.target is None else inputs.target.symmetry_name,
             gain=gain,
+            parts=parts,
             observability=tables_of_run(found, inputs.recording, inputs.target),
             configuration=inputs.as_run.stated(of_a_run=True),
             versions=versions,
@@ -278,16 +283,22 @@ def _estimate(
     estimator: Estimator,
     writer: RunWriter,
     on_estimate: OnEstimate | None,
-) -> FrameSurvey | None:
+) -> tuple[FrameSurvey | None, tuple[PartFit, ...]]:
     """Give the estimator every frame; the estimates go to the writer as they come.
 
-    What is returned tells what depth frames hold.
+    What is returned tells what depth frames hold, and how the target's parts lie in them.
     """
     done, surveyor = 0, FrameSurveyor()
+    fit = None if inputs.target is None else MeshFit(inputs.target)
     for done, frame in enumerate(frames, start=1):
         if isinstance(frame, Frame):
             surveyor.add(frame)
         estimate = writer.add(estimator.step(frame))
+        noise = estimator.sensor_noise
+        if fit is not None and noise is not None and estimate.status in CLAIMED:
+            pose = estimate.T_cam_target
+            assert isinstance(frame, Frame) and pose is not None, "a claim is of a pose"
+            fit.add(frame, pose, noise)
         if on_estimate is not None:
             # A damaged video may end before, or after, what its header says.
             on_estimate(estimate, done, max(len(frames), done))
@@ -296,7 +307,8 @@ def _estimate(
     revised = estimator.finish()
     if revised is not None:
         writer.revise(revised)
-    return surveyor.survey() if isinstance(inputs.recording, Sequence) else None
+    parts = () if fit is None else fit.parts()
+    return surveyor.survey() if isinstance(inputs.recording, Sequence) else None, parts
 
 
 def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) -> Facts:

@@ -16,6 +16,7 @@ from scipy import ndimage
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import Frame
 from pcnav.target.parts import Part, Parts, parts_of
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
@@ -36,6 +37,8 @@ _MIN_ON_PLANE = 0.5
 """Of the returns about a part, on one plane, for that to be its face."""
 _MIN_TURN_DEG, _CLEAR_SD = 1.0, 5.0
 """A face is turned when it is by so much, and by so many of its deviations."""
+_ERRORS_PER_FRAME = 16
+"""Returns of a face err alike over stretches of it: so many of a frame are independent."""
 _MAX_TURN_COSINE = 0.1
 _TRIALS = 200
 _UNEXPLAINED = -1
@@ -95,8 +98,8 @@ class MeshFit:
         self._count, self._every = 0, 1
         self._sigma_m = 0.0
 
-    def add(self, frame: Frame, T_cam_model: FloatArray, sigma_m: float) -> None:
-        """Take in a frame whose pose (4, 4) is known, and the noise along its rays, m."""
+    def add(self, frame: Frame, T_cam_model: FloatArray, noise: SensorNoise) -> None:
+        """Take in a frame whose pose (4, 4) is known, and the noise of its ranges."""
         self._count += 1
         if (self._count - 1) % self._every:
             return
@@ -105,7 +108,7 @@ class MeshFit:
             self._renderer = DepthRenderer(self._target.mesh, frame.camera)
             self._camera = frame.camera
         assert self._parts is not None, "made with the renderer"
-        self._sigma_m = sigma_m
+        self._sigma_m = sigma_m = noise.sigma_in(frame.depth_m)
         rendered = self._renderer.render(T_cam_model)
         reach_m = 0.6 * self._target.diameter_m
         self._kept.append(_seen(frame, T_cam_model, rendered, self._parts, sigma_m, reach_m))
@@ -135,7 +138,7 @@ class MeshFit:
             return PartFit(part.name, PartVerdict.HARDLY_SEEN, pixels, np.nan, np.nan)
         shares = float(agree.sum()) / pixels, float(through.sum()) / pixels
         face = _LargestFace.of(self._target, part)
-        turn = _turn(face, points, self._sigma_m)
+        turn = _turn(face, points, self._sigma_m, _ERRORS_PER_FRAME * frames)
         if turn is not None and turn.is_clear:
             axis = (float(turn.axis[0]), float(turn.axis[1]), float(turn.axis[2]))
             return PartFit(
@@ -233,8 +236,11 @@ class _Turn:
         return self.angle_deg > max(_MIN_TURN_DEG, _CLEAR_SD * self.sd_deg)
 
 
-def _turn(face: _LargestFace, points: FloatArray, sigma_m: float) -> _Turn | None:
-    """How the plane of most returns about a face lies against it; None where most lie on none."""
+def _turn(face: _LargestFace, points: FloatArray, sigma_m: float, n_errors: int) -> _Turn | None:
+    """How the plane of most returns about a face lies against it; None where most lie on none.
+
+    ``n_errors`` of them are independent.
+    """
     near = points[np.linalg.norm(points - face.centre, axis=1) < face.reach_m]
     if len(near) < _MIN_PIXELS:
         return None
@@ -253,7 +259,8 @@ def _turn(face: _LargestFace, points: FloatArray, sigma_m: float) -> _Turn | Non
         return None
     angle = float(np.rad2deg(np.arccos(min(cosine, 1.0))))
     axis = np.cross(face.normal, normal)
-    sd = float(np.rad2deg(spread[2] / np.sqrt(len(on)) / spread[1]))
+    n_errors = min(n_errors, len(on))
+    sd = float(np.rad2deg(spread[2] / np.sqrt(n_errors) / spread[1]))
     return _Turn(angle, sd, axis / max(float(np.linalg.norm(axis)), 1e-12))
 
 

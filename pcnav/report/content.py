@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from pcnav.evaluation.information_gain import InformationGain
+from pcnav.evaluation.mesh_fit import PartFit
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable
 from pcnav.runs.run import Run
@@ -32,6 +33,8 @@ class ReportContent:
     """Name of the target's symmetry group; C1 is none."""
     gain: InformationGain | None = None
     """What the data told of every state; None without an estimate or without a prior."""
+    parts: tuple[PartFit, ...] = ()
+    """Of the target, against the frames; empty without a mesh or a claim."""
     observability: tuple[TextTable, ...] = ()
     """What the motion makes observable; empty without an estimate."""
     picture: Figure | None = None

@@ -13,6 +13,7 @@ from pcnav.report.content import ReportContent
 from pcnav.report.evaluation import against_the_truth, consistency, information_gain
 from pcnav.report.figures import drawing
 from pcnav.report.measurements import frames_by_outcome, measurements, own_notes
+from pcnav.report.mesh_fit import mesh_against_frames
 from pcnav.report.page import Code, Part, Piece, document
 from pcnav.report.states import states_over_time
 from pcnav.report.status import status_and_evidence
@@ -101,6 +102,7 @@ SECTIONS: dict[str, Callable[[ReportContent], list[Piece]]] = {
     "Consistency": consistency,
     "Information gain": information_gain,
     "Observability of this motion": _observability,
+    "Mesh against the frames": mesh_against_frames,
     "Measurements": measurements,
     "Notes of the estimator": own_notes,
     "How the run was made": _provenance,
