@@ -21,7 +21,7 @@ from tests.pipeline.made import CASES, Made, put
 ALWAYS = {"covariances.npz", "metrics.json", "pipeline.toml", "report.html", "states.csv"}
 STEREO = {"features.csv", "points.csv", "poses.tum"}
 FILES = {
-    "depth": {"knowledge.csv", "measurements.csv", "poses.tum"},
+    "depth": {"knowledge.csv", "measurements.csv", "mesh_fit.csv", "poses.tum"},
     "inertia_bank": STEREO,
     "principal_axes": STEREO,
     "image_motion": {"segments.csv"},
@@ -37,7 +37,7 @@ ERRORS = {
     "attitude_inertia": {"attitude_deg", "omega_body_deg_s", "inertia_ratios"},
 }
 ON_THE_PAGE = {
-    "depth": ("One frame as it was understood",),
+    "depth": ("One frame as it was understood", "Parts of the target"),
     "inertia_bank": ("inertia_bank", "Error of the points", "hypotheses", "States over time"),
     "principal_axes": ("principal_axes", "Error of the points", "States over time"),
     "image_motion": ("Attitude error", "Angular rate error", "Outcomes"),
