@@ -23,6 +23,8 @@ _PIECES = 24
 _HIDING_MARGIN = 0.01
 """A piece is hidden when it lies behind the image by this share of its range."""
 _BORDER_PX = 6
+_ABOUT_SHARE = 0.3
+"""Returns so far beside the target, over its size in the image, are shown with it."""
 _MIN_ASPECT = 1.5
 """Width over height of the picture at least."""
 
@@ -86,6 +88,13 @@ def _window(depth_m: DepthImage, p_image: FloatArray) -> tuple[float, float, flo
     """Left, right, top and bottom pixel edges of what is worth showing."""
     height, width = depth_m.shape
     v, u = np.nonzero(depth_m > 0.0)
+    if len(p_image):
+        # Among other things returns may fill the image.
+        low, high = p_image.min(axis=0), p_image.max(axis=0)
+        reach = _ABOUT_SHARE * float((high - low).max())
+        pixels = np.column_stack([u, v])
+        near = ((pixels > low - reach) & (pixels < high + reach)).all(axis=1)
+        u, v = u[near], v[near]
     u, v = np.append(u, p_image[:, 0]), np.append(v, p_image[:, 1])
     if not u.size:
         return -0.5, width - 0.5, -0.5, height - 0.5

@@ -12,10 +12,12 @@ from pcnav.config.depth import PerceptionTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
+from pcnav.core.spatial import transform_points
 from pcnav.recordings.sequence import Frame, Sequence, stated_or_default_sigma
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 from pcnav.viewer.colouring import (
+    EXPLAINED_SIGMA,
     Colours,
     face_names,
     label_colours,
@@ -24,10 +26,12 @@ from pcnav.viewer.colouring import (
     residual_colours,
     residual_scale,
 )
-from pcnav.viewer.palette import PLAIN
+from pcnav.viewer.palette import BESIDE, PLAIN
 
 _KEPT = 48
 """Frames in memory: half a megabyte each."""
+_REACH_FRACTION = 0.55
+"""Of the ball about the target, over the diameter; half of it holds the mesh itself."""
 _MAX_POINTS = 60_000
 """A browser draws no more of a cloud in time; larger frames show every so many points."""
 
@@ -60,6 +64,8 @@ class Shot:
     """(height, width) rectangle of the catalogue; None without an estimate."""
     residual_m: FloatArray | None
     """(height, width) range measured minus modelled; None without an estimate."""
+    beside: BoolArray | None = None
+    """(height, width) what is farther from the target than it reaches; None without an estimate."""
 
     def colours(
         self, by: ColourBy, scale_m: float, at: Pixels | BoolArray | None = None
@@ -70,12 +76,16 @@ class Shot:
             return np.array(PLAIN, dtype=np.uint8)
         if self.shows_residuals(by):
             assert self.residual_m is not None
-            return residual_colours(self.residual_m[at], scale_m)
-        # Of rectangles where those are asked for and known, else of planes.
-        of_rectangles = by is ColourBy.RECTANGLE and self.rectangles is not None
-        labels = self.rectangles if of_rectangles else self.planes
-        assert labels is not None
-        return label_colours(labels[at])
+            found = residual_colours(self.residual_m[at], scale_m)
+        else:
+            # Of rectangles where those are asked for and known, else of planes.
+            of_rectangles = by is ColourBy.RECTANGLE and self.rectangles is not None
+            labels = self.rectangles if of_rectangles else self.planes
+            assert labels is not None
+            found = label_colours(labels[at])
+        if self.beside is not None:
+            found[self.beside[at]] = BESIDE
+        return found
 
     def shows_residuals(self, by: ColourBy) -> bool:
         """Whether its colours are those of residuals: without an estimate there are none."""
@@ -142,13 +152,23 @@ class FrameStore:
 
             seen = perceive(frame, (), self._settings, self.sigma_m, self._seed)
             return Shot(frame, shown, points, seen.image_labels, None, None)
-        rendered = self._renderer(frame.camera).render(np.reshape(pose, (4, 4)))
+        T_cam_model = np.reshape(pose, (4, 4))
+        rendered = self._renderer(frame.camera).render(T_cam_model)
         residual_m = range_residual(frame.depth_m, rendered)
         planes, rectangles = (
             labels_of(rendered, residual_m, of_face, self.sigma_m)
             for of_face in (self._names.plane, self._names.rectangle)
         )
-        return Shot(frame, shown, points, planes, rectangles, residual_m)
+        beside = self._beside(frame, T_cam_model)
+        return Shot(frame, shown, points, planes, rectangles, residual_m, beside)
+
+    def _beside(self, frame: Frame, T_cam_model: FloatArray) -> BoolArray:
+        """(height, width) returns that lie outside a ball about the target at a pose."""
+        middle = np.asarray(self._target.mesh.bounds).mean(axis=0)
+        off = pixel_rays(frame.camera) * frame.depth_m[..., None].astype(np.float64)
+        off -= transform_points(T_cam_model, middle[None])[0]
+        reach_m = _REACH_FRACTION * self._target.diameter_m + EXPLAINED_SIGMA * self.sigma_m
+        return np.asarray((frame.depth_m > 0.0) & (np.einsum("ijk,ijk->ij", off, off) > reach_m**2))
 
     def _renderer(self, camera: PinholeCamera) -> DepthRenderer:
         if camera not in self._renderers:

@@ -8,6 +8,8 @@ Rgb = tuple[int, int, int]
 PLAIN: Rgb = (120, 180, 255)
 UNEXPLAINED: Rgb = (255, 60, 200)
 """A return that the model does not explain."""
+BESIDE: Rgb = (95, 100, 112)
+"""A return that is too far from the target to be its own."""
 ACCEPTED_COLOUR: Rgb = (70, 220, 110)
 REJECTED_COLOUR: Rgb = (255, 90, 80)
 TRUTH: Rgb = (235, 235, 245)

@@ -16,6 +16,7 @@ from pcnav.viewer.frames import ColourBy, Shot
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import (
     ACCEPTED_COLOUR,
+    BESIDE,
     PLAIN,
     REJECTED_COLOUR,
     RESIDUAL_STOPS,
@@ -127,7 +128,7 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
 
 def legend_html(loaded: LoadedRun, by: ColourBy, *, has_estimate: bool) -> str:
     """What the colours of the points mean: a bar with numbers for residuals, else words."""
-    pink = coloured("■", UNEXPLAINED)
+    pink, grey = coloured("■", UNEXPLAINED), coloured("■", BESIDE)
     if loaded.target is None:
         return ""
     if loaded.frames is None:
@@ -137,14 +138,14 @@ def legend_html(loaded: LoadedRun, by: ColourBy, *, has_estimate: bool) -> str:
     elif not has_estimate:
         text = f"no estimate: planes found in the frame; {pink} none"
     elif by is ColourBy.RESIDUAL:
-        return _colour_bar(1e3 * loaded.frames.scale_m, pink)
+        return _colour_bar(1e3 * loaded.frames.scale_m, pink, grey)
     else:
         what = "face of the model" if by is ColourBy.PLANE else "rectangle of the catalogue"
-        text = f"a colour per {what}; {pink} not explained (over 3σ, or none)"
+        text = f"a colour per {what}; {pink} not explained (over 3σ, or none), {grey} other things"
     return f"<div style='{_STYLE}'>{text}</div>"
 
 
-def _colour_bar(scale_mm: float, pink: str) -> str:
+def _colour_bar(scale_mm: float, pink: str, grey: str) -> str:
     stops = ",".join(hex_of(stop) for stop in RESIDUAL_STOPS)
     ticks = "".join(
         f"<span>{share * scale_mm:+.3g}</span>" for share in (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -154,7 +155,8 @@ def _colour_bar(scale_mm: float, pink: str) -> str:
         "<div style='height:12px;border-radius:2px;"
         f"background:linear-gradient(90deg,{stops})'></div>"
         f"<div style='display:flex;justify-content:space-between'>{ticks}</div>"
-        f"range measured minus model, mm: nearer | behind; {pink} off the model</div>"
+        f"range measured minus model, mm: nearer | behind; {pink} off the model, "
+        f"{grey} other things</div>"
     )
 
 

@@ -187,6 +187,20 @@ def test_the_picture_draws_what_it_is_given() -> None:
     assert len(np.unique(image.reshape(-1, 3), axis=0)) == 3
 
 
+def test_the_picture_is_of_the_target_where_returns_fill_the_image() -> None:
+    edge = np.array([[[-0.5, 0.0, 0.0], [0.5, 0.2, 0.0]]])
+    pose = make_transform(np.eye(3), np.array([0.0, 0.0, 9.0]))
+    axes = frame_picture(wall(10.0), CAMERA, None, (), edge, pose).axes[0]
+    left, right = axes.get_xlim()
+    length_px = CAMERA.fx / 9.0
+    assert length_px < right - left < 3.0 * length_px + 20.0 < CAMERA.width
+    seen = project(CAMERA, edge[0] + pose[:3, 3])
+    assert (seen[:, 0] > left).all() and (seen[:, 0] < right).all()
+    # Without a pose all of it is shown.
+    axes = frame_picture(wall(10.0), CAMERA, None, (), edge, None).axes[0]
+    assert np.ptp(axes.get_xlim()) >= CAMERA.width
+
+
 def test_corners_span_the_sides() -> None:
     T = make_transform(exp_rotation(np.array([0.4, -1.0, 2.0])), np.array([1.0, 2.0, 30.0]))
     corners = RectangleRecord(0.0, "p", 4.0, 1.5, T, np.ones(6), "I", ACCEPTED).corners_cam

@@ -15,7 +15,7 @@ from pcnav.viewer.colouring import (
 from pcnav.viewer.frames import ColourBy
 from pcnav.viewer.layers import shot_of
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.palette import RESIDUAL_STOPS, UNEXPLAINED
+from pcnav.viewer.palette import BESIDE, RESIDUAL_STOPS, UNEXPLAINED
 from tests.viewer.conftest import FRAMES
 
 LAST = FRAMES - 1
@@ -61,6 +61,24 @@ def test_a_target_moved_back_is_behind_the_model(loaded: LoadedRun) -> None:
     assert len(seen) == (rendered.depth_m > 0.0).sum()
     # Along the ray it is a little more than along the axis.
     assert seen.min() > 0.0999 and seen.max() < 0.105
+
+
+def test_what_the_target_cannot_reach_is_grey(loaded: LoadedRun) -> None:
+    shot = shot_of(loaded, LAST)
+    assert shot is not None and shot.beside is not None
+    assert loaded.frames is not None and loaded.target is not None
+    assert not shot.beside.any()
+    T = loaded.T_cam_model[LAST].copy()
+    # The middle of the returns: those on one side are farther than the target reaches.
+    T[0, 3] += 0.7 * loaded.target.diameter_m
+    apart = loaded.frames.get(LAST, shot.frame.time_s, T)
+    assert apart is not None and apart.beside is not None
+    middle = transform_points(T, np.asarray(loaded.target.mesh.bounds).mean(axis=0)[None])[0]
+    distance = np.linalg.norm(apart.points - middle, axis=1) / loaded.target.diameter_m
+    colours = apart.colours(ColourBy.PLANE, 0.1)
+    grey = (colours == BESIDE).all(axis=1)
+    assert grey[distance > 0.58].all() and (distance > 0.58).any()
+    assert not grey[distance < 0.55].any() and (distance < 0.55).any()
 
 
 def test_frames_without_an_estimate_show_planes_of_their_own(loaded: LoadedRun) -> None:
