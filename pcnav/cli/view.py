@@ -133,13 +133,12 @@ def serve_until_interrupted(server: "LocalServer") -> None:
 
 
 def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwrite: bool) -> None:
+    from pcnav.files.new_file import refuse_existing, write_whole
     from pcnav.viewer.export import (
         SUFFIXES,
         Share,
         exported,
-        refuse_existing,
         shown_frame,
-        write_whole,
     )
     from pcnav.viewer.render_options import RenderOptions
 

@@ -1,10 +1,8 @@
 """What is shown as a file: a picture, a page of one frame, a recording that plays."""
 
-import secrets
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
 import viser
@@ -110,28 +108,6 @@ def shown_frame(loaded: LoadedRun, asked: int | None) -> int:
     if not count:
         raise InputError(loaded.name, "frames", "expected at least one frame")
     return loaded.first_frame if asked is None else asked
-
-
-def refuse_existing(path: Path, overwrite: bool) -> None:
-    """Raise `InputError` where a file would be replaced without having been told to."""
-    if path.exists() and not (overwrite and path.is_file()):
-        expected = "expected a new file; --overwrite replaces an existing one"
-        raise InputError(path, "file", expected)
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that is either whole or not there. Raises `InputError` where it cannot be."""
-    part = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        expected = f"expected a place that can be written ({error.strerror})"
-        raise InputError(path, "file", expected) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
 
 
 @contextmanager

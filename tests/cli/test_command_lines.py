@@ -60,6 +60,8 @@ def test_examples_use_what_is_shipped_and_work_in_order(
     assert target.code == 0, target.err
     assert "bus_x_plus" in target.out
     assert "catalogue: boxsat.toml" in target.out
+    assert "picture: boxsat.png" in target.out
+    assert (tmp_path / "boxsat.png").read_bytes().startswith(b"\x89PNG")
     # What `simulate` takes minutes to write stands here already, shorter.
     written = Path(shown["simulate"][shown["simulate"].index("-o") + 1])
     assert shown["run"][2] == str(written)
@@ -86,6 +88,8 @@ def test_examples_use_what_is_shipped_and_work_in_order(
         (("study", "yu2019", "-o", "x", "--jobs", "0"), ("--jobs", "expected at least 1")),
         (("study", "yu2019", "-o", "x", "--scheduler", "host"), ("host", "tcp://host:8786")),
         (("target", "boxsat", "extra"), ("extra", "pcnav target --help")),
+        (("target", "boxsat", "-o", "x.jpg"), ("x.jpg", "--out", ".toml or .png")),
+        (("target", "boxsat", "--mesh-unit", "mile"), ("--mesh-unit", "mile", "mm")),
         (("--nothing",), ("--nothing", "pcnav --help")),
     ],
 )

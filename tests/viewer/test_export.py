@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from pcnav.core.errors import InputError
+from pcnav.files.new_file import refuse_existing, write_whole
 from pcnav.viewer.browser import on_background
 from pcnav.viewer.export import (
     recorded_frames,
     recording,
-    refuse_existing,
     scene_html,
     shown_frame,
-    write_whole,
 )
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.render_options import RenderOptions
