@@ -152,7 +152,7 @@ def _bounding(edges: MeshEdges, imaging: _Imaging) -> _Chords:
     edge, ends, wings, vertices = _candidates(edges, imaging.rendered)
     p_cam = transform_points(imaging.T_cam_model, vertices)
     z = p_cam[:, 2]
-    in_front = z > 1e-3 * float(np.abs(z).max())
+    in_front = z > 1e-3 * float(np.abs(z).max(initial=0.0))
     safe = np.where(in_front[:, None], p_cam, [0.0, 0.0, 1.0])
     pixels = project(camera, safe)
     # Which side of an edge a point lies on is seen where edges are straight.

@@ -455,3 +455,15 @@ def test_long_edges_of_a_fine_mesh_are_few_and_the_right_ones() -> None:
     lengths = np.linalg.norm(np.diff(edges.vertices[edges.ends], axis=1)[:, 0], axis=1)
     assert np.array_equal(long, np.flatnonzero(lengths >= 0.5))
     assert 0 < len(long) < 30 < len(edges)
+
+
+def test_a_fine_mesh_without_any_long_edge_is_compared_by_ranges(
+    boxsat: Target, camera: PinholeCamera, shoot: Callable[..., tuple[Frame, RenderedDepth]]
+) -> None:
+    body = trimesh.creation.icosphere(subdivisions=5)
+    body.apply_scale([1.5, 2.0, 3.0])
+    target = replace(boxsat, mesh=body, rectangles=(), symmetry_transforms=np.eye(4)[None])
+    T = make_transform(np.eye(3), np.array([0.0, 0.0, 20.0]))
+    frame, _ = shoot(body, T, SIGMA)
+    found = RenderComparer(target, camera, SIGMA).compare(frame.depth_m, T, np.eye(6) * 0.01)
+    assert found.agreement.inlier_ratio > 0.95
