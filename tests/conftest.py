@@ -6,10 +6,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
 from pcnav import cli
+from pcnav.core.camera import PinholeCamera
+from pcnav.target.satellite import Target, load_target
 from tests.commands import Answer, Pcnav
 
 # Read by matplotlib when it is first imported, which is after this file.
@@ -64,3 +67,21 @@ def pcnav(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 
     yield call
     signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture(scope="session")
+def camera() -> PinholeCamera:
+    """256 x 256 pixels, 25 degrees."""
+    return PinholeCamera.from_field_of_view(256, 256, np.deg2rad(25.0))
+
+
+@pytest.fixture(scope="session")
+def boxsat() -> Target:
+    """The shipped satellite without symmetry."""
+    return load_target(_REPOSITORY / "meshes" / "boxsat.obj")
+
+
+@pytest.fixture(scope="session")
+def twinwing() -> Target:
+    """The shipped satellite that half a turn maps onto itself."""
+    return load_target(_REPOSITORY / "meshes" / "twinwing.obj")

@@ -1,7 +1,6 @@
 """A camera, satellites and a noisy depth sensor for the tests of perception."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,25 +11,8 @@ from pcnav.core.camera import PinholeCamera, range_per_depth
 from pcnav.core.spatial import make_transform
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
-from pcnav.target.satellite import Target, load_target
 
 Shoot = Callable[..., tuple[Frame, RenderedDepth]]
-
-
-@pytest.fixture(scope="session")
-def camera() -> PinholeCamera:
-    """The sensor of FINDINGS: 256 x 256 pixels, 25 degrees."""
-    return PinholeCamera.from_field_of_view(256, 256, np.deg2rad(25.0))
-
-
-@pytest.fixture(scope="session")
-def boxsat(repository: Path) -> Target:
-    return load_target(repository / "meshes" / "boxsat.obj")
-
-
-@pytest.fixture(scope="session")
-def twinwing(repository: Path) -> Target:
-    return load_target(repository / "meshes" / "twinwing.obj")
 
 
 @pytest.fixture(scope="session")

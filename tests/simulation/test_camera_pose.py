@@ -8,12 +8,7 @@ from pcnav.config.sensors import CameraTable
 from pcnav.core.spatial import invert_transform, log_rotation, make_transform
 from pcnav.simulation.camera_pose import recorded_poses
 from pcnav.simulation.depth import Scene
-from pcnav.target.satellite import Target, load_target
-
-
-@pytest.fixture(scope="module")
-def boxsat(repository) -> Target:
-    return load_target(repository / "meshes" / "boxsat.obj")
+from pcnav.target.satellite import Target
 
 
 def test_recorded_poses_are_off_by_the_stated_noise() -> None:

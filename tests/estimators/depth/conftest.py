@@ -22,16 +22,6 @@ Shoot = Callable[..., Frame]
 
 
 @pytest.fixture(scope="session")
-def camera() -> PinholeCamera:
-    return PinholeCamera.from_field_of_view(256, 256, np.deg2rad(25.0))
-
-
-@pytest.fixture(scope="session")
-def boxsat(repository: Path) -> Target:
-    return load_target(repository / "meshes" / "boxsat.obj")
-
-
-@pytest.fixture(scope="session")
 def observer() -> ObserverPose:
     """A camera that is neither at the chaser's centre nor along its axes, late in the orbit."""
     R = exp_rotation(np.array([0.1, -0.2, 0.3]))
