@@ -10,8 +10,11 @@ import logging
 from collections import deque
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
+from pcnav.estimators.depth.fast_turns import slowest, with_first_rate
 from pcnav.estimators.depth.first_pose import STATED_ODDS, fit_first_pose
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed
@@ -130,9 +133,13 @@ class Acquisition:
             decision = Decision(best, undecided=False)
         if decision is None:
             return waiting
-        track = self._initialise(decision, 0.0 if told is None else STATED_ODDS)
+        if decision.motion.is_fast:
+            track = self._fast(decision)
+        else:
+            track = self._initialise(decision, 0.0 if told is None else STATED_ODDS)
+            if track is None:
+                self._start = MotionHypotheses(self._target)
         if track is None:
-            self._start = MotionHypotheses(self._target)
             return waiting
         # What is still doubtful of what a few frames show, more may settle.
         return waiting if track.odds < CLEAR_LEAD else track
@@ -178,11 +185,28 @@ class Acquisition:
             self.report = report
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
+    def _fast(self, decision: Decision) -> Initialised | None:
+        """The one of fast motions that a body can make; None while more than one can."""
+        possible = []
+        for motion in (decision.motion, *decision.even):
+            track = self._initialise(replace(decision, motion=motion), 0.0)
+            if track is None:
+                self._start.refute([motion])
+            else:
+                rate = float(np.linalg.norm(motion.turns[0]))
+                possible.append((rate, track))
+        return slowest(possible)
+
     def _initialise(self, decision: Decision, prior_odds: float) -> Initialised | None:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
         motion, belief = decision.motion, self._belief
         n = self._model.mean_motion_rad_s
         guess = first_state(motion, belief.com_model, belief.inertia_ratios, n)
+        if motion.is_fast:
+            first, then = motion.observations[:2]
+            guess = with_first_rate(
+                guess, self._model, first.time_s, then.time_s, then.R_world_body
+            )
         arc = InitialArc(self._model, guess, belief)
         by_time = {frame.time_s: frame for frame in self._frames}
         frames = [by_time[observation.time_s] for observation in motion.observations]
@@ -196,6 +220,9 @@ class Acquisition:
             fit = arc.fit() if len(views) >= MIN_FRAMES else None
         else:
             fit, views = self._fit_rectangles(arc, motion, frames, observers)
+        if fit is None and motion.is_fast and not motion.is_steady:
+            # Between frames so far apart any motion could have done anything.
+            return None
         if self._choice is MotionChoice.KINEMATIC or len(frames) < MIN_FRAMES:
             fit = None
         elif fit is None:
@@ -242,14 +269,16 @@ class Acquisition:
         for observation, frame, observer in zip(
             motion.observations, frames, observers, strict=True
         ):
-            comparison = observation.pose.comparison
-            assert comparison is not None, "poses were fitted by comparison"
-            if self._reader.row_readout_s > 0.0:
-                # Some were fitted before anything was known of how the target moves.
+            pose, comparison = observation.pose, observation.pose.comparison
+            is_known = comparison is not None
+            if comparison is None or self._reader.row_readout_s > 0.0:
+                # It was fitted in another of the target's equivalent attitudes, or before anything
+                # was known of how the target moves.
                 self._reader.expect_motion(motion.twist(len(views)))
-                pose, spread = observation.T_cam_model, observation.pose.covariance
-                comparison = self._reader.compare(frame, pose, spread)
-            kept = tuple(face for face in comparison.faces if face.name in observation.pose.used)
+                comparison = self._reader.compare(frame, pose.T_cam_model, pose.covariance)
+            kept = comparison.faces
+            if is_known:
+                kept = tuple(face for face in kept if face.name in pose.used)
             comparison = replace(comparison, faces=kept)
             views.append(
                 view_of_comparison(frame, comparison, 0.5 * self._target.diameter_m, observer)

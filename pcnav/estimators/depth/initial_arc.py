@@ -30,7 +30,9 @@ class InitialArc:
 
     def __init__(self, model: MassCentreModel, guess: NavigationState, belief: MassBelief) -> None:
         self._model, self._guess = model, guess
-        self._prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
+        self._prior = start_covariance(
+            guess.omega_body, belief.com_covariance_m2, belief.parameter_covariance
+        )
         self._start: NavigationState | None = None
         self._growth = ArcGrowth(_FIRST_ARC, _ARC_GROWTH, LONGEST_ARC)
         self.frames: list[Timed] = []

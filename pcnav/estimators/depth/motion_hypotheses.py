@@ -1,8 +1,9 @@
 """The first state of a track: pose hypotheses followed over frames until one motion stands out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,13 +29,20 @@ _MAX_STEP_RAD = 0.5
 """Two frames are linked when the attitude is this near to what the motion so far predicts."""
 _MAX_SHIFT_FRACTION = 0.3
 """... and the model origin this near, over the diameter."""
+_MAX_TURN_CHANGE = 0.5
+"""Of the last turn, where that is larger: the rate of a tumbling body wanders within one."""
 MIN_FRAMES = 3
-"""With the target in them, that a motion takes."""
+"""With the target in them, that a motion takes ..."""
+_MIN_FAST_FRAMES = 4
+"""... and one that turns by more than frames are linked by: two attitudes are explained by any
+rate, a third by many."""
+_STEADY_SHARE = 0.1
+"""A rate that changes by less than this share of it may be prescribed."""
 MAX_OBSERVATIONS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _MAX_LAG = 0.1
 """An observation whose inlier ratio is so much below that of another of its motion is dropped."""
-_MAX_MOTIONS = 24
+_MAX_MOTIONS, _MAX_FAST_MOTIONS = 24, 96
 _POSITION_SD_M = 1.0
 _VELOCITY_SD_M_S = 1.0
 _ATTITUDE_SD_RAD = 0.5
@@ -83,6 +91,31 @@ class MotionHypothesis:
         """Logarithm of the odds for the target against anything else that moves so."""
         return odds_over((s.T_cam_model, s.pose.agreement) for s in self.observations)
 
+    @cached_property
+    def turns(self) -> FloatArray:
+        """(n - 1, 3) rotation vectors from one observation to the next, body axes: the smallest
+        that they allow."""
+        attitudes = [observation.R_world_body for observation in self.observations]
+        return np.reshape([log_rotation(a.T @ b) for a, b in pairwise(attitudes)], (-1, 3))
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether it turns by more between frames than a hypothesis may be off."""
+        return bool(np.any(np.linalg.norm(self.turns, axis=1) > _MAX_STEP_RAD))
+
+    @property
+    def is_ripe(self) -> bool:
+        """Whether so many frames show it that it can be decided on."""
+        return len(self.observations) >= (_MIN_FAST_FRAMES if self.is_fast else MIN_FRAMES)
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the rate, seen in the body, is as good as constant."""
+        times = np.diff([observation.time_s for observation in self.observations])
+        rates = self.turns / times[:, None]
+        spread = np.linalg.norm(rates - rates.mean(axis=0), axis=1)
+        return bool(np.all(spread < _STEADY_SHARE * np.linalg.norm(rates.mean(axis=0))))
+
     def log_weight(self, frames: int) -> float:
         """Log-likelihood of the last frames, up to a constant that depends on the frames alone."""
         support = [s.pose.agreement.support for s in self.observations[-frames:]]
@@ -127,6 +160,9 @@ class Decision:
 
     motion: MotionHypothesis
     undecided: bool
+    even: tuple[MotionHypothesis, ...] = ()
+    """Fast motions that are as likely as it is by their frames one by one: which of them, a body
+    can make, only the frames together tell."""
 
 
 class MotionHypotheses:
@@ -153,6 +189,8 @@ class MotionHypotheses:
             return None
         linked = [self._extended(motion, observations) for motion in self._motions]
         grown = [motion for motion in linked if motion is not None]
+        stuck = [motion for motion, own in zip(self._motions, linked, strict=True) if own is None]
+        fast = [each for motion in stuck for each in self._fast(motion, observations)]
         # What no motion so far leads to may be the beginning of the right one.
         claimed = {id(motion.observations[-1]) for motion in grown}
         new = [
@@ -160,15 +198,25 @@ class MotionHypotheses:
             for observation in observations
             if id(observation) not in claimed
         ]
-        best_first = sorted([*grown, *new], key=lambda motion: -motion.odds)
-        self._motions = tuple(best_first[:_MAX_MOTIONS])
+        best_first = sorted([*grown, *fast, *new], key=lambda motion: -motion.odds)
+        slow = [motion for motion in best_first if not motion.is_fast][:_MAX_MOTIONS]
+        fast = [motion for motion in best_first if motion.is_fast][:_MAX_FAST_MOTIONS]
+        kept = {id(motion) for motion in (*slow, *fast)}
+        self._motions = tuple(motion for motion in best_first if id(motion) in kept)
         return self._decide()
 
+    def refute(self, motions: Sequence[MotionHypothesis]) -> None:
+        """Leave out motions that turned out not to be possible."""
+        refuted = {id(motion) for motion in motions}
+        self._motions = tuple(m for m in self._motions if id(m) not in refuted)
+
     def predicted(self, time_s: float, T_cam_world: FloatArray) -> tuple[FloatArray, ...]:
-        """Poses T_cam_model (4, 4) where the motions so far would have the target now."""
+        """Poses T_cam_model (4, 4) where the motions so far would have the target now; fast ones
+        do not lead near enough."""
         return tuple(
             T_cam_world @ make_transform(m.predicted_attitude(time_s), m.predicted_position(time_s))
             for m in self._motions
+            if not m.is_fast
         )
 
     @property
@@ -195,8 +243,46 @@ class MotionHypotheses:
         best = min(fitting, key=lambda pair: pair[0])[1]
         return MotionHypothesis(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
 
+    def _fast(
+        self, motion: MotionHypothesis, observations: list[PoseObservation]
+    ) -> list[MotionHypothesis]:
+        """The motion with observations that it leads to if it turns by more between frames than
+        hypotheses may be off: any of a first turn, in each of the target's equivalent attitudes;
+        afterwards the one that is nearest to where the last turn leads."""
+        before = motion.observations[-1].p_world_model
+        reach_m = _MAX_SHIFT_FRACTION * self._target.diameter_m
+        attitude = motion.predicted_attitude(observations[0].time_s)
+        last_turn = float(np.linalg.norm(motion.turns[-1])) if motion.is_fast else 0.0
+        found: list[tuple[float, PoseObservation]] = []
+        for observation in observations:
+            if np.linalg.norm(observation.p_world_model - before) > reach_m:
+                continue
+            for equivalent in self._equivalents(observation):
+                turn = float(rotation_angle(attitude.T @ equivalent.R_world_body))
+                if len(motion.observations) == 1 or turn < _MAX_TURN_CHANGE * last_turn:
+                    found.append((turn, equivalent))
+        found.sort(key=lambda pair: pair[0])
+        chosen = found if len(motion.observations) == 1 else found[:1]
+        return [
+            MotionHypothesis(_sound((*motion.observations, observation)[-MAX_OBSERVATIONS:]))
+            for _, observation in chosen
+        ]
+
+    def _equivalents(self, observation: PoseObservation) -> list[PoseObservation]:
+        """The same in all attitudes that the target's symmetry leaves."""
+        pose, motions = observation.pose, self._target.symmetry_transforms
+        return [
+            replace(
+                observation,
+                pose=replace(pose, T_cam_model=pose.T_cam_model @ motion, comparison=None),
+            )
+            if k
+            else observation
+            for k, motion in enumerate(motions)
+        ]
+
     def _decide(self) -> Decision | None:
-        ripe = [motion for motion in self._motions if len(motion.observations) >= MIN_FRAMES]
+        ripe = [motion for motion in self._motions if motion.is_ripe]
         if not ripe or ripe[0].odds < CLEAR_LEAD:
             return None
         best = ripe[0]
@@ -204,7 +290,8 @@ class MotionHypotheses:
         undecided = [m for m in rivals if not self._symmetric(best, m)]
         if undecided and len(best.observations) < MAX_OBSERVATIONS:
             return None
-        return Decision(best, undecided=bool(undecided))
+        even = [m for m in ripe if m.is_fast and best.odds - m.odds < CLEAR_LEAD and m is not best]
+        return Decision(best, undecided=bool(undecided), even=tuple(even) if best.is_fast else ())
 
     def _symmetric(self, a: MotionHypothesis, b: MotionHypothesis) -> bool:
         """Whether the target's own symmetry turns one motion into the other."""
@@ -238,19 +325,17 @@ def first_state(
 ) -> NavigationState:
     """State at the first observation: pose from it, rates from the differences of all, if any."""
     first, last = motion.observations[0], motion.observations[-1]
-    turns = [
-        log_rotation(a.R_world_body.T @ b.R_world_body) / (b.time_s - a.time_s)
-        for a, b in zip(motion.observations, motion.observations[1:], strict=False)
-    ]
+    times = np.diff([observation.time_s for observation in motion.observations])
+    rates = motion.turns / times[:, None]
     r_first, r_last = (
         _r_hill(observation, com_model, mean_motion_rad_s) for observation in (first, last)
     )
     return NavigationState(
         r_hill=r_first,
-        v_hill=(r_last - r_first) / (last.time_s - first.time_s) if turns else np.zeros(3),
+        v_hill=(r_last - r_first) / (last.time_s - first.time_s) if len(rates) else np.zeros(3),
         com_model=com_model,
         R_world_body=first.R_world_body,
-        omega_body=np.mean(turns, axis=0) if turns else np.zeros(3),
+        omega_body=rates.mean(axis=0) if len(rates) else np.zeros(3),
         inertia_ratios=inertia_ratios,
     )
 
@@ -264,17 +349,21 @@ def _r_hill(
     return np.asarray(R_hill_world(observation.time_s, mean_motion_rad_s) @ p_world)
 
 
-def start_covariance(com_covariance_m2: FloatArray, parameter_covariance: FloatArray) -> FloatArray:
+def start_covariance(
+    omega_body: FloatArray, com_covariance_m2: FloatArray, parameter_covariance: FloatArray
+) -> FloatArray:
     """(20, 20) prior about `first_state`: the mass properties' own, the rest left to the data.
 
     Args:
+        omega_body: (3,) rate, rad/s, that is started from; a faster one wanders by more.
         com_covariance_m2: (3, 3) of the mass centre.
         parameter_covariance: (5, 5) of the inertia's parameters, in which
             `NavigationState.retract` moves it.
     """
     sd = np.zeros(STATE_SIZE)
     sd[R_HILL], sd[V_HILL] = _POSITION_SD_M, _VELOCITY_SD_M_S
-    sd[THETA_BODY], sd[OMEGA_BODY] = _ATTITUDE_SD_RAD, _RATE_SD_RAD_S
+    rate_sd = max(_RATE_SD_RAD_S, _MAX_TURN_CHANGE * float(np.linalg.norm(omega_body)))
+    sd[THETA_BODY], sd[OMEGA_BODY] = _ATTITUDE_SD_RAD, rate_sd
     covariance = np.diag(sd**2)
     covariance[COM_MODEL, COM_MODEL] = com_covariance_m2
     covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance
