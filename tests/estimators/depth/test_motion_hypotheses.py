@@ -21,7 +21,7 @@ from pcnav.estimators.depth.motion_hypotheses import (
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.perception.agreement import Agreement
-from pcnav.target.mesh_files.reading import MeshFile
+from pcnav.target.mesh_files.reading import MeshOrigin
 from pcnav.target.satellite import Target
 
 HALF_TURN = make_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
@@ -42,7 +42,7 @@ def target_with(*motions: FloatArray) -> Target:
         com_sd_m=0.1,
         inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
         inertia_ratio_sd=0.1,
-        mesh_file=MeshFile(mesh, 1.0, "assumed"),
+        mesh_origin=MeshOrigin(len(mesh.faces), 1.0, "assumed"),
     )
 
 
@@ -230,7 +230,7 @@ def test_first_state_of_exact_observations_is_the_true_one(mean_motion_rad_s: fl
 def test_prior_keeps_what_is_known_of_the_mass_and_leaves_the_rest_to_the_data() -> None:
     com_sd, ratios_sd = np.array([0.1, 0.2, 0.3]), np.linspace(0.01, 0.05, 5)
     inertia = parameter_covariance(np.array([0.8, 1.1, 0.02, -0.03, 0.01]), ratios_sd)
-    P = start_covariance(np.diag(com_sd**2), inertia)
+    P = start_covariance(np.zeros(3), np.diag(com_sd**2), inertia)
     np.testing.assert_allclose(np.diag(P)[COM_MODEL], com_sd**2)
     np.testing.assert_array_equal(P[INERTIA_RATIOS, INERTIA_RATIOS], inertia)
     P[INERTIA_RATIOS, INERTIA_RATIOS] = np.eye(5)
