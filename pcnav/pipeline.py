@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,6 +25,7 @@ from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of
 from pcnav.evaluation.mesh_fit import MeshFit, PartFit, mesh_fit_csv, sentences
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import tables_of_run
+from pcnav.evaluation.size_check import view_spans
 from pcnav.recordings.first_pose import prior_of
 from pcnav.recordings.frame_survey import FrameSurvey, FrameSurveyor
 from pcnav.recordings.images import ImageSequence
@@ -313,12 +315,17 @@ def _estimate(
 
 def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) -> Facts:
     """What is known of a run beside its tables."""
-    diameter_m = float("nan") if inputs.target is None else inputs.target.diameter_m
+    target = inputs.target
+    diameter_m = float("nan") if target is None else target.diameter_m
     about, stated_m = inputs.recording, inputs.as_run.perception.range_sigma_m
     if stated_m is None and isinstance(about, Sequence):
         stated_m = about.info.range_sigma_m
     return Facts(
-        *(survey, diameter_m, estimator.min_frames, estimator.search_report),
+        *(survey, diameter_m),
+        view_spans=None if target is None else partial(view_spans, target),
+        metres_per_unit=1.0 if target is None else target.mesh_origin.metres_per_unit,
+        min_frames=estimator.min_frames,
+        search=estimator.search_report,
         noise=estimator.sensor_noise,
         stated_sigma_m=stated_m,
     )

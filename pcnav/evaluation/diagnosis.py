@@ -5,11 +5,13 @@ where its estimator looked. Nothing here knows a truth.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.evaluation.size_check import size_doubt
 from pcnav.files.text_table import number
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
@@ -60,6 +62,10 @@ class Facts:
     """Of depth frames."""
     diameter_m: float = float("nan")
     """Of the target with a model."""
+    view_spans: Callable[[], FloatArray] | None = None
+    """What it spans when it is seen from many sides, m; see `size_check`."""
+    metres_per_unit: float = 1.0
+    """The scale by which its mesh was read."""
     min_frames: int = 1
     """Frames that the estimator takes until there can be an estimate."""
     search: SearchReport | None = None
@@ -113,12 +119,17 @@ def _reasons(survey: FrameSurvey, facts: Facts) -> list[str]:
         ]
     if n - survey.n_empty < facts.min_frames:
         reasons.append(f"a motion takes {facts.min_frames}")
-    reasons += _sizes(survey, facts.diameter_m)
+    reasons += _sizes(survey, facts)
     return reasons if facts.search is None else [*reasons, _searched(facts.search)]
 
 
-def _sizes(survey: FrameSurvey, diameter_m: float) -> list[str]:
+def _sizes(survey: FrameSurvey, facts: Facts) -> list[str]:
     """What the sizes of the target and of what is seen have to do with each other."""
+    if facts.view_spans is not None:
+        doubt = size_doubt(survey, facts.view_spans(), facts.metres_per_unit)
+        if doubt is not None:
+            return [doubt]
+    diameter_m = facts.diameter_m
     across = f"the target is {_length(diameter_m)} across"
     between = f"the returns lie between {_length(survey.near_m)} and {_length(survey.far_m)}"
     if diameter_m > _MAX_PARTIAL_VIEW * survey.span_m:
