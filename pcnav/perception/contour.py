@@ -7,12 +7,15 @@ form from how uncertain the prediction is.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picked
+from pcnav.perception.edge_conflicts import KnownError, conflicts_px, in_doubt
 from pcnav.perception.edge_counts import EdgeCounts, count_offsets, edge_counts
 from pcnav.perception.edge_crossings import EdgeCrossings, edge_crossings
+from pcnav.perception.edge_stretches import Stretches, goes_on
 from pcnav.perception.grid_variances import bent_grid_variances, grid_variances
 from pcnav.perception.mesh_edges import MeshEdges
 from pcnav.perception.pose_doubt import PoseDoubt
@@ -68,6 +71,7 @@ def contour_runs(
     dropout: float,
     noise: SensorNoise,
     unknown: BoolArray | None = None,
+    known: KnownError | None = None,
 ) -> ContourRuns:
     """The outline of a frame against the view rendered at a pose.
 
@@ -79,6 +83,7 @@ def contour_runs(
         dropout: share of the returns that are lost at random.
         noise: of the sensor: where it sees an outline.
         unknown: (height, width) pixels that say nothing of the outline, see `OutlineFrame`.
+        known: what else says where the target is; the doubt alone by default.
     """
     crossings = edge_crossings(edges, rendered, doubt.T_cam_model)
     signs = count_offsets(min(len(edges), _MAX_SIGNS), doubt.T_cam_model)
@@ -96,21 +101,14 @@ def contour_runs(
         counted = replace(counted, usable=counted.usable & ~crossings.any_beside(unknown, reach))
     kept = _between_others(crossings, counted)
     counted = replace(picked(counted, kept), shift_px=shift_px[kept])
-    is_rough = unknown is not None
-    return _runs(picked(crossings, kept), counted, jacobian[kept], doubt, reach, noise, is_rough)
+    if known is None:
+        known = KnownError(np.zeros(6), doubt.covariance)
+    return _runs(picked(crossings, kept), counted, jacobian[kept], doubt, reach, noise, known)
 
 
 def contour_reach(doubt_px: float) -> int:
     """How many pixels on each side of an edge are counted, where it may be so far off, pixels."""
     return 1 if doubt_px < _SHARP_PX else min(int(np.ceil(2.0 * doubt_px)) + 1, _MAX_REACH_PX)
-
-
-def _goes_on(crossings: EdgeCrossings, kind: IntArray) -> BoolArray:
-    """(n - 1,) whether the next crossing is the next along the same edge, before the same kind."""
-    along = (np.diff(crossings.edge) == 0) & (np.diff(crossings.major) == 1)
-    return np.asarray(
-        along & (np.diff(kind) == 0) & (crossings.upright[1:] == crossings.upright[:-1])
-    )
 
 
 def _between_others(crossings: EdgeCrossings, counted: EdgeCounts) -> BoolArray:
@@ -120,40 +118,9 @@ def _between_others(crossings: EdgeCrossings, counted: EdgeCounts) -> BoolArray:
     may be cut by the other edge as well.
     """
     joined = np.zeros(len(crossings.edge) + 1, dtype=np.bool_)
-    joined[1:-1] = _goes_on(crossings, counted.kind)
+    joined[1:-1] = goes_on(crossings, counted.kind)
     joined[1:-1] &= counted.usable[1:] & counted.usable[:-1]
     return np.asarray(joined[1:] & joined[:-1])
-
-
-@dataclass(frozen=True)
-class _Stretches:
-    """Unbroken stretches of crossings, k of them."""
-
-    starts: IntArray
-    """(k,) the first crossing of each."""
-    n: IntArray
-    """(k,) how many crossings."""
-    spread: FloatArray
-    """(k,) sum of the squared distances of their crossings from their middle."""
-    weights: tuple[FloatArray, FloatArray]
-    """(n,) each, of a mean and of a tilt over the stretch of each crossing."""
-
-    def total(self, values: FloatArray) -> FloatArray:
-        """(k, ...) sums of values (n, ...) of the crossings."""
-        return np.asarray(np.add.reduceat(values, self.starts))
-
-    def largest(self, values: FloatArray) -> FloatArray:
-        """(k,) of values (n,) of the crossings."""
-        return np.asarray(np.maximum.reduceat(values, self.starts))
-
-
-def _stretches(crossings: EdgeCrossings, kind: IntArray) -> _Stretches:
-    starts = np.concatenate([[0], np.flatnonzero(~_goes_on(crossings, kind)) + 1])
-    n = np.diff(np.append(starts, len(kind)))
-    offset = np.arange(len(kind)) - np.repeat(starts + 0.5 * (n - 1), n)
-    spread = np.add.reduceat(offset**2, starts)
-    tilt_weight = offset / np.repeat(np.maximum(spread, 0.5), n)
-    return _Stretches(starts, n, spread, (np.repeat(1.0 / n, n), tilt_weight))
 
 
 def _runs(
@@ -163,48 +130,69 @@ def _runs(
     doubt: PoseDoubt,
     reach: int,
     noise: SensorNoise,
-    is_rough: bool,
+    known: KnownError,
 ) -> ContourRuns:
     if len(crossings.edge) == 0:
         empty = np.empty(0)
         none = np.empty(0, dtype=np.intp)
         return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 4)))
-    stretches = _stretches(crossings, counted.kind)
+    stretches = Stretches.of(crossings, counted.kind)
     starts, n = stretches.starts, stretches.n
     by_offsets = crossings.by_offsets(counted.kind)
     expected = by_offsets @ noise.outline_offset_px
     offset_px2 = ((by_offsets[starts] * noise.outline_offset_sd_px) ** 2).sum(axis=1)
     doubt_px2 = stretches.total(doubt.variance(jacobian)) / n + offset_px2
     variances = _variances(crossings, counted, stretches, expected, doubt_px2, noise)
-    # As far as one looked, or farther: no better known than before.
+    # As far as one looked, or farther: no better known than before, unless it was followed.
     looked = (counted.displacement_px - counted.shift_px) * stretches.weights[0]
-    reached = np.abs(stretches.total(looked)) > _SATURATED * reach
-    common = stretches.largest(counted.common_px2)
-    variances[0] += np.where(reached, doubt_px2, 0.0) + common
+    gap = stretches.total(counted.gap_px * stretches.weights[0])
+    reached = (np.abs(stretches.total(looked)) > _SATURATED * reach) & (gap == 0.0)
+    variances[0] += np.where(reached, doubt_px2, 0.0)
+    means, tilts = (
+        _of(stretches, weight, counted.displacement_px - expected, jacobian, by_offsets)
+        for weight in stretches.weights
+    )
+    apart = conflicts_px(means.value, variances[0], means.jacobian, known)
+    # What ends far inside is displaced by as much, or cut.
+    half, conflict = in_doubt(np.where(apart == 0.0, -gap, apart))
+    means = means._replace(value=means.value - half)
+    common = np.maximum(stretches.largest(counted.common_px2), conflict)
+    variances[0] += common
     variances[1] += common * n / np.maximum(stretches.spread, 0.5)
     rows = []
-    for power, weight in enumerate(stretches.weights):
-        H = stretches.total(jacobian * weight[:, None])
-        value = stretches.total((counted.displacement_px - expected) * weight)
-        shared = stretches.total(by_offsets * weight[:, None])
+    for power, (value, H, shared) in enumerate((means, tilts)):
         variance = variances[power]
         innovation = doubt.variance(H) + variance
         innovation += ((shared * noise.outline_offset_sd_px) ** 2).sum(axis=1)
         kept = np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)
-        if is_rough and power == 0:
-            # Among other things returns end raggedly at an edge, which is then known to no more
-            # than what it is off by; without it nothing may hold the pose along a face.
-            variance, kept = np.where(kept, variance, value**2), np.ones(len(n), dtype=np.bool_)
         kept &= n > power
         picked_rows = (value, variance, H, counted.triangle[starts], shared)
         rows.append(tuple(part[kept] for part in picked_rows))
     return ContourRuns(*(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
+class _Measured(NamedTuple):
+    value: FloatArray
+    jacobian: FloatArray
+    shared: FloatArray
+
+
+def _of(
+    stretches: Stretches,
+    weight: FloatArray,
+    displacement_px: FloatArray,
+    jacobian: FloatArray,
+    by_offsets: FloatArray,
+) -> _Measured:
+    """The means, or tilts, of stretches."""
+    parts = (displacement_px * weight, *(of * weight[:, None] for of in (jacobian, by_offsets)))
+    return _Measured(*(stretches.total(part) for part in parts))
+
+
 def _variances(
     crossings: EdgeCrossings,
     counted: EdgeCounts,
-    stretches: _Stretches,
+    stretches: Stretches,
     expected_px: FloatArray,
     doubt_px2: FloatArray,
     noise: SensorNoise,
@@ -219,7 +207,8 @@ def _variances(
     else:
         grid = grid_variances(n, crossings.slope[starts], displaced)
     extra = counted.extra_variance[starts] * np.where(counted.kind[starts] == 0, 1.0, displaced)
-    edge_px2 = _EDGE_SD_PX**2 + noise.outline_sd_px**2
+    edge_px2 = stretches.ragged_px2(counted.displacement_px - expected_px, extra)
+    edge_px2 += _EDGE_SD_PX**2 + noise.outline_sd_px**2
     variances = []
     for of_grid, weight in zip(grid, stretches.weights, strict=True):
         weight_2 = stretches.total(weight**2)

@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.perception.edge_crossings import EdgeCrossings
+from pcnav.perception.edge_gaps import edge_gaps
 from pcnav.perception.pose_doubt import GATE_SIGMA, PoseDoubt
 from pcnav.target.rendering import RenderedDepth
 
@@ -53,6 +54,8 @@ class EdgeCounts:
     """(n,) how far outward of the predicted edge pixels were counted."""
     common_px2: FloatArray
     """(n,) variance of an error that the crossings of an edge share, px^2."""
+    gap_px: FloatArray
+    """(n,) how much of that it is inward by is a gap longer than was counted."""
 
 
 def count_offsets(n: int, T_cam_model: FloatArray) -> FloatArray:
@@ -82,6 +85,8 @@ class _Strips:
     v: IntArray
     inside: BoolArray
     """(n,) whether all are in the image."""
+    first_inwards: IntArray
+    """(n,) the first pixel inside the edge, along what is crossed."""
 
     @property
     def reach(self) -> int:
@@ -93,7 +98,7 @@ class _Strips:
         """The pixels (n, 2 reach) that are counted."""
         reach = self.reach
         counted = np.r_[0:reach, reach + 1 : 2 * reach + 1]
-        return _Strips(self.u[:, counted], self.v[:, counted], self.inside)
+        return _Strips(self.u[:, counted], self.v[:, counted], self.inside, self.first_inwards)
 
 
 def _strips(
@@ -107,7 +112,8 @@ def _strips(
     minor = np.hstack([near, far])
     size = np.where(crossings.upright, camera.width, camera.height)
     inside = np.asarray(((minor >= 0) & (minor < size[:, None])).all(axis=1))
-    return _Strips(*crossings.across(np.clip(minor, 0, size[:, None] - 1)), inside)
+    u, v = crossings.across(np.clip(minor, 0, size[:, None] - 1))
+    return _Strips(u, v, inside, near[:, 0])
 
 
 @dataclass(frozen=True)
@@ -120,6 +126,8 @@ class _Sides:
     """(n,) of the part that the edge bounds."""
     space: BoolArray
     """(n,) whether nothing lies behind the edge."""
+    before_space: BoolArray
+    """(n,) whether nothing is there in all of the strip beyond it."""
     stepped: BoolArray
     """(n,) whether the face that ends there is seen at grazing incidence, with another beside it at
     once: whatever lies between the two is the part then."""
@@ -176,6 +184,7 @@ def _sides(
         usable=strips.inside & beyond & (plain | stepped),
         triangle=near_triangle,
         space=space,
+        before_space=strips.inside & beyond & space & (near_triangle >= 0),
         stepped=stepped,
         part_m=_depths(near_plane, counted_rays) + half_rim,
         part_tolerance_m=part_tolerance,
@@ -235,6 +244,13 @@ def edge_counts(
     usable &= uniform_filter1d(unmodelled.astype(np.float64), _ABOUT_CROSSINGS) < _MAX_UNMODELLED
     grown = is_part[:, reach:].sum(axis=1).astype(np.float64)
     lost = (~returned[:, :reach]).sum(axis=1) - dropout * reach
+    # Of whatever part: where nothing of it is seen, it need not be plain.
+    missing = sides.before_space & ~returned[:, 0]
+    gaps = edge_gaps(
+        *(crossings, strips.first_inwards, depth_m, rendered, missing, usable, reach, dropout)
+    )
+    has_gap = gaps.length_px > 0.0
+    lost, usable = np.where(has_gap, gaps.length_px, lost), (usable | has_gap) & ~gaps.is_cut
     covered = is_behind[:, :reach].sum(axis=1)
     known = (is_part | is_behind).mean(axis=1)
     surfaces = usable & ~space
@@ -255,6 +271,7 @@ def edge_counts(
         triangle=sides.triangle,
         shift_px=shift_px,
         common_px2=np.where(sides.stepped, _GRAZED_SD_PX**2, 0.0),
+        gap_px=np.where(gaps.length_px > reach, gaps.length_px, 0.0),
     )
 
 

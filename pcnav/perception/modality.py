@@ -9,6 +9,7 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.perception.contour import ContourRuns, contour_runs
+from pcnav.perception.edge_conflicts import KnownError
 from pcnav.perception.mesh_edges import MeshEdges
 from pcnav.perception.outline_frame import OutlineFrame
 from pcnav.perception.pose_doubt import PoseDoubt
@@ -17,6 +18,8 @@ from pcnav.target.rendering import RenderedDepth
 
 POSE_SIZE = 6
 _MAX_DROPOUT = 0.9
+_ANYWHERE_FRACTION, _ANYWHERE_RAD = 0.1, 0.2
+"""So far a pose may be off, over the diameter and in rad, for all that its outline is asked."""
 
 
 class Evidence(NamedTuple):
@@ -96,6 +99,20 @@ class RangeResiduals:
     inside: BoolArray
     """(height, width) of the window of the view: the pixels they are of."""
 
+    @property
+    def dropout(self) -> float:
+        """Share of the returns that are lost at random: of the pixels beside one that returned.
+
+        Where the target is cut, or sees nothing over a patch, all are lost and none at random.
+        """
+        if self.returned.all():
+            return 0.0
+        seen = np.zeros(self.inside.shape, dtype=np.bool_)
+        seen[self.inside] = self.returned
+        beside = self.inside[:, 1:] & seen[:, :-1]
+        n = int(np.count_nonzero(beside))
+        return np.count_nonzero(beside & ~seen[:, 1:]) / n if n else 1.0
+
     @cached_property
     def v(self) -> FloatArray:
         """(n,) row in the window."""
@@ -141,8 +158,19 @@ class SeenFrame:
             depth_m, unknown = self.outline.depth_m, self.outline.unknown
         dropout = min(self.dropout, _MAX_DROPOUT)
         return contour_runs(
-            *(self.edges, depth_m, self.rendered, self.doubt, dropout, self.noise, unknown)
+            *(self.edges, depth_m, self.rendered, self.doubt, dropout, self.noise, unknown),
+            self._without_outline,
         )
+
+    @property
+    def _without_outline(self) -> KnownError:
+        faces = (fit.evidence for fit in self.ranges.values())
+        seen = Evidence.together(faces, self.noise.n_shared).of_pose
+        # The doubt is that of a pose which the outline may have been part of.
+        sd = np.repeat([_ANYWHERE_FRACTION * self.edges.diameter_m, _ANYWHERE_RAD], 3)
+        prior = np.linalg.inv(self.doubt.covariance + np.diag(sd**2))
+        covariance = np.asarray(np.linalg.inv(prior + seen.information))
+        return KnownError(covariance @ seen.vector, covariance)
 
 
 Modality = Callable[[SeenFrame], Callable[[int], Evidence]]

@@ -234,11 +234,10 @@ class RenderComparer:
             # Lone returns are false ones: where they are, one is lost.
             is_thing = surroundings.labels[rendered.window][pixels.inside] > 0
             residuals = replace(residuals, returned=is_thing)
-        lost = ~residuals.returned
         ranges = range_fits(residuals, self._noise)
         seen = SeenFrame(
             *(depth_m, rendered, doubt, self._edges, self._face_of_triangle),
-            *(float(np.mean(lost)) if len(lost) else 0.0, self._noise, ranges, residuals, outline),
+            *(residuals.dropout, self._noise, ranges, residuals, outline),
         )
         faces = face_evidence(seen, self._target.rectangles, self._modalities)
         return Comparison(T_cam_model, rendered, faces, explained, _labels(seen), seen)
