@@ -89,7 +89,9 @@ def depth_subject(
     )
     timing = timing_of(times_s, motion.state.omega_body)
     belief = prior_belief(views.target, about.initial, filtering)
-    prior = start_covariance(belief.com_covariance_m2, belief.parameter_covariance)
+    prior = start_covariance(
+        motion.state.omega_body, belief.com_covariance_m2, belief.parameter_covariance
+    )
 
     def sensor(seen: NavigationState, k: int) -> FloatArray:
         hill = R_hill_world(float(timing.times_s[k]), n)
