@@ -10,6 +10,7 @@ from pcnav.core.errors import InputError
 from pcnav.estimators.choice import simulated_kind
 from pcnav.pipeline import run
 from pcnav.recordings.opening import open_sequence
+from pcnav.simulation.depth import Scene
 from pcnav.simulation.simulate import simulate
 from pcnav.target.satellite import load_target, target_mesh_of, write_target_toml
 
@@ -75,3 +76,17 @@ def test_the_toml_beside_a_mesh_states_a_unit_too(tmp_path):
     path.with_suffix(".toml").write_text('mesh_unit = "furlong"')
     with pytest.raises(InputError, match="mesh_unit"):
         load_target(path)
+
+
+def test_a_mesh_without_rectangles_is_simulated_and_run(tmp_path):
+    egg = trimesh.creation.icosphere(subdivisions=3)
+    egg.apply_scale([1000.0, 1400.0, 2000.0])
+    egg.export(tmp_path / "egg.ply")
+    (tmp_path / "egg.toml").write_text('mesh_unit = "mm"')
+    scene = {"scenario": {"frames": 3}, "camera": {"width_px": 64, "height_px": 64}}
+    target = load_target(tmp_path / "egg.ply")
+    assert target.rectangles == ()
+    Scene.showing(target, Pipeline.model_validate(scene)).write(tmp_path / "recording")
+    # The recording has the mesh and the TOML beside it.
+    summary = run(tmp_path / "recording", tmp_path / "result")
+    assert summary.diagnosis.found
