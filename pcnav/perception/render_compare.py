@@ -219,14 +219,15 @@ class RenderComparer:
         # A crease by less than the pose is doubted does not matter yet; of a curved mesh, whose
         # facets are small, hardly a pixel of a coarse grid would be left.
         doubted_m = float(np.hypot(typical_m, self._doubt_m(without_turns, pose_covariance)))
-        pixels = surface_pixels(rendered, doubted_m, self._noise)
+        doubt_px = self.doubt_px(T_cam_model, pose_covariance)
+        pixels = surface_pixels(rendered, doubted_m, doubt_px, self._noise)
         residuals = pixels.residuals(depth_m, rendered, doubt, self._noise, self._face_of_triangle)
         variance = residuals.pose_variance_m2
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = GATE_SIGMA * float(np.sqrt(total_m**2 + typical))
         loosest = min(tolerance, self._loosest(total_m))
         explained, surroundings = self._judged(whole_m, rendered, loosest)
-        reach = contour_reach(self.doubt_px(T_cam_model, pose_covariance))
+        reach = contour_reach(doubt_px)
         outline = outline_frame(
             *(depth_m, rendered, surroundings, tolerance, reach, self._unseen_here())
         )

@@ -14,7 +14,11 @@ from pcnav.target.rendering import RenderedDepth
 
 _CREASE_SIGMA = 0.5
 """A pixel is inside a surface when the faces of its neighbours, extended to it, differ from its own
-by less than this many standard deviations of the noise."""
+by less than this many standard deviations of the noise and of the doubt about the pose."""
+_BENT_SIGMA, _SHIFTED_SIGMA = 4.0, 0.1
+"""So is one on a surface that bends, from pixel to pixel, by less than so many deviations: what a
+pixel sees is a mean, off by up to an eighth of it. And by so little that a displaced view puts no
+range off by more than a tenth of one, for it puts those of thousands of pixels off the same way."""
 _MIN_COSINE = 0.1
 """Surfaces seen at more than 84 degrees are not used: within a pixel their range varies widely."""
 _WHOLE_SHARE, _MIN_WHOLE = 0.5, 300
@@ -79,9 +83,21 @@ def _offset_of_frame(residual_m: FloatArray, variance_m2: FloatArray, sd_m: floa
     return float(np.median(near)) if len(near) else 0.0
 
 
-def surface_pixels(rendered: RenderedDepth, sigma_m: float, noise: SensorNoise) -> SurfacePixels:
-    """Those of a view; ``sigma_m`` is the deviation by which creases count, where the target is."""
-    inside = _away_from_creases(rendered, sigma_m)
+def surface_pixels(
+    rendered: RenderedDepth, sigma_m: float, doubt_px: float, noise: SensorNoise
+) -> SurfacePixels:
+    """Those of a view.
+
+    Args:
+        rendered: the view.
+        sigma_m: deviation of a range, by the noise and by the doubt about the pose.
+        doubt_px: how far the view may be displaced.
+        noise: of the sensor.
+    """
+    # A displaced view shows the neighbour's face in the place of a pixel's own, as far as it is
+    # displaced: by that part of the bend its range is then off.
+    bend_sigma = min(_SHIFTED_SIGMA / max(doubt_px, 1e-9), _BENT_SIGMA)
+    inside = _away_from_creases(rendered, _CREASE_SIGMA * sigma_m, bend_sigma * sigma_m)
     if noise.may_have_footprint:
         inside = _whole(inside, noise)
     triangle = rendered.triangle[rendered.window][inside]
@@ -101,8 +117,9 @@ def surface_pixels(rendered: RenderedDepth, sigma_m: float, noise: SensorNoise) 
     return SurfacePixels(inside, triangle, unit, 1.0 / inverse, per_depth, m)
 
 
-def _away_from_creases(rendered: RenderedDepth, sigma_m: float) -> BoolArray:
-    """(height, width) of the window: pixels whose neighbours lie on the same surface."""
+def _away_from_creases(rendered: RenderedDepth, crease_m: float, bend_m: float) -> BoolArray:
+    """(height, width) of the window: pixels whose neighbours lie on the same surface, but for a
+    crease that makes no difference to the pixel, or a bend that makes little."""
     triangle = rendered.triangle[rendered.window]
     depth = rendered.depth_m[rendered.window].astype(np.float64)
     rays = pixel_rays(rendered.camera)[rendered.window]
@@ -114,11 +131,17 @@ def _away_from_creases(rendered: RenderedDepth, sigma_m: float) -> BoolArray:
     for first, second in (neighbours(1), neighbours(0)):
         i, j = np.nonzero(triangle[first] != triangle[second])
         a, b = triangle[first][i, j], triangle[second][i, j]
-        for here, mine, other in ((first, a, b), (second, b, a)):
-            # Relative gap of inverse depths is that of depths.
-            gap = np.einsum("ij,ij->i", planes[other] - planes[mine], rays[here][i, j])
-            smooth = (mine >= 0) & (other >= 0)
-            smooth &= np.abs(gap) * depth[here][i, j] ** 2 < _CREASE_SIGMA * sigma_m
+        both = (a >= 0) & (b >= 0)
+        between = planes[b] - planes[a]
+        # Relative gap of inverse depths is that of depths.
+        gaps = [
+            np.einsum("ij,ij->i", between, rays[here][i, j]) * depth[here][i, j] ** 2
+            for here in (first, second)
+        ]
+        # Where a surface bends, its faces change places between the pixels; at a step they do not.
+        bends = both & (gaps[0] * gaps[1] <= 0.0) & (np.abs(gaps[0] - gaps[1]) < bend_m)
+        for here, gap in zip((first, second), gaps, strict=True):
+            smooth = bends | (both & (np.abs(gap) < crease_m))
             inside[here][i[~smooth], j[~smooth]] = False
     return inside
 
