@@ -1,7 +1,7 @@
 """Cold starts: how soon, how often right and at what cost a lock is made of nothing."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -12,7 +12,7 @@ from pcnav.files.text_table import TextTable
 from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
-from pcnav.simulation.random_truth import Spread, random_truth, satellite
+from pcnav.simulation.random_truth import Satellite, Spread, random_truth, satellite
 
 from ..folder import StudyFigure
 from ..following import follow
@@ -70,6 +70,11 @@ def run_start(name: str, seed: int) -> Start:
     """One cold start of a shipped satellite: truth and noise are the seed's."""
     of = satellite(name)
     spread = _SPREAD.scaled(of.target.diameter_m / satellite("boxsat").target.diameter_m)
+    return start_of(name, of, spread, seed)
+
+
+def start_of(name: str, of: Satellite, spread: Spread, seed: int) -> Start:
+    """One cold start of a target whose truth is drawn so."""
     truth = random_truth(of, spread, seed, frames=FRAMES, frame_rate_hz=FRAME_RATE_HZ)
     run = follow(Scene.of(truth, of.target.mesh), of.target, until_lock=True)
     outcome, attitude, position = Outcome.NOT_YET, np.nan, np.nan
@@ -91,10 +96,12 @@ def run_start(name: str, seed: int) -> Start:
     )
 
 
-def tables(found: Starts) -> list[TextTable]:
-    """All starts, and those that were not right."""
+def tables(
+    found: Starts, key: str = "cold_start", named: Callable[[str], Satellite] = satellite
+) -> list[TextTable]:
+    """All starts, and those that were not right; ``key`` begins the names of their files."""
     everything = [start for starts in found.values() for start in starts]
-    return [_share_table(found), _failure_table(everything)]
+    return [_share_table(found, f"{key}s", named), _failure_table(everything, f"{key}_failures")]
 
 
 def count(starts: Sequence[Start], outcome: Outcome) -> int:
@@ -126,13 +133,13 @@ def claims(starts: Sequence[Start]) -> list[Claim]:
     ]
 
 
-def _share_table(found: Starts) -> TextTable:
+def _share_table(found: Starts, key: str, named: Callable[[str], Satellite]) -> TextTable:
     return table_of(
-        "cold_starts",
+        key,
         found.values(),
         {
             "satellite": lambda starts: starts[0].satellite,
-            "symmetry": lambda starts: satellite(starts[0].satellite).target.symmetry_name,
+            "symmetry": lambda starts: named(starts[0].satellite).target.symmetry_name,
             "locks reported": lambda starts: ", ".join(
                 f"{times} {word}"
                 for word, times in Counter(s.status for s in _locks(starts)).most_common()
@@ -150,9 +157,9 @@ def _share_table(found: Starts) -> TextTable:
     )
 
 
-def _failure_table(starts: Sequence[Start]) -> TextTable:
+def _failure_table(starts: Sequence[Start], key: str) -> TextTable:
     return table_of(
-        "cold_start_failures",
+        key,
         [start for start in starts if start.outcome is not Outcome.RIGHT],
         {
             "satellite": lambda s: s.satellite,

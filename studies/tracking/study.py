@@ -10,12 +10,18 @@ from ..folder import Study
 from ..tables import verdict
 from ..text import study_of
 from ..work import Work
-from . import abroad, blackouts, consistency, faults, starts
+from . import abroad, any_shape, blackouts, consistency, faults, starts
 from .blackouts import Phases
 
 RUNS = 100
 """Monte Carlo runs of the consistency chapter unless told otherwise; the others follow from it."""
-_STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD = 3, 10, 20, 50
+_STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD, _RUNS_PER_SHAPE = (
+    3,
+    10,
+    20,
+    50,
+    5,
+)
 _QUICK_RUNS = 5
 
 
@@ -61,6 +67,10 @@ def study(runs: int, work: Work) -> Study:
     )
     disturbed = work.repeat(disturb, faults.NAME, faults.CASES, fewer, lengths.faults)
     away = work.repeat(go_abroad, abroad.NAME, scenes, fewest, lengths.abroad)
+    shapes = any_shape.QUICK_CASES if lengths == _QUICK else any_shape.CASES
+    shaped = work.repeat(
+        any_shape.run_shape, any_shape.NAME, shapes, max(2, runs // _RUNS_PER_SHAPE), starts.FRAMES
+    )
     work.run()
     judged = consistency.Judged.of(repeated.results)
     claims = [
@@ -69,6 +79,7 @@ def study(runs: int, work: Work) -> Study:
         *consistency.claims(judged),
         *faults.claims(disturbed.by_case),
         *abroad.claims(away.by_case),
+        *any_shape.claims(shaped.results),
     ]
     relocked = [each.relocked for each in dark.results]
     missed = relocked.count(None)
@@ -85,6 +96,7 @@ def study(runs: int, work: Work) -> Study:
             *consistency.tables(judged),
             *faults.tables(disturbed.by_case),
             *abroad.tables(away.by_case),
+            *any_shape.tables(shaped.by_case),
         ],
         [
             *starts.start_figures(cold.by_case),
@@ -105,6 +117,10 @@ def study(runs: int, work: Work) -> Study:
         silent=faults.silent_frames(silent),
         abroad_wrong=abroad.wrong_frames(away.by_case),
         abroad=abroad,
+        shapes=len(shaped.by_case),
+        shape_right=starts.count(shaped.results, starts.Outcome.RIGHT),
+        shape_wrong=starts.count(shaped.results, starts.Outcome.WRONG),
+        shape_starts=len(shaped.results),
         cut=_CUT if lengths == _QUICK else "",
         start=starts,
         blackout=blackouts,

@@ -22,11 +22,14 @@ COLUMNS: Mapping[str, str] = {
     "*/cost.csv/peak_memory_mb*": "memory of the process",
     "study/tables/table_1.csv/our time, ms": "wall time",
     "study/tables/cold_starts.csv/seconds": "wall time",
+    "study/tables/shape_starts.csv/seconds": "wall time",
 }
 """By pattern of output/file/column."""
 
 ROWS: Mapping[str, str] = {
     "study/tables/verdict.csv/*: slowest start, s": "wall time",
+    "study/tables/verdict.csv/*median start, s": "wall time",
+    "study/tables/verdict.csv/slowest start, s": "wall time",
 }
 """By pattern of output/file/cell: rows with such a cell."""
 
