@@ -26,6 +26,11 @@ be sunk into it."""
 _EXCUSED = 0.25
 """Weight, against the target's being there at all, of what it may be hidden by, and of a return
 that is missing: surfaces that are dark or slanted do not return."""
+_SUNK_TOLERANCES, _SUNK_PX = 3.0, 2
+"""What begins to hide a view no nearer than so many tolerances before it, so many pixels beside
+what agrees, does not stand before it: the view is sunk into it ..."""
+_SUNK_FOOTPRINTS = 3.0
+"""... or than the side of so many pixels, by which a surface rises that meets it at 45 degrees."""
 _CLAIMED = 0.1
 """A small part of which a view explains this share is the target's or nothing is."""
 _MAX_UNTOLD = 0.02
@@ -160,6 +165,14 @@ def _among_others(
     candidates = surroundings.candidates_where(agrees, part)
     nearer = past & returned & (seen < predicted)
     foreign = int(np.count_nonzero(nearer & ~candidates[part]))
+    sunk = 0
+    if foreign > _MAX_UNTOLD * agree:
+        beside_it = ndimage.binary_dilation(agrees, iterations=_SUNK_PX)
+        begins = nearer & ~candidates[part] & beside_it
+        footprint_m = predicted[begins] / max(rendered.camera.fx, rendered.camera.fy)
+        reach_m = _SUNK_TOLERANCES * tolerance_m + _SUNK_FOOTPRINTS * footprint_m
+        near = predicted[begins] - seen[begins] < reach_m
+        sunk = round(foreign * float(np.mean(near))) if near.size else 0
     hidden = int(np.count_nonzero(nearer & candidates[part]))
     beside = candidates[about] & outside & _at_its_depth(depth_m[about], rendered, surroundings)
     going_on = round(agree * continued_share(depth_m, rendered, agrees, tolerance_m, space_share))
@@ -170,7 +183,7 @@ def _among_others(
     sizes = np.maximum(surroundings.sizes, 1)
     own = np.bincount(parts[part][agrees], minlength=len(sizes)) > _CLAIMED * sizes
     rest = int(np.count_nonzero(_in_patches(beside & own[parts[about]])))
-    against = farther + rest + going_on + round(_EXCUSED * (missing + hidden))
+    against = farther + rest + going_on + sunk + round(_EXCUSED * (missing + hidden))
     return Agreement(agree - going_on, conflict, hidden, through, against)
 
 

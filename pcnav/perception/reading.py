@@ -203,12 +203,13 @@ class FrameReader:
 
     def rivals(self, frame: Frame, poses: Sequence[FloatArray]) -> list[FloatArray]:
         """Poses (4, 4) that the shape of the target makes the likeliest to be taken for the first
-        of others, and that explain about as much of the frame: half turns of it."""
+        of others, and that explain about as much of the frame: turns that nearly keep its
+        surface."""
         best = poses[0]
         coarse = self.comparer(frame).coarse(frame.depth_m, best)
         tolerance = depth_tolerance(self._target, self._sigma_in(frame))
         least = coarse.score(frame.depth_m, best, tolerance).inlier_ratio - _RIVAL_LAG
-        turned = [best @ motion for motion in self._target.half_turns]
+        turned = [best @ motion for motion in self._target.rival_turns]
         new = [
             T
             for T in turned

@@ -25,6 +25,7 @@ from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
 from pcnav.target.mesh_files.reading import MeshOrigin, read_mesh_file
+from pcnav.target.rival_turns import rival_turns
 from pcnav.target.roundness import Roundness
 from pcnav.target.self_matches import SelfMatch, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
@@ -91,6 +92,12 @@ class Target:
         """(3, 4, 4) half turns of the model frame about the principal axes of the surface: what is
         nearly a symmetry of a satellite is mostly one of them."""
         return half_turns(self.mesh)
+
+    @cached_property
+    def rival_turns(self) -> FloatArray:
+        """(n, 4, 4) turns of the model frame that a start has to rule out, the half turns first,
+        see `rival_turns`; symmetries may be among them."""
+        return rival_turns(self.mesh, self.half_turns)
 
     @cached_property
     def near_symmetries(self) -> tuple[SelfMatch, ...]:

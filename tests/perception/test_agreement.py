@@ -278,3 +278,31 @@ def test_what_goes_on_from_the_target_contradicts_it() -> None:
     frame = before_wall()
     frame[3:13, 13:16] = 5.0
     assert among(frame).against >= 30
+
+
+def test_a_view_sunk_into_a_table_is_contradicted_and_one_behind_a_hand_is_not() -> None:
+    """A box that stands on a table, one pushed into it by half, and one half behind a slab."""
+    camera = PinholeCamera(160, 160, 500.0, 500.0, 79.5, 79.5)
+    box = trimesh.creation.box((2.0, 2.0, 2.0))
+    tilt = exp_rotation(np.array([-np.pi / 2 - 0.6, 0.0, 0.0]))
+    upright = make_transform(
+        tilt @ exp_rotation(np.array([0.0, 0.0, 0.5])), np.array([0.0, 0.0, 18.0])
+    )
+    table = trimesh.creation.box((30.0, 30.0, 0.2))
+    under = upright @ make_transform(np.eye(3), np.array([0.0, 0.0, -1.1]))
+    target = DepthRenderer(box, camera).render(upright)
+    ground = DepthRenderer(table, camera).render(under)
+    frame = np.where(target.depth_m > 0.0, target.depth_m, ground.depth_m)
+    surroundings = surroundings_of(frame, camera, 3.5, 0.01)
+    long_box = trimesh.creation.box((2.0, 2.0, 3.4))
+    long_box.apply_translation((0.0, 0.0, -0.7))
+    sunk = agreement(frame, DepthRenderer(long_box, camera).render(upright), 0.04, surroundings)
+    right = agreement(frame, target, 0.04, surroundings)
+    assert right.against < 0.05 * right.agree
+    assert sunk.against > 0.2 * sunk.agree
+    hidden = frame.copy()
+    hidden[:, :75] = 15.0
+    surroundings = surroundings_of(hidden, camera, 3.5, 0.01)
+    behind = agreement(hidden, target, 0.04, surroundings)
+    assert behind.agree < 0.7 * right.agree
+    assert behind.against < 0.08 * behind.agree

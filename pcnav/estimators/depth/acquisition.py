@@ -40,7 +40,7 @@ from pcnav.estimators.depth.single_frame import (
     search,
     with_rivals,
 )
-from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds
+from pcnav.estimators.depth.target_odds import CLEAR_LEAD, SEARCHED, frame_odds
 from pcnav.estimators.depth.views import (
     FrameView,
     silent_view,
@@ -112,6 +112,7 @@ class Acquisition:
         self.report: SearchReport | None = None
         """Of the search that found most."""
         self._start = MotionHypotheses(target)
+        self._among_others = False
         self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
 
     def add(self, frame: Frame, observer: ObserverPose) -> Initialised | FrameView:
@@ -126,7 +127,10 @@ class Acquisition:
         hypotheses, waiting = told or self._hypotheses(frame)
         if hypotheses:
             self._frames.append(frame)
-        decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses)
+        if not self._among_others and not self._reader.shows_target_alone(frame):
+            self._among_others = True
+        prior_odds = -SEARCHED if self._among_others else 0.0
+        decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses, prior_odds)
         if told is not None and self._choice is not MotionChoice.TORQUE_FREE:
             best = self._start.best
             assert best is not None, "it has just been begun"
@@ -134,9 +138,9 @@ class Acquisition:
         if decision is None:
             return waiting
         if decision.motion.is_fast:
-            track = self._fast(decision)
+            track = self._fast(decision, prior_odds)
         else:
-            track = self._initialise(decision, 0.0 if told is None else STATED_ODDS)
+            track = self._initialise(decision, prior_odds if told is None else STATED_ODDS)
             if track is None:
                 self._start = MotionHypotheses(self._target)
         if track is None:
@@ -185,11 +189,11 @@ class Acquisition:
             self.report = report
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
 
-    def _fast(self, decision: Decision) -> Initialised | None:
+    def _fast(self, decision: Decision, prior_odds: float) -> Initialised | None:
         """The one of fast motions that a body can make; None while more than one can."""
         possible = []
         for motion in (decision.motion, *decision.even):
-            track = self._initialise(replace(decision, motion=motion), 0.0)
+            track = self._initialise(replace(decision, motion=motion), prior_odds)
             if track is None:
                 self._start.refute([motion])
             else:
@@ -240,27 +244,30 @@ class Acquisition:
         start = tuple(zip(views, observers, strict=True))
         odds = prior_odds + motion.odds
         if self._refined:
-            odds += self._odds_gained(followed, motion, frames[-1], observers[-1])
+            odds += self._odds_gained(followed, odds, motion, frames[-1], observers[-1])
         return Initialised(followed, decision.undecided, views[-1], start, odds)
 
     def _odds_gained(
         self,
         followed: FollowedMotion,
+        odds: float,
         motion: MotionHypothesis,
         frame: Frame,
         observer: ObserverPose,
     ) -> float:
         """By the pose that the filter begins with, over the one fitted to its last frame alone.
 
-        A free motion that is bent to frames of another one is given up for any motion.
+        A free motion that is bent to frames of another one is given up for any motion. A frame that
+        contradicts the filter leaves no odds at all.
         """
         single = frame_odds(motion.observations[-1].pose.agreement)
         comparison = self._reader.compare(frame, *predicted_pose(followed.kalman, observer))
-        gained = frame_odds(comparison.agreement) - single
-        if motion.odds + gained < CLEAR_LEAD and followed.is_torque_free and followed.kinematic:
-            followed.go_over()
-            return self._odds_gained(followed, motion, frame, observer)
-        return min(gained, 0.0)
+        filtered = frame_odds(comparison.agreement)
+        gained = min(filtered - single, 0.0) if filtered > 0.0 else -np.inf
+        if odds + gained < CLEAR_LEAD and followed.is_torque_free and followed.kinematic:
+            followed.go_over(len(motion.observations))
+            return self._odds_gained(followed, odds, motion, frame, observer)
+        return gained
 
     def _compared(
         self, motion: MotionHypothesis, frames: list[Frame], observers: list[ObserverPose]

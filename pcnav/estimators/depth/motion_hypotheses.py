@@ -173,14 +173,18 @@ class MotionHypotheses:
         self._motions: tuple[MotionHypothesis, ...] = ()
 
     def add(
-        self, time_s: float, T_cam_world: FloatArray, hypotheses: Sequence[SingleFramePose]
+        self,
+        time_s: float,
+        T_cam_world: FloatArray,
+        hypotheses: Sequence[SingleFramePose],
+        prior_odds: float = 0.0,
     ) -> Decision | None:
         """Take in the hypotheses of a frame; a decision as soon as one can be made.
 
         A motion is decided on when the odds are clear that it is the target's, and no other one
         explains the frames nearly as well. After ten frames the best motion is taken even if
         another one is as good, and called undecided. A motion that the target's symmetry maps onto
-        the best one is no other.
+        the best one is no other. ``prior_odds``: their logarithm, before any frame.
         """
         observations = [
             PoseObservation(time_s, T_cam_world, hypothesis) for hypothesis in hypotheses
@@ -199,11 +203,14 @@ class MotionHypotheses:
             if id(observation) not in claimed
         ]
         best_first = sorted([*grown, *fast, *new], key=lambda motion: -motion.odds)
+        # What is clearly something else is not worth being followed.
+        alive = [motion for motion in best_first[1:] if motion.odds > -CLEAR_LEAD]
+        best_first = best_first[:1] + alive
         slow = [motion for motion in best_first if not motion.is_fast][:_MAX_MOTIONS]
         fast = [motion for motion in best_first if motion.is_fast][:_MAX_FAST_MOTIONS]
         kept = {id(motion) for motion in (*slow, *fast)}
         self._motions = tuple(motion for motion in best_first if id(motion) in kept)
-        return self._decide()
+        return self._decide(prior_odds)
 
     def refute(self, motions: Sequence[MotionHypothesis]) -> None:
         """Leave out motions that turned out not to be possible."""
@@ -227,7 +234,7 @@ class MotionHypotheses:
     def _extended(
         self, motion: MotionHypothesis, observations: list[PoseObservation]
     ) -> MotionHypothesis | None:
-        """The motion with the observation that fits it best, or None when none does."""
+        """The motion with the nearest of the likely observations that fit it; None when none do."""
         attitude = motion.predicted_attitude(observations[0].time_s)
         before = motion.observations[-1].p_world_model
         fitting = []
@@ -240,7 +247,14 @@ class MotionHypotheses:
                 fitting.append((turn + shift, observation))
         if not fitting:
             return None
-        best = min(fitting, key=lambda pair: pair[0])[1]
+        # A fit that went astray nearby is nearer to what is predicted now and then.
+        support = max(observation.pose.agreement.support for _, observation in fitting)
+        likely = [
+            (distance, observation)
+            for distance, observation in fitting
+            if NATS_PER_CONFLICT * (support - observation.pose.agreement.support) < CLEAR_LEAD
+        ]
+        best = min(likely, key=lambda pair: pair[0])[1]
         return MotionHypothesis(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
 
     def _fast(
@@ -281,9 +295,9 @@ class MotionHypotheses:
             for k, motion in enumerate(motions)
         ]
 
-    def _decide(self) -> Decision | None:
+    def _decide(self, prior_odds: float) -> Decision | None:
         ripe = [motion for motion in self._motions if motion.is_ripe]
-        if not ripe or ripe[0].odds < CLEAR_LEAD:
+        if not ripe or prior_odds + ripe[0].odds < CLEAR_LEAD:
             return None
         best = ripe[0]
         rivals = [m for m in self._motions if m is not best and _rivals(best, m)]

@@ -95,7 +95,11 @@ def search(
     """
     frame = perceived.frame
     proposed = _likely(reader.hypotheses(perceived)[:_MAX_HYPOTHESES])
-    poses = [reader.nearest_equivalent(hypothesis.T_cam_model, near) for hypothesis in proposed]
+    poses: list[FloatArray] = []
+    for hypothesis in proposed:
+        # Without others to be near to, near to one another: motions are told apart by attitude.
+        near = near or poses[:1]
+        poses.append(reader.nearest_equivalent(hypothesis.T_cam_model, near))
     found = best_first(refitted(poses, perceived, reader))
     if reader.measured_by is Measurements.RECTANGLES:
         return found, reader.report(frame, found[0].inlier_ratio if found else np.nan)
@@ -105,6 +109,7 @@ def search(
     seen, report = reader.view_hypotheses(frame)
     new: list[SingleFramePose] = []
     for hypothesis in _likely(seen[:_MAX_VIEW_HYPOTHESES]):
+        near = near or [pose.T_cam_model for pose in (*found, *new)][:1]
         T_cam_model = reader.nearest_equivalent(hypothesis.T_cam_model, near)
         region = hypothesis.region
         assert region is not None, "sampled views are compared with regions"
@@ -120,10 +125,13 @@ def with_rivals(
     found: tuple[SingleFramePose, ...], frame: Frame, reader: FrameReader
 ) -> tuple[SingleFramePose, ...]:
     """Poses found in a frame, the best first, and behind them what the target's shape makes most
-    like the best, whether anything proposes it or not."""
-    if not found:
+    like the best, whether anything proposes it or not. A best one that the frame contradicts has
+    none."""
+    if not found or frame_odds(found[0].agreement) < 0.0:
         return found
-    rivals = reader.rivals(frame, [pose.T_cam_model for pose in found])
+    best = found[0].T_cam_model
+    turned = reader.rivals(frame, [pose.T_cam_model for pose in found])
+    rivals = [reader.nearest_equivalent(pose, (best,)) for pose in turned]
     new = _others(found, compared_poses(rivals, frame, reader), frame, reader)
     return best_first([*found, *new]) if reader.shows_target_alone(frame) else (*found, *new)
 

@@ -31,6 +31,9 @@ _AGAIN = 0.25
 """What a frame that shows the same view as the one before counts, over a first one ..."""
 _NEW_VIEW_RAD = 0.15
 """... and the turn of the target in the camera that makes it count as much more."""
+SEARCHED = float(np.log(150.0))
+"""Logarithm of the odds to begin with against the best of the poses that are tried where a frame
+holds other things, too: some ten in each of some fifteen parts."""
 _FOR = float(np.log((1.0 - _CONTRADICTED) / _CHANCE))
 _AGAINST = float(np.log((1.0 - _CHANCE) / _CONTRADICTED))
 
