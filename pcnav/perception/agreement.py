@@ -172,7 +172,8 @@ def _among_others(
         footprint_m = predicted[begins] / max(rendered.camera.fx, rendered.camera.fy)
         reach_m = _SUNK_TOLERANCES * tolerance_m + _SUNK_FOOTPRINTS * footprint_m
         near = predicted[begins] - seen[begins] < reach_m
-        sunk = round(foreign * float(np.mean(near))) if near.size else 0
+        # Noise has a few of the returns of what stands before it near, too.
+        sunk = foreign if 2 * np.count_nonzero(near) > near.size else 0
     hidden = int(np.count_nonzero(nearer & candidates[part]))
     beside = candidates[about] & outside & _at_its_depth(depth_m[about], rendered, surroundings)
     going_on = round(agree * continued_share(depth_m, rendered, agrees, tolerance_m, space_share))
