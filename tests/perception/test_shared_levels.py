@@ -37,6 +37,7 @@ def after_with_outline(
     outline whose size tells the distance."""
     rng, errors = np.random.default_rng(seed), FrameErrors.before_any_frame(LEVER_M)
     unit, outline_sd, px_per_m = NO_OUTLINE.frame_unit_m, 0.01, 20.0
+    place, velocity = np.array([0.0, 0.0, 15.0]), np.zeros(3)
     for k in range(frames):
         # Columns: pose, offset of the frame (in its unit), outline's offsets (in 0.3 px).
         ranges = np.zeros((3, 11))
@@ -49,7 +50,9 @@ def after_with_outline(
         both = Evidence.of(r[:3], np.full(3, POSE_SD**2), ranges).with_also(
             Evidence.of(r[3:], np.full(1, outline_sd**2), grown)
         )
-        T_cam_model = make_transform(np.eye(3), np.array([0.0, 0.0, 15.0]) + rng.normal(0, 0.1, 3))
+        velocity = velocity + rng.normal(0.0, 0.1, 3)
+        place = place + velocity
+        T_cam_model = make_transform(np.eye(3), place)
         errors = errors.with_frame(0.5 * k, T_cam_model, both, NO_OUTLINE)
     return errors.applied(NO_OUTLINE)
 
