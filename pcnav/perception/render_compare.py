@@ -35,6 +35,8 @@ from pcnav.target.satellite import Target
 _LOOSE_FRACTION = 0.01
 """However uncertain a pose is, its view explains what lies within this share of the diameter, and
 the noise, of it."""
+_FACET_SHARE = 0.5
+"""What of the deviations of the facets that are seen together, which mostly cancel, is common."""
 _COARSEST_STRIDE = 4
 _MIN_COARSE_PIXELS = 300
 """A coarse grid keeps about so many pixels on the target."""
@@ -190,6 +192,19 @@ class RenderComparer:
         roundness = self._target.roundness
         return None if roundness is None else roundness.without_turns(T_cam_model[:3, :3])
 
+    def _noise_beside_facets(self, T_cam_model: FloatArray) -> SensorNoise:
+        """The noise, and of a round target how far the facets of its mesh are off: they are turned
+        as it happens, and move all of its surface and of its outline together."""
+        roundness, noise = self._target.roundness, self._noise
+        if roundness is None:
+            return noise
+        off_px = roundness.deviation_m * self._span_px(T_cam_model) / self._diameter_m
+        return replace(
+            noise,
+            face_sd_m=float(np.hypot(noise.face_sd_m, _FACET_SHARE * roundness.deviation_m)),
+            outline_sd_px=float(np.hypot(noise.outline_sd_px, off_px / self._stride)),
+        )
+
     def _doubt_m(self, without_turns: FloatArray | None, pose_covariance: FloatArray) -> float:
         """How far a point at the target's rim may be from where a pose has it."""
         if without_turns is not None:
@@ -209,19 +224,20 @@ class RenderComparer:
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
         """
         rendered = self._view(T_cam_model)
+        noise = self._noise_beside_facets(T_cam_model)
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
-        typical_m = self._noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
+        typical_m = noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
         # What a face or a frame shares moves its returns off the view as well.
-        total_m = float(np.hypot(typical_m, self._noise.shared_sd_m))
+        total_m = float(np.hypot(typical_m, noise.shared_sd_m))
         without_turns = self._without_turns(T_cam_model)
         doubt = PoseDoubt(T_cam_model, pose_covariance, total_m, without_turns)
         # A crease by less than the pose is doubted does not matter yet; of a curved mesh, whose
         # facets are small, hardly a pixel of a coarse grid would be left.
         doubted_m = float(np.hypot(typical_m, self._doubt_m(without_turns, pose_covariance)))
         doubt_px = self.doubt_px(T_cam_model, pose_covariance)
-        pixels = surface_pixels(rendered, doubted_m, doubt_px, self._noise)
-        residuals = pixels.residuals(depth_m, rendered, doubt, self._noise, self._face_of_triangle)
+        pixels = surface_pixels(rendered, doubted_m, doubt_px, noise)
+        residuals = pixels.residuals(depth_m, rendered, doubt, noise, self._face_of_triangle)
         variance = residuals.pose_variance_m2
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = GATE_SIGMA * float(np.sqrt(total_m**2 + typical))
@@ -235,10 +251,10 @@ class RenderComparer:
             # Lone returns are false ones: where they are, one is lost.
             is_thing = surroundings.labels[rendered.window][pixels.inside] > 0
             residuals = replace(residuals, returned=is_thing)
-        ranges = range_fits(residuals, self._noise)
+        ranges = range_fits(residuals, noise)
         seen = SeenFrame(
             *(depth_m, rendered, doubt, self._edges, self._face_of_triangle),
-            *(residuals.dropout, self._noise, ranges, residuals, outline),
+            *(residuals.dropout, noise, ranges, residuals, outline),
         )
         faces = face_evidence(seen, self._target.rectangles, self._modalities)
         return Comparison(T_cam_model, rendered, faces, explained, _labels(seen), seen)

@@ -16,6 +16,9 @@ class Roundness:
     """(3,) on the axis of a body of revolution, or the middle of a ball; model frame, m."""
     axes_model: FloatArray
     """(k, 3) unit vectors: one, the axis of a body of revolution, or three, of a ball."""
+    deviation_m: float = 0.0
+    """How far, in root mean square, turns move the facets of its mesh off the surface: so far the
+    mesh is from the round body that it stands for."""
 
     @property
     def is_ball(self) -> bool:

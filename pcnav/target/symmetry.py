@@ -4,7 +4,7 @@ Whether a motion leaves a trace is a matter of the sensor: it does where enough 
 from outside is moved off itself by more than noise and pixels hide. The search is `self_matches`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -165,7 +165,7 @@ class _Finder:
         b = np.append(T[:3, 3], axis @ self._centre)
         roundness = Roundness(np.asarray(np.linalg.lstsq(A, b, rcond=None)[0]), axis[None])
         turns = roundness.turns(np.outer(_GOLDEN_RAD * np.arange(1, _SCANNED), axis))
-        return roundness if all(map(self._is_round_under, turns)) else None
+        return self._if_round(roundness, turns)
 
     def _ball(self) -> Roundness | None:
         # |p|^2 = 2 c . p + const on a sphere about c.
@@ -174,10 +174,21 @@ class _Finder:
         offset = np.linalg.lstsq(A, np.sum(points**2, axis=1), rcond=None)[0][:3]
         ball = Roundness(self._centre + offset, np.eye(3))
         vectors = np.random.default_rng(0).normal(size=(_SCANNED, 3))
-        return ball if all(map(self._is_round_under, ball.turns(vectors))) else None
+        return self._if_round(ball, ball.turns(vectors))
 
-    def _is_round_under(self, turn: FloatArray) -> bool:
-        """Whether a turn moves the surface by no more than the noise hides."""
+    def _if_round(self, roundness: Roundness, turns: FloatArray) -> Roundness | None:
+        """The roundness with how far it holds, if no turn leaves a trace."""
+        largest_m = 0.0
+        for turn in turns:
+            off_m = self._off_by(turn)
+            if off_m is None:
+                return None
+            largest_m = max(largest_m, off_m)
+        return replace(roundness, deviation_m=largest_m)
+
+    def _off_by(self, turn: FloatArray) -> float | None:
+        """How far a turn moves the surface off itself, in root mean square; None where that is more
+        than the noise hides."""
         resolution, probes = self._resolution, self._matcher.probes
         moved = transform_points(turn, self._seen)
         off = self._matcher.samples.distance(moved)
@@ -185,11 +196,12 @@ class _Finder:
         far = float(np.mean(surface > 2.0 * resolution.tolerance_m))
         rms = float(np.sqrt(np.mean(surface**2)))
         largest = float(off.max())
-        return (
+        hidden = (
             far <= _MAX_SHARE
             and rms <= _ROUND_NOISE * resolution.noise_m
             and largest < _SPECK_PIXELS * resolution.pixel_m
         )
+        return rms if hidden else None
 
     def _with_flip(self, roundness: Roundness) -> FloatArray:
         """(1 or 2, 4, 4) the identity and, where it is a symmetry, a half turn across the axis."""
