@@ -93,7 +93,9 @@ def covariance_after(
     )
     ratio_sd = np.sqrt(np.diag(prior.ratio_covariance))
     P = start_covariance(
-        prior.com_covariance_m2, parameter_covariance(state.inertia_ratios, ratio_sd)
+        rate_rad_s,
+        prior.com_covariance_m2,
+        parameter_covariance(state.inertia_ratios, ratio_sd),
     )
     for frame in range(frames):
         if frame:

@@ -33,7 +33,9 @@ def satellite(turn_deg: float | None) -> trimesh.Trimesh:
         return bus
     panel = box(PANEL, PANEL_CENTRE)
     about = trimesh.transformations.rotation_matrix(np.deg2rad(turn_deg), HINGE_AXIS, PANEL_CENTRE)
-    return trimesh.util.concatenate([bus, panel.apply_transform(about)])
+    mesh = trimesh.util.concatenate([bus, panel.apply_transform(about)])
+    assert isinstance(mesh, trimesh.Trimesh)
+    return mesh
 
 
 @pytest.fixture(scope="module")

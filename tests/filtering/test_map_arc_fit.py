@@ -73,7 +73,7 @@ def rough(seed: int) -> NavigationState:
 
 
 INERTIA_PRIOR = parameter_covariance(TRUTH.inertia_ratios, RATIO_SD)
-PRIOR = start_covariance(np.diag(COM_SD**2), INERTIA_PRIOR)
+PRIOR = start_covariance(TRUTH.omega_body, np.diag(COM_SD**2), INERTIA_PRIOR)
 
 
 def test_a_noiseless_arc_gives_the_truth_back() -> None:

@@ -23,6 +23,7 @@ def face(hidden_share: float, sigma_m: float, stated_m: float) -> RangeResiduals
         agrees=np.abs(residual) < 4.0 * stated_m,
         residual_m=residual,
         jacobian=np.zeros((u.size, 6)),
+        pose_variance_m2=np.zeros(u.size),
         range_m=np.full(u.size, 20.0),
         sigma_m=stated_m,
         inside=inside,

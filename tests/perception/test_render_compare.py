@@ -477,6 +477,7 @@ def test_long_edges_of_a_fine_mesh_are_few_and_the_right_ones() -> None:
     body = trimesh.util.concatenate(
         [trimesh.creation.icosphere(subdivisions=5), trimesh.creation.box((0.1, 6.0, 1.0))]
     )
+    assert isinstance(body, trimesh.Trimesh)
     edges = mesh_edges(body)
     long = edges.at_least(0.5)
     lengths = np.linalg.norm(np.diff(edges.vertices[edges.ends], axis=1)[:, 0], axis=1)

@@ -1,6 +1,7 @@
 """The picture of a target, against where things are and what is known of simple bodies."""
 
 import io
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def test_rectangles_are_tinted_in_their_own_colour(repository):
 
 def test_symmetry_axes_of_simple_bodies(tmp_path):
     cube = symmetry_axes(target_of(tmp_path, trimesh.creation.box(extents=(1.0, 1.0, 1.0))))
-    assert sorted(axis.fold for axis in cube) == [2] * 6 + [3] * 4 + [4] * 3
+    assert Counter(axis.fold for axis in cube) == {2: 6, 3: 4, 4: 3}
     assert [axis.fold for axis in cube[:3]] == [4, 4, 4]
     prism = trimesh.creation.cylinder(radius=1.0, height=0.9, sections=6)
     T = make_transform(exp_rotation(np.array([0.3, -0.5, 0.2])), np.array([4.0, 1.0, -2.0]))

@@ -15,6 +15,7 @@ from pcnav.dynamics.orbit import R_hill_world
 from pcnav.recordings.bop import read_bop
 from pcnav.recordings.truth import read_truth
 from pcnav.simulation.depth import Scene
+from pcnav.target.mesh_files.reading import MeshOrigin
 from pcnav.target.satellite import Target
 
 N = 0.001
@@ -51,6 +52,7 @@ def target(tmp_path: Path) -> Target:
         com_sd_m=0.1,
         inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
         inertia_ratio_sd=0.1,
+        mesh_origin=MeshOrigin(len(mesh.faces), 1.0, "assumed"),
     )
 
 

@@ -9,7 +9,8 @@ from pcnav.target.rival_turns import rival_turns
 from pcnav.target.symmetry import half_turns
 
 
-def rivals(mesh: trimesh.Trimesh) -> FloatArray:
+def rivals(mesh: trimesh.parent.Geometry) -> FloatArray:
+    assert isinstance(mesh, trimesh.Trimesh)
     return rival_turns(mesh, half_turns(mesh))
 
 

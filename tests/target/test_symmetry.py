@@ -135,6 +135,7 @@ def test_what_no_sensor_tells_apart_is_symmetric(make):
 def test_a_finer_sensor_tells_more_apart():
     bump = solid((0.3, 0.3, 0.02), (0, 0, 1.51))
     mesh = trimesh.util.concatenate([solid((1, 2, 3)), bump])
+    assert isinstance(mesh, trimesh.Trimesh)
     coarse, fine = Resolution(0.02, 0.02), Resolution(0.002, 0.005)
     assert find_symmetry(mesh, coarse).name == "D2"
     assert find_symmetry(mesh, fine).name == "C2 about z"
@@ -153,6 +154,7 @@ def test_facets_finer_than_the_noise_are_a_round_body(mesh, name):
     mesh = mesh.copy()
     mesh.apply_transform(POSE)
     roundness = find_symmetry(mesh).roundness
+    assert roundness is not None
     at_origin = mesh.copy()
     at_origin.apply_transform(np.linalg.inv(POSE))
     assert find_symmetry(at_origin).name == name

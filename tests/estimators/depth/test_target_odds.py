@@ -63,17 +63,22 @@ def test_a_lead_counts_a_quarter_of_a_nat_for_each_return_explained_more() -> No
     assert lead(Agreement(993, 7), []) == np.inf
 
 
+def verdicts(odds: TrackOdds) -> tuple[bool, bool]:
+    """Whether the track is clear, and whether it is refuted."""
+    return odds.is_clear, odds.is_refuted
+
+
 def test_a_track_is_clear_until_frames_contradict_it_and_refuted_after_more() -> None:
     odds = TrackOdds(CLEAR_LEAD + 1.0)
-    assert odds.is_clear
+    assert verdicts(odds) == (True, False)
     odds.add(turned(0.0), Agreement(3000, 0))
-    assert odds.is_clear and not odds.is_refuted
+    assert verdicts(odds) == (True, False)
     wrong = Agreement(2100, 900)
     odds.add(turned(0.1), wrong)
-    assert not odds.is_clear and not odds.is_refuted
+    assert verdicts(odds) == (False, False)
     for k in range(4):
         odds.add(turned(0.3 + 0.3 * k), wrong)
-    assert odds.is_refuted
+    assert verdicts(odds) == (False, True)
     # A right view says so at once, but one does not make up for them all.
     odds.add(turned(2.0), Agreement(3000, 0))
-    assert not odds.is_clear and not odds.is_refuted
+    assert verdicts(odds) == (False, False)

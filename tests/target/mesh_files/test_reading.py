@@ -4,6 +4,7 @@ import io
 import json
 import struct
 import zipfile
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from pcnav.core.errors import InputError
 from pcnav.target.mesh_files.reading import read_mesh, read_mesh_file
 from tests.target.mesh_files.satellites import as_file, clean_parts, joined
 
-FORMATS = {
+FORMATS: dict[str, dict[str, Any]] = {
     "binary.stl": {},
     "text.stl": {"file_type": "stl_ascii"},
     "binary.ply": {},
