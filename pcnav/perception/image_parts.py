@@ -39,3 +39,33 @@ def part_sizes(labels: IntArray) -> IntArray:
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return np.asarray(sizes, dtype=np.intp)
+
+
+def parts_of(labels: IntArray, least: int) -> list[tuple[IntArray, IntArray]]:
+    """Rows and columns of the pixels, row after row, of each part of an image (height, width) that
+    has at least so many."""
+    rows, columns = np.nonzero(labels)
+    own = labels[rows, columns]
+    order = np.argsort(own, kind="stable")
+    sizes = part_sizes(labels)
+    ends = np.cumsum(sizes)
+    return [
+        (rows[part], columns[part])
+        for label in np.flatnonzero(sizes >= least).tolist()
+        for part in (order[ends[label] - sizes[label] : ends[label]],)
+    ]
+
+
+def bounding_box(mask: BoolArray) -> tuple[slice, slice]:
+    """Rows and columns that hold all pixels of a mask (height, width); none where it is empty."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def mask_of(pixels: IntArray, shape: tuple[int, ...]) -> BoolArray:
+    """(height, width) mask of pixels (n,) that are counted row after row."""
+    mask = np.zeros(shape, dtype=np.bool_)
+    mask.ravel()[pixels] = True
+    return mask

@@ -15,8 +15,14 @@ from scipy import ndimage
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
-from pcnav.perception.image_parts import part_sizes
-from pcnav.perception.surfaces import SmoothFrame, extended_planes, extent, smooth_frame
+from pcnav.perception.image_parts import bounding_box, mask_of, part_sizes, parts_of
+from pcnav.perception.surfaces import (
+    SmoothFrame,
+    extended_planes,
+    extent,
+    smooth_frame,
+    squared_distances,
+)
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
@@ -94,7 +100,7 @@ def candidate_regions(frame: Frame, target: Target, sigma_m: float) -> RegionSea
     on_plane, n_planes = extended_planes(smooth, target.flat_extent_m, diameter_m)
     labels = smooth.components((smooth.depth_m > 0.0) & ~on_plane)
     parts = _candidates(smooth, labels, diameter_m)
-    seen_parts = [_Part.of(smooth, mask, is_window) for mask, is_window in parts]
+    seen_parts = [_Part.of(smooth, pixels, is_window) for pixels, is_window in parts]
     seen_parts.sort(key=lambda part: -_plausibility(part, diameter_m, frame.camera))
     regions = [_region(frame, smooth, part) for part in seen_parts[:_MAX_REGIONS]]
     return RegionSearch(tuple(regions), span, n_planes)
@@ -106,24 +112,25 @@ def _points(frame: Frame, mask: BoolArray) -> FloatArray:
 
 def _candidates(
     smooth: SmoothFrame, labels: IntArray, diameter_m: float
-) -> list[tuple[BoolArray, bool]]:
-    """Masks (height, width) of what may be the target, and whether each is a window."""
-    found: list[tuple[BoolArray, bool]] = []
-    fragments: list[BoolArray] = []
-    for label in np.flatnonzero(part_sizes(labels) >= _MIN_RETURNS).tolist():
-        mask = labels == label
-        size = extent(smooth.points[mask])
+) -> list[tuple[IntArray, bool]]:
+    """Pixels (n,), counted row after row, of what may be the target, and whether each is a
+    window."""
+    found: list[tuple[IntArray, bool]] = []
+    fragments: list[IntArray] = []
+    for part in parts_of(labels, _MIN_RETURNS):
+        pixels = np.ravel_multi_index(part, labels.shape)
+        size = extent(smooth.points[part])
         if size > _MAX_EXTENT_FRACTION * diameter_m:
-            pieces = _pieces(smooth, mask)
-            whole = [p for p in pieces if _fits(extent(smooth.points[p]), diameter_m)]
+            pieces = _pieces(smooth, pixels)
+            whole = [p for p in pieces if _fits(extent(smooth.points_of(p)), diameter_m)]
             found += [(piece, False) for piece in whole]
             fragments += whole
-            found += [(window, True) for window in _windows(smooth, mask, diameter_m)]
+            found += [(window, True) for window in _windows(smooth, pixels, diameter_m)]
         else:
-            fragments.append(mask)
+            fragments.append(pixels)
             if _fits(size, diameter_m):
-                found.append((mask, False))
-    found += [(mask, False) for mask in _joined(smooth, fragments, diameter_m)]
+                found.append((pixels, False))
+    found += [(pixels, False) for pixels in _joined(smooth, fragments, diameter_m)]
     return found
 
 
@@ -131,66 +138,59 @@ def _fits(size_m: float, diameter_m: float) -> bool:
     return _MIN_EXTENT_FRACTION <= size_m / diameter_m <= _MAX_EXTENT_FRACTION
 
 
-def _pieces(smooth: SmoothFrame, mask: BoolArray) -> list[BoolArray]:
+def _pieces(smooth: SmoothFrame, pixels: IntArray) -> list[IntArray]:
     """The parts of an object between which it is creased inward, or steps a little."""
+    mask = mask_of(pixels, smooth.depth_m.shape)
     labels = smooth.components(mask & ~smooth.concave)
-    kept = np.flatnonzero(part_sizes(labels) >= _MIN_RETURNS)
-    if len(kept) < 2:
+    kept = part_sizes(labels) >= _MIN_RETURNS
+    if np.count_nonzero(kept) < 2:
         return []
     # What lies in a crease belongs to the nearest part.
-    own = np.isin(labels, kept)
-    _, (rows, columns) = ndimage.distance_transform_edt(~own, return_indices=True)
-    nearest = np.where(mask, labels[rows, columns], 0)
-    return [nearest == label for label in kept.tolist()]
+    box = bounding_box(mask)
+    own = labels[box]
+    _, nearest = ndimage.distance_transform_edt(~kept[own], return_indices=True)
+    labels[box] = np.where(mask[box], own[tuple(nearest)], 0)
+    return [np.ravel_multi_index(part, mask.shape) for part in parts_of(labels, 1)]
 
 
-def _windows(smooth: SmoothFrame, mask: BoolArray, diameter_m: float) -> list[BoolArray]:
+def _windows(smooth: SmoothFrame, pixels: IntArray, diameter_m: float) -> list[IntArray]:
     """Balls of the target's size about returns of an object that is larger."""
-    points = smooth.points
-    pixels = np.argwhere(mask)
-    cloud = points[mask]
-    left = np.ones(len(cloud), dtype=np.bool_)
+    cloud = smooth.points_of(pixels)
     radius = _WINDOW_RADIUS_FRACTION * diameter_m
-    windows: list[BoolArray] = []
+    windows: list[IntArray] = []
     # What is nearest to the sensor stands before the rest.
-    order = np.argsort(cloud[:, 2])
-    for k in order.tolist():
-        if len(windows) == _MAX_WINDOWS or not left.any():
-            break
-        if not left[k]:
-            continue
+    left = np.argsort(cloud[:, 2])
+    while len(windows) < _MAX_WINDOWS and len(left):
         # The point lies on the near side of what is looked for: its ball is about the mean.
-        about = np.linalg.norm(cloud - cloud[k], axis=1) < radius
-        centre = cloud[about].mean(axis=0)
-        within = np.linalg.norm(cloud - centre, axis=1) < radius
-        left &= ~(within | about)
+        about = squared_distances(cloud, cloud[left[0]]) < radius**2
+        within = squared_distances(cloud, cloud[about].mean(axis=0)) < radius**2
+        left = left[~(within | about)[left]]
         if np.count_nonzero(within) >= _MIN_RETURNS:
-            window = np.zeros_like(mask)
-            window[tuple(pixels[within].T)] = True
-            windows.append(window)
+            windows.append(pixels[within])
     return windows
 
 
 def _joined(
-    smooth: SmoothFrame, fragments: Sequence[BoolArray], diameter_m: float
-) -> list[BoolArray]:
+    smooth: SmoothFrame, fragments: Sequence[IntArray], diameter_m: float
+) -> list[IntArray]:
     """Fragments that lie within one diameter of each other, as one: the target may be cut."""
-    order = sorted(fragments, key=np.count_nonzero, reverse=True)
-    clouds = [smooth.points[mask] for mask in order]
+    order = sorted(fragments, key=len, reverse=True)
+    clouds = [smooth.points_of(pixels) for pixels in order]
     centres = np.array([cloud.mean(axis=0) for cloud in clouds])
-    found: list[BoolArray] = []
+    found: list[IntArray] = []
     for k, first in enumerate(order[:_MAX_REGIONS]):
-        union, cloud = first.copy(), clouds[k]
-        by_distance = np.argsort(np.linalg.norm(centres - centres[k], axis=1))
-        for j in by_distance[1:].tolist():
-            if np.linalg.norm(centres[j] - centres[k]) > diameter_m:
+        chosen, cloud = [first], clouds[k]
+        apart = np.linalg.norm(centres - centres[k], axis=1)
+        for j in np.argsort(apart)[1:].tolist():
+            if apart[j] > diameter_m:
                 break
             both = np.concatenate([cloud, clouds[j]])
             if extent(both) <= _JOINED_EXTENT_FRACTION * diameter_m:
-                union, cloud = union | order[j], both
-        larger = len(cloud) >= _MIN_ADDED * np.count_nonzero(first)
-        known = any(np.array_equal(union, other) for other in found)
-        if larger and not known and _fits(extent(cloud), diameter_m):
+                chosen, cloud = [*chosen, order[j]], both
+        if len(cloud) < _MIN_ADDED * len(first) or not _fits(extent(cloud), diameter_m):
+            continue
+        union = np.sort(np.concatenate(chosen))
+        if not any(np.array_equal(union, other) for other in found):
             found.append(union)
     return found
 
@@ -199,29 +199,30 @@ def _joined(
 class _Part:
     """What a region is made of."""
 
-    mask: BoolArray
-    """(height, width)"""
+    pixels: IntArray
+    """(n,) of its returns, counted row after row."""
     depths: FloatArray
-    """(n,) of its returns."""
+    """(n,)"""
     extent_m: float
     is_window: bool
 
     @staticmethod
-    def of(smooth: SmoothFrame, mask: BoolArray, is_window: bool) -> "_Part":
-        mask = np.asarray(mask & smooth.trusted)
-        points = smooth.points[mask]
-        return _Part(mask, points[:, 2], extent(points), is_window)
+    def of(smooth: SmoothFrame, pixels: IntArray, is_window: bool) -> "_Part":
+        pixels = pixels[smooth.trusted.ravel()[pixels]]
+        points = smooth.points_of(pixels)
+        return _Part(pixels, points[:, 2], extent(points), is_window)
 
 
 def _region(frame: Frame, smooth: SmoothFrame, part: _Part) -> Region:
     """A part of a frame as a frame of its own."""
     # A few returns of what is behind may cling to its rim.
     far = float(np.quantile(part.depths, _FAR_QUANTILE))
-    beside = (frame.depth_m > 0.0) & (frame.depth_m < far) & ~part.mask
+    mask = mask_of(part.pixels, frame.depth_m.shape)
+    beside = (frame.depth_m > 0.0) & (frame.depth_m < far) & ~mask
     unseen = beside if frame.unseen is None else beside | frame.unseen
-    depth_m = np.where(part.mask, frame.depth_m, np.float32(0.0))
+    depth_m = np.where(mask, frame.depth_m, np.float32(0.0))
     alone = replace(frame, depth_m=depth_m, unseen=unseen)
-    sigma_m = float(np.median(smooth.sigma_m[part.mask]))
+    sigma_m = float(np.median(smooth.sigma_m.ravel()[part.pixels]))
     return Region(alone, part.extent_m, len(part.depths), sigma_m, is_window=part.is_window)
 
 

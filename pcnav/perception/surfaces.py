@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray, neighbours
 from pcnav.core.camera import pixel_rays
-from pcnav.perception.image_parts import connected_parts, part_sizes
+from pcnav.perception.image_parts import bounding_box, connected_parts, parts_of
 from pcnav.recordings.sequence import Frame
 
 _ABOUT_PX = 5
@@ -71,11 +71,28 @@ class SmoothFrame:
         Neighbours are apart if a step lies between them: steeper than any surface that can be
         followed, or larger than the steps beside it by more than noise.
         """
+        box = bounding_box(mask)
+        within = mask[box]
         right, down = (
-            links & mask[first] & mask[second]
-            for links, (first, second) in zip(self._linked, map(neighbours, (1, 0)), strict=True)
+            links[box][: within.shape[0] - down, : within.shape[1] - right]
+            & within[first]
+            & within[second]
+            for links, (first, second), right, down in zip(
+                self._linked, map(neighbours, (1, 0)), (1, 0), (0, 1), strict=True
+            )
         )
-        return connected_parts(mask, right, down)
+        labels = np.zeros(mask.shape, dtype=np.intp)
+        labels[box] = connected_parts(within, right, down)
+        return labels
+
+    def points_of(self, pixels: IntArray) -> FloatArray:
+        """(n, 3) points of pixels (n,) that are counted row after row, camera frame, m."""
+        return np.asarray(self.points.reshape(-1, 3)[pixels])
+
+    @cached_property
+    def flat(self) -> BoolArray:
+        """(height, width) pixels about which the returns lie on a plane, to the noise."""
+        return np.asarray(self.rms_m < _FLAT_SIGMA * self.sigma_m)
 
     @cached_property
     def _linked(self) -> tuple[BoolArray, BoolArray]:
@@ -229,11 +246,7 @@ def extended_planes(
     """
     taken = np.zeros(smooth.trusted.shape, dtype=np.bool_)
     tolerance = np.maximum(_PLANE_SIGMA * smooth.sigma_m, _PLANE_FRACTION * diameter_m)
-    flat = (
-        smooth.trusted
-        & np.isfinite(smooth.m[..., 0])
-        & (smooth.rms_m < _FLAT_SIGMA * smooth.sigma_m)
-    )
+    flat = smooth.trusted & np.isfinite(smooth.m[..., 0]) & smooth.flat
     seeds = _seeds(flat)
     if len(seeds) == 0:
         return taken, 0
@@ -241,17 +254,19 @@ def extended_planes(
     with np.errstate(invalid="ignore", divide="ignore"):
         rays = smooth.points[v, u] / smooth.depth_m[v, u, None]
         m = smooth.m[v, u]
-        off = np.abs(1.0 / (m @ rays.T) - smooth.depth_m[v, u]) < tolerance[v, u]
+        apart = np.reciprocal(m @ rays.T)
+        apart -= smooth.depth_m[v, u]
+        on = np.abs(apart, out=apart) < tolerance[v, u]
     normal = m / np.linalg.norm(m, axis=1, keepdims=True)
-    off &= np.abs(normal @ normal.T) > np.cos(_CONCAVE_RAD)
+    on &= np.abs(normal @ normal.T) > np.cos(_CONCAVE_RAD)
     left = np.ones(len(seeds), dtype=np.bool_)
+    votes = np.count_nonzero(on, axis=1)
     count = 0
     for _ in range(_MAX_PLANES):
-        votes = np.where(left, (off & left).sum(axis=1), 0)
         best = int(np.argmax(votes))
         if votes[best] < _MIN_SEEDS:
             break
-        plane = _refitted(smooth, seeds[off[best] & left], m[best])
+        plane = _refitted(smooth, seeds[on[best] & left], m[best])
         labels = smooth.components(_on(smooth, plane, tolerance) & ~taken)
         large = _large_parts(smooth, labels, _LARGER * flat_extent_m)
         if large.any():
@@ -260,8 +275,11 @@ def extended_planes(
             taken |= large | _beside(smooth, plane, tolerance)
             count += 1
         # What lies on the same plane elsewhere may still be on a large one of its own.
-        left &= ~(taken[v, u] | (off[best] & (labels[v, u] == labels[v[best], u[best]])))
-        left[best] = False
+        gone = taken[v, u] | (on[best] & (labels[v, u] == labels[v[best], u[best]]))
+        gone[best] = True
+        votes -= np.count_nonzero(on[:, gone & left], axis=1)
+        left &= ~gone
+        votes[~left] = 0
     return taken, count
 
 
@@ -290,39 +308,53 @@ def _on(smooth: SmoothFrame, m: FloatArray, tolerance: FloatArray) -> BoolArray:
     A strip of another surface lies near the plane wherever the two cross.
     """
     beside = _beside(smooth, m, tolerance)
-    core = beside & (smooth.rms_m < _FLAT_SIGMA * smooth.sigma_m)
+    core = beside & smooth.flat
     if not core.any():
         return core
     square = np.ones((3, 3), dtype=np.bool_)
-    return np.asarray(ndimage.binary_dilation(core, square, _HALF_PX + 1, mask=beside))
+    box = bounding_box(beside)
+    on = np.zeros_like(beside)
+    on[box] = ndimage.binary_dilation(core[box], square, _HALF_PX + 1, mask=beside[box])
+    return on
 
 
 def _beside(smooth: SmoothFrame, m: FloatArray, tolerance: FloatArray) -> BoolArray:
     """(height, width) pixels near a plane, but those that are flat and turned against it."""
-    away = np.abs(smooth.points @ m - 1.0) / np.linalg.norm(m)
-    near = (smooth.depth_m > 0.0) & (away < tolerance)
+    length = float(np.linalg.norm(m))
+    away = (smooth.points.reshape(-1, 3) @ m).reshape(tolerance.shape)
+    away -= 1.0
+    beside = np.abs(away, out=away) < length * tolerance
+    beside &= smooth.depth_m > 0.0
+    v, u = np.nonzero(beside & smooth.flat)
+    own = smooth.m[v, u]
     with np.errstate(invalid="ignore"):
-        cosine = np.abs(smooth.m @ m) / (np.linalg.norm(smooth.m, axis=-1) * np.linalg.norm(m))
-        along = cosine > np.cos(2.0 * _CONCAVE_RAD)
-    return np.asarray(near & (along | ~(smooth.rms_m < _FLAT_SIGMA * smooth.sigma_m)))
+        cosine = np.abs(own @ m) / (np.linalg.norm(own, axis=1) * length)
+        beside[v, u] = cosine > np.cos(2.0 * _CONCAVE_RAD)
+    return np.asarray(beside)
 
 
 def _large_parts(smooth: SmoothFrame, labels: IntArray, extent_m: float) -> BoolArray:
-    """The connected parts that extend further than given."""
-    counts = part_sizes(labels)
-    large = [
-        label
-        for label in np.flatnonzero(counts >= _MIN_PART_PX).tolist()
-        if extent(smooth.points[labels == label]) > extent_m
-    ]
-    return np.isin(labels, large)
+    """(height, width) the connected parts that extend further than given."""
+    large = np.zeros(labels.shape, dtype=np.bool_)
+    for part in parts_of(labels, _MIN_PART_PX):
+        points = smooth.points[part]
+        # No two points are further apart than the corners of the box about them.
+        if np.linalg.norm(np.ptp(points, axis=0)) > extent_m and extent(points) > extent_m:
+            large[part] = True
+    return large
 
 
 def extent(points: FloatArray) -> float:
     """Diameter of a cloud (n, 3) by two sweeps to the farthest point: at least 0.87 of the true
     one."""
-    centre = points.mean(axis=0)
-    first = points[np.argmax(np.sum((points - centre) ** 2, axis=1))]
-    second = points[np.argmax(np.sum((points - first) ** 2, axis=1))]
-    third = points[np.argmax(np.sum((points - second) ** 2, axis=1))]
+    first = points[np.argmax(squared_distances(points, points.mean(axis=0)))]
+    second = points[np.argmax(squared_distances(points, first))]
+    third = points[np.argmax(squared_distances(points, second))]
     return float(np.linalg.norm(third - second))
+
+
+def squared_distances(points: FloatArray, centre: FloatArray) -> FloatArray:
+    """(n,) of points (n, 3) from one (3,)."""
+    # Column by column: sums over a short axis are slow.
+    x, y, z = (points[:, k] - centre[k] for k in range(3))
+    return np.asarray(x * x + y * y + z * z)
