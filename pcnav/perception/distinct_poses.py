@@ -13,12 +13,12 @@ def distinct(poses: FloatArray, order: IntArray, target: Target, most: int) -> l
     """Which of poses (k, 4, 4), taken in an order, no earlier one is equal to, up to the target's
     symmetry; at most so many."""
     kept: list[int] = []
-    inverse = np.linalg.inv(poses)
-    for k in order.tolist():
-        if len(kept) == most:
-            break
+    left = order
+    while len(left) and len(kept) < most:
+        first = int(left[0])
+        kept.append(first)
         # One pose is another if what takes it there is nearly a symmetry.
-        between = inverse[kept] @ poses[k]
-        if not target.leave_no_trace(between, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION).any():
-            kept.append(k)
+        between = np.linalg.inv(poses[first]) @ poses[left[1:]]
+        same = target.leave_no_trace(between, _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION)
+        left = left[1:][~same]
     return kept

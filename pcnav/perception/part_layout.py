@@ -81,15 +81,21 @@ class PartCloud:
     def _is_seen_past(self, R: FloatArray, cells: FloatArray) -> BoolArray:
         """(t, c) whether the frame sees past the part at cells (t, c, 2) of each turn: space, or
         something behind it."""
-        points = np.einsum("tji,tcj->tci", R[:, :2, :2], cells) @ self.R_ray_cam[:2]
-        points = points + self.mean_cam
+        axes = R[:, :2, :2] @ self.R_ray_cam[:2]
+        # One coordinate after the other: sums over short axes are slow.
+        x, y, z = (
+            cells[..., 0] * axes[:, :1, k] + cells[..., 1] * axes[:, 1:, k] + self.mean_cam[k]
+            for k in range(3)
+        )
         camera = self.frame.camera
-        in_front = points[..., 2] > 1e-6 * self.mean_cam[2]
-        points[~in_front] = [0.0, 0.0, 1.0]
-        pixel = np.rint(np.clip(project(camera, points), -1e6, 1e6)).astype(np.intp)
-        inside = ((pixel >= 0) & (pixel < [camera.width, camera.height])).all(axis=2) & in_front
-        pixel = np.clip(pixel, 0, [camera.width - 1, camera.height - 1])
-        return np.asarray(inside & self.seen_past[pixel[..., 1], pixel[..., 0]])
+        in_front = z > 1e-6 * self.mean_cam[2]
+        z[~in_front] = np.inf
+        pixel = np.rint(project(camera, np.stack([x, y, z], axis=-1)))
+        u, v = pixel[..., 0], pixel[..., 1]
+        inside = in_front & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        past = np.zeros(inside.shape, dtype=np.bool_)
+        past[inside] = self.seen_past[v[inside].astype(np.intp), u[inside].astype(np.intp)]
+        return past
 
 
 @lru_cache(maxsize=1)

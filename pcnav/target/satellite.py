@@ -77,7 +77,7 @@ class Target:
     roundness: Roundness | None = None
     """About which axes it can be turned without a trace; None for a target that is not round."""
 
-    @property
+    @cached_property
     def diameter_m(self) -> float:
         """Diameter of the sphere about the mesh's bounding box."""
         return mesh_diameter(self.mesh)
@@ -150,7 +150,9 @@ class Target:
         middle = np.asarray(self.mesh.bounds).mean(axis=0)
         moved = relative[..., :3, :3] @ middle + relative[..., :3, 3] - middle
         near = np.linalg.norm(moved, axis=-1) < shift_fraction * self.diameter_m
-        near &= rotation_angle(relative[..., :3, :3]) < angle_rad
+        # The trace of a rotation is 1 + 2 cos(angle).
+        trace = np.trace(relative[..., :3, :3], axis1=-2, axis2=-1)
+        near &= trace > 1.0 + 2.0 * np.cos(angle_rad)
         return np.asarray(near.any(axis=1))
 
     def shows_alike(
