@@ -22,6 +22,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("run", sequence, "-o", folder / "result"),
     ):
         with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
+            # Nothing here looks at the pictures of its report, which take most of the time.
+            patch.setattr("pcnav.report.figures.svg_bytes", lambda figure: b"")
             patch.setattr(sys, "argv", ["pcnav", *map(str, arguments)])
             cli.main()
         assert not ended.value.code

@@ -16,6 +16,13 @@ from tests.cli.answers import FRAMES, PIPELINE
 from tests.commands import Pcnav
 
 COMMAND = [sys.executable, "-c", "from pcnav.cli import main; main()"]
+# Pictures take most of the time of so short a run.
+WITHOUT_PICTURES = """
+from pcnav.cli import main
+from pcnav.report import figures
+figures.svg_bytes = lambda figure: b""
+main()
+"""
 
 
 def test_an_interrupted_run_leaves_nothing(
@@ -62,7 +69,10 @@ def test_a_terminal_shows_a_bar_and_the_log_above_it(sequence: Path, tmp_path: P
     arguments = ["run", str(sequence), "-o", str(tmp_path / "result")]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
     with subprocess.Popen(
-        [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=theirs, env=environment
+        [sys.executable, "-c", WITHOUT_PICTURES, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        env=environment,
     ) as process:
         os.close(theirs)
         shown = b""
