@@ -48,6 +48,10 @@ class PerceptionTable(Table):
     """Of the comparison with the rendered view, see `pcnav.perception.render_compare`."""
     range_sigma_m: Positive | None = None
     """Noise along the ray; None takes the value the sequence states."""
+    mesh_scale_sd: Annotated[float, Field(ge=0.0, le=0.1)] = 0.01
+    """By which share the target may be larger or smaller than its mesh, one standard deviation:
+    where the frames show that it is, it is followed at the size that they show. 0 takes the mesh's
+    for right."""
     ransac_success_probability: Probability = 0.999
     """Phi of Yu 2019 (2)."""
     minimum_plane_points: Annotated[int, Field(ge=10)] = 40

@@ -58,6 +58,8 @@ class ContourRuns:
     """(n,) of the mesh, seen beside the edge."""
     shared: FloatArray
     """(n, 4) by the offsets of the outline, see `SensorNoise.outline_offset_px`."""
+    by_scale: FloatArray
+    """(n,) by the share by which the target is larger than its mesh, about the model's origin."""
 
     def __len__(self) -> int:
         return len(self.value)
@@ -135,7 +137,7 @@ def _runs(
     if len(crossings.edge) == 0:
         empty = np.empty(0)
         none = np.empty(0, dtype=np.intp)
-        return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 4)))
+        return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 4)), empty)
     stretches = Stretches.of(crossings, counted.kind)
     starts, n = stretches.starts, stretches.n
     by_offsets = crossings.by_offsets(counted.kind)
@@ -148,8 +150,10 @@ def _runs(
     gap = stretches.total(counted.gap_px * stretches.weights[0])
     reached = (np.abs(stretches.total(looked)) > _SATURATED * reach) & (gap == 0.0)
     variances[0] += np.where(reached, doubt_px2, 0.0)
+    by_scale = doubt.by_scale(jacobian, crossings.p_cam)
+    derivatives = jacobian, by_offsets, by_scale[:, None]
     means, tilts = (
-        _of(stretches, weight, counted.displacement_px - expected, jacobian, by_offsets)
+        _of(stretches, weight, counted.displacement_px - expected, derivatives)
         for weight in stretches.weights
     )
     apart = conflicts_px(means.value, variances[0], means.jacobian, known)
@@ -160,13 +164,13 @@ def _runs(
     variances[0] += common
     variances[1] += common * n / np.maximum(stretches.spread, 0.5)
     rows = []
-    for power, (value, H, shared) in enumerate((means, tilts)):
+    for power, (value, H, shared, scaled) in enumerate((means, tilts)):
         variance = variances[power]
         innovation = doubt.variance(H) + variance
         innovation += ((shared * noise.outline_offset_sd_px) ** 2).sum(axis=1)
         kept = np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)
         kept &= n > power
-        picked_rows = (value, variance, H, counted.triangle[starts], shared)
+        picked_rows = (value, variance, H, counted.triangle[starts], shared, scaled[:, 0])
         rows.append(tuple(part[kept] for part in picked_rows))
     return ContourRuns(*(np.concatenate(part) for part in zip(*rows, strict=True)))
 
@@ -175,17 +179,18 @@ class _Measured(NamedTuple):
     value: FloatArray
     jacobian: FloatArray
     shared: FloatArray
+    by_scale: FloatArray
 
 
 def _of(
     stretches: Stretches,
     weight: FloatArray,
     displacement_px: FloatArray,
-    jacobian: FloatArray,
-    by_offsets: FloatArray,
+    derivatives: tuple[FloatArray, FloatArray, FloatArray],
 ) -> _Measured:
-    """The means, or tilts, of stretches."""
-    parts = (displacement_px * weight, *(of * weight[:, None] for of in (jacobian, by_offsets)))
+    """The means, or tilts, of stretches, and of derivatives by the pose, by the offsets of the
+    outline, and by the scale."""
+    parts = (displacement_px * weight, *(of * weight[:, None] for of in derivatives))
     return _Measured(*(stretches.total(part) for part in parts))
 
 

@@ -133,6 +133,13 @@ class FrameReader:
         for comparer in self._comparers.values():
             comparer.noise = noise
 
+    def rescale(self, factor: float) -> None:
+        """Look from now on for a target that is larger by a factor than it was taken for."""
+        self._target = self._target.scaled(factor)
+        self._comparers.clear()
+        self._predictor = self._views = self._searched = None
+        self._surroundings = SurroundingsFinder(self._target.diameter_m)
+
     @property
     def diameter_m(self) -> float:
         """Diameter of the target."""

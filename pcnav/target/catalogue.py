@@ -1,6 +1,6 @@
 """The rectangle catalogue: which flat faces of a mesh are rectangles, and where they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,13 @@ class Rectangle:
     def area_m2(self) -> float:
         """Area."""
         return self.length_m * self.width_m
+
+    def scaled(self, factor: float) -> "Rectangle":
+        """That of a target larger by a factor about the model's origin."""
+        pose = self.T_model_rect.copy()
+        pose[:3, 3] *= factor
+        length_m, width_m = factor * self.length_m, factor * self.width_m
+        return replace(self, T_model_rect=pose, length_m=length_m, width_m=width_m)
 
 
 def rectangles_among(

@@ -82,6 +82,24 @@ class Target:
         """Diameter of the sphere about the mesh's bounding box."""
         return mesh_diameter(self.mesh)
 
+    def scaled(self, factor: float) -> "Target":
+        """The same target, larger by a factor about the model's origin."""
+        mesh = self.mesh.copy()
+        mesh.apply_scale(factor)
+        motions = self.symmetry_transforms.copy()
+        motions[:, :3, 3] *= factor
+        roundness = self.roundness
+        if roundness is not None:
+            roundness = replace(roundness, point_model=factor * roundness.point_model)
+        return replace(
+            self,
+            mesh=mesh,
+            rectangles=tuple(rectangle.scaled(factor) for rectangle in self.rectangles),
+            symmetry_transforms=motions,
+            com_model=factor * self.com_model,
+            roundness=roundness,
+        )
+
     @cached_property
     def flat_extent_m(self) -> float:
         """How far its largest flat part extends."""

@@ -36,6 +36,7 @@ from pcnav.estimators.depth.target_odds import TrackOdds
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult
+from pcnav.perception.mesh_scale import ScaleBelief
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
@@ -114,6 +115,9 @@ class Tracker(Estimator):
         self._reader = FrameReader(target, perception, noise, seed)
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._reader.row_readout_s = info.row_readout_s
+        self._scale = ScaleBelief(perception.mesh_scale_sd)
+        self.mesh_scale = 1.0
+        """By which the target is taken to be larger than its mesh."""
         self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
@@ -287,8 +291,34 @@ class Tracker(Estimator):
         """Learn the sensor's noise from a frame that was taken in."""
         self._noise.learn(view, result.accepted, pose_of(track.motion.kalman, observer))
         track.recent.add(view, observer)
-        if track.recent.are_outdated:
+        if self._has_rescaled(view, result) or track.recent.are_outdated:
             track.motion.take_in_again(track.recent.measured_again())
+
+    def _has_rescaled(self, view: FrameView, result: UpdateResult) -> bool:
+        """Whether a frame, with those before it, shows the target to be of another size."""
+        comparison = view.comparison
+        if comparison is None or self._scale.sd == 0.0 or not self._refined:
+            return False
+        names = {f.name for f, ok in zip(comparison.faces, result.accepted, strict=True) if ok}
+        catalogue = self._target.rectangles
+        used = [k for k, rectangle in enumerate(catalogue) if rectangle.name in names]
+        lever_m = 0.5 * self._reader.diameter_m
+        self._scale = self._scale.with_frame(comparison.seen, used, lever_m)
+        factor = self._scale.factor
+        if factor == 1.0:
+            return False
+        self._reader.rescale(factor)
+        # Frames that are compared at the new size tell what is left of it.
+        self._scale = ScaleBelief(self._scale.sd)
+        self.mesh_scale *= factor
+        off = self.mesh_scale - 1.0
+        _log.info(
+            "frame %d: the target is %.2g %% %s than its mesh: followed at that size",
+            view.frame.index,
+            100.0 * abs(off),
+            "larger" if off > 0.0 else "smaller",
+        )
+        return True
 
     def _go_on(
         self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
