@@ -139,6 +139,9 @@ class SeenFrame:
     dropout: float
     """Share of the returns that are lost at random."""
     noise: SensorNoise
+    """Of the sensor, and what the facets of a round target add to it."""
+    sensor_noise: SensorNoise
+    """Of the sensor alone."""
     ranges: Mapping[int, RangeFit]
     """By face, of those of which enough is seen."""
     residuals: "RangeResiduals"

@@ -254,7 +254,8 @@ class RenderComparer:
         ranges = range_fits(residuals, noise)
         seen = SeenFrame(
             *(depth_m, rendered, doubt, self._edges, self._face_of_triangle),
-            *(residuals.dropout, noise, ranges, residuals, outline),
+            *(residuals.dropout, noise, self._noise),
+            *(ranges, residuals, outline),
         )
         faces = face_evidence(seen, self._target.rectangles, self._modalities)
         return Comparison(T_cam_model, rendered, faces, explained, _labels(seen), seen)

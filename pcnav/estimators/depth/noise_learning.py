@@ -74,7 +74,7 @@ class NoiseLearner:
         if comparison is None or view.inlier_ratio < _MIN_INLIER_RATIO:
             return
         self._seen += 1
-        before, known = self.noise, comparison.seen.noise
+        before, known = self.noise, comparison.seen.sensor_noise
         used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
         together = Evidence.together((face.joint for face in used), known.n_shared)
         time_s = view.frame.time_s

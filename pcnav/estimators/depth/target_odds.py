@@ -23,10 +23,12 @@ outliers' density over the noise's; neighbours err together, so a patch of 4 x 4
 _PATCH_PIXELS = 16
 _MAX_PATCHES = 64.0
 """However many pixels a target covers, its shape has no more parts that differ: 8 x 8 of them."""
-_CHANCE = 0.75
-"""Share of a view that something else agrees with, once the pose has been fitted to that."""
-_CONTRADICTED = 0.05
-"""Share of the target's own view that may be contradicted: a mesh is not quite the target."""
+_CHANCE, _CHANCE_ALONE = 0.75, 0.5
+"""Share of a view that something else agrees with, once the pose has been fitted to that; where the
+target is alone in the frame, that another pose of it does."""
+_CONTRADICTED, _CONTRADICTED_ALONE = 0.05, 0.15
+"""Share of the target's own view that may be contradicted: a mesh is not quite the target, and of
+one that is alone a part may be turned or missing."""
 _AGAIN = 0.25
 """What a frame that shows the same view as the one before counts, over a first one ..."""
 _NEW_VIEW_RAD = 0.15
@@ -34,8 +36,6 @@ _NEW_VIEW_RAD = 0.15
 SEARCHED = float(np.log(150.0))
 """Logarithm of the odds to begin with against the best of the poses that are tried where a frame
 holds other things, too: some ten in each of some fifteen parts."""
-_FOR = float(np.log((1.0 - _CONTRADICTED) / _CHANCE))
-_AGAINST = float(np.log((1.0 - _CHANCE) / _CONTRADICTED))
 
 
 def frame_odds(agreement: Agreement) -> float:
@@ -45,7 +45,12 @@ def frame_odds(agreement: Agreement) -> float:
         return 0.0
     share = agreement.agree / pixels
     patches = min(pixels / _PATCH_PIXELS, _MAX_PATCHES)
-    return patches * (share * _FOR - (1.0 - share) * _AGAINST)
+    chance, contradicted = _CHANCE_ALONE, _CONTRADICTED_ALONE
+    if agreement.beside_others:
+        chance, contradicted = _CHANCE, _CONTRADICTED
+    favour = float(np.log((1.0 - contradicted) / chance))
+    against = float(np.log((1.0 - chance) / contradicted))
+    return patches * (share * favour - (1.0 - share) * against)
 
 
 def novelty(before: FloatArray | None, T_cam_model: FloatArray) -> float:

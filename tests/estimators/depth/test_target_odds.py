@@ -28,18 +28,24 @@ def test_many_returns_explained_in_full_are_clear_at_once_and_few_are_not() -> N
     assert frame_odds(Agreement(0, 0)) == 0.0
 
 
-@pytest.mark.parametrize(("share", "speaks_for"), [(0.95, True), (0.84, False), (0.7, False)])
-def test_a_view_of_which_a_sixth_is_contradicted_is_of_something_else(
-    share: float, speaks_for: bool
+@pytest.mark.parametrize(
+    ("beside_others", "chance", "contradicted"), [(True, 0.75, 0.05), (False, 0.5, 0.15)]
+)
+def test_how_much_of_a_view_may_be_contradicted(
+    beside_others: bool, chance: float, contradicted: float
 ) -> None:
-    """Three quarters are explained by chance, a twentieth of the target is not: from the ratios of
-    both, 0.05/0.25 and 0.95/0.75, even odds lie at a share of 0.872."""
-    found = Agreement(round(3000 * share), round(3000 * (1.0 - share)))
-    assert (frame_odds(found) > 0.0) == speaks_for
-    even = np.log(5.0) / (np.log(5.0) + np.log(0.95 / 0.75))
-    assert frame_odds(Agreement(round(1e6 * even), round(1e6 * (1.0 - even)))) == pytest.approx(
-        0.0, abs=1e-3
-    )
+    """Among other things three quarters are explained by chance, and a twentieth of the target is
+    not: even odds lie at a share of 0.872. Of a target that is alone a part may be missing: there
+    at 0.694."""
+    against, favour = np.log((1 - chance) / contradicted), np.log((1 - contradicted) / chance)
+    even = against / (against + favour)
+
+    def odds(share: float, pixels: float) -> float:
+        counts = round(pixels * share), round(pixels * (1.0 - share))
+        return frame_odds(Agreement(*counts, beside_others=beside_others))
+
+    assert odds(even, 1e6) == pytest.approx(0.0, abs=1e-3)
+    assert odds(even + 0.03, 3000) > 0.5 and odds(even - 0.03, 3000) < -0.5
 
 
 def test_conflicts_that_false_returns_explain_do_not_count() -> None:
@@ -71,14 +77,14 @@ def verdicts(odds: TrackOdds) -> tuple[bool, bool]:
 def test_a_track_is_clear_until_frames_contradict_it_and_refuted_after_more() -> None:
     odds = TrackOdds(CLEAR_LEAD + 1.0)
     assert verdicts(odds) == (True, False)
-    odds.add(turned(0.0), Agreement(3000, 0))
+    odds.add(turned(0.0), Agreement(3000, 0, beside_others=True))
     assert verdicts(odds) == (True, False)
-    wrong = Agreement(2100, 900)
+    wrong = Agreement(2100, 900, beside_others=True)
     odds.add(turned(0.1), wrong)
     assert verdicts(odds) == (False, False)
     for k in range(4):
         odds.add(turned(0.3 + 0.3 * k), wrong)
     assert verdicts(odds) == (False, True)
     # A right view says so at once, but one does not make up for them all.
-    odds.add(turned(2.0), Agreement(3000, 0))
+    odds.add(turned(2.0), Agreement(3000, 0, beside_others=True))
     assert verdicts(odds) == (False, False)
