@@ -39,7 +39,7 @@ def rival_turns(mesh: trimesh.Trimesh, half_turns: FloatArray) -> FloatArray:
     R = np.stack([exp_rotation(angle * axis) for axis in axes for angle in angles])
     turns = turns_about_point(probes.centre, R)
     moved = transform_points(turns, probes.some(_POINTS))
-    apart = np.linalg.norm(moved - samples.nearest_roughly(moved)[0], axis=-1)
+    apart = np.linalg.norm(moved - samples.nearest(moved), axis=-1)
     away = np.minimum(apart / samples.diameter_m, _REACH_FRACTION).mean(axis=1)
     kept = list(half_turns)
     for k in np.argsort(away, kind="stable")[: np.count_nonzero(away < _NEAR_FRACTION)].tolist():

@@ -176,6 +176,10 @@ class SurfaceSamples:
             off[off] = self.distance(points[off]) > tolerance_m
         return off
 
+    def nearest(self, points: FloatArray) -> FloatArray:
+        """(..., 3) the samples nearest to points (..., 3)."""
+        return np.asarray(self.points[self._tree.query(points)[1]])
+
     def nearest_roughly(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(..., 3) the samples nearest to points (..., 3), as the cells of a coarse grid know them,
         and (..., 3) the unit normals of their faces."""
