@@ -56,6 +56,7 @@ def fit_pose(
     comparer: RenderComparer,
     *,
     spread: FloatArray | None = None,
+    goes_on: Callable[[FloatArray], bool] = lambda _: True,
 ) -> SingleFramePose | None:
     """Fit a pose to a frame, starting from a guess; None when nothing of the guess is seen.
 
@@ -65,6 +66,7 @@ def fit_pose(
         covariance: (6, 6) of the guess; wide where it should not decide.
         comparer: of the target and the camera.
         spread: (6, 6) how far the guess may really be off, where that is less than its prior.
+        goes_on: whether a pose (4, 4) that a pass came to is worth another pass.
     """
     prior = np.asarray(np.linalg.inv(covariance))
     guess, pose = T_cam_model, T_cam_model
@@ -92,7 +94,7 @@ def fit_pose(
             converged,
             comparison,
         )
-        if converged:
+        if converged or not goes_on(pose):
             break
         spread = posterior + step_doubt(step)
     return fit

@@ -107,13 +107,18 @@ def search(
         found = with_rivals(found, frame, reader)
         return found, reader.report(frame, found[0].inlier_ratio)
     seen, report = reader.view_hypotheses(frame)
+    likely = _likely(seen[:_MAX_VIEW_HYPOTHESES])
+    near = near or [pose.T_cam_model for pose in found[:1]] or [h.T_cam_model for h in likely[:1]]
     new: list[SingleFramePose] = []
-    for hypothesis in _likely(seen[:_MAX_VIEW_HYPOTHESES]):
-        near = near or [pose.T_cam_model for pose in (*found, *new)][:1]
-        T_cam_model = reader.nearest_equivalent(hypothesis.T_cam_model, near)
-        region = hypothesis.region
+    for region in {id(hypothesis.region): hypothesis.region for hypothesis in likely}.values():
         assert region is not None, "sampled views are compared with regions"
-        fits = compared_poses([T_cam_model], region.frame, reader, _ALIGNED_DOUBT, region.sigma_m)
+        # What one part of the frame shows clearly better than another pose does beats that.
+        poses = [
+            reader.nearest_equivalent(hypothesis.T_cam_model, near)
+            for hypothesis in likely
+            if hypothesis.region is region
+        ]
+        fits = compared_poses(poses, region.frame, reader, _ALIGNED_DOUBT, region.sigma_m)
         for pose in _others([*found, *new], fits, frame, reader):
             judged = reader.judged(frame, pose.T_cam_model, region.sigma_m)
             new.append(replace(pose, agreement=judged))
@@ -132,7 +137,7 @@ def with_rivals(
     best = found[0].T_cam_model
     turned = reader.rivals(frame, [pose.T_cam_model for pose in found])
     rivals = [reader.nearest_equivalent(pose, (best,)) for pose in turned]
-    new = _others(found, compared_poses(rivals, frame, reader), frame, reader)
+    new = _others(found, compared_poses(rivals, frame, reader, known=found), frame, reader)
     return best_first([*found, *new]) if reader.shows_target_alone(frame) else (*found, *new)
 
 
@@ -190,12 +195,13 @@ def compared_poses(
     reader: FrameReader,
     doubt: float = 1.0,
     sigma_m: float | None = None,
+    known: Sequence[SingleFramePose] = (),
 ) -> list[SingleFramePose]:
     """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
 
     Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
     off, in terms of those that rectangles propose; ``sigma_m`` the noise, where the reader knows it
-    less well.
+    less well; ``known`` are poses of the frame that are not to be found again.
     """
     if not hypotheses:
         return []
@@ -205,31 +211,44 @@ def compared_poses(
     rough = comparer.coarse(frame.depth_m, hypotheses[0])
     sd = doubt * np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
     coarse: list[SingleFramePose] = []
+
+    def is_another(T_cam_model: FloatArray) -> bool:
+        others = (*known, *coarse)
+        moved = (reader.moved_px(T_cam_model, other.T_cam_model, frame) for other in others)
+        return all(px > _SAME_PX for px in moved)
+
     for T_cam_model in hypotheses:
-        fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough)
-        if fit is None:
-            continue
-        moved = [reader.moved_px(fit.T_cam_model, other.T_cam_model, frame) for other in coarse]
-        if min(moved, default=np.inf) > _SAME_PX:
+        fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough, goes_on=is_another)
+        if fit is not None and is_another(fit.T_cam_model):
             coarse.append(fit)
+    if not coarse:
+        return []
+    # What is known beats others as they beat each other: as the coarse grid has it.
+    best = [
+        fit_pose(frame.depth_m, pose.T_cam_model, np.diag(sd**2), rough, spread=pose.covariance)
+        for pose in known[:1]
+    ]
+    beating = [pose for pose in best if pose is not None]
     # The frame is used once: the coarse pass says where to start, not what is known.
     found = (
         fit_pose(frame.depth_m, at.T_cam_model, np.diag(sd**2), comparer, spread=at.covariance)
-        for at in _not_beaten(coarse)
+        for at in _not_beaten(coarse, [*coarse, *beating])
     )
     return [pose for pose in found if pose is not None]
 
 
-def _not_beaten(fits: Sequence[SingleFramePose]) -> list[SingleFramePose]:
-    """The fits that do not explain clearly fewer pixels than another one."""
-    support = np.array([fit.agreement.support for fit in fits], dtype=np.float64)
-    conflicts = np.array([fit.agreement.conflict for fit in fits], dtype=np.float64)
-    if not len(fits):
-        return []
-    best = int(np.argmax(support))
-    # Counts vary by their roots.
-    slack = _BEATEN_SD * np.sqrt(conflicts + conflicts[best]) + _BEATEN_SD
-    return [fit for fit, ok in zip(fits, support[best] - support <= slack, strict=True) if ok]
+def _not_beaten(
+    fits: Sequence[SingleFramePose], others: Sequence[SingleFramePose]
+) -> list[SingleFramePose]:
+    """The fits that do not explain clearly fewer pixels than the best of others, one at least."""
+    best = max((fit.agreement for fit in others), key=lambda agreement: agreement.support)
+
+    def is_near(agreement: Agreement) -> bool:
+        # Counts vary by their roots.
+        slack = _BEATEN_SD * float(np.sqrt(agreement.conflict + best.conflict)) + _BEATEN_SD
+        return best.support - agreement.support <= slack
+
+    return [fit for fit in fits if is_near(fit.agreement)]
 
 
 def refine_pose(
