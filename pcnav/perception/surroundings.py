@@ -7,8 +7,10 @@ seen of it says nothing against a pose. Lone returns whose neighbours lie elsewh
 """
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, neighbours
 from pcnav.core.camera import PinholeCamera, pixel_rays
@@ -28,6 +30,8 @@ _CLAIMED = 0.1
 """A part is taken for the target's by a view that explains this share of it."""
 _MAX_PIXELS = 100_000
 """Larger images are joined on every second (third, ...) pixel."""
+
+Pixel = TypeVar("Pixel", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -175,9 +179,13 @@ def _extents(depth_m: DepthImage, labels: IntArray, n: int, camera: PinholeCamer
     of = labels[seen]
     order = np.argsort(of, kind="stable")
     starts = np.searchsorted(of[order], np.arange(1, n + 1))
-    points = pixel_rays(camera)[seen][order] * depth_m[seen][order, None]
-    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
-    return np.asarray((high - low).max(axis=1))
+    z, rays = depth_m[seen][order], pixel_rays(camera)
+    largest = np.zeros(n)
+    for axis in range(3):
+        along = rays[..., axis][seen][order] * z
+        span = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
+        largest = np.maximum(largest, span)
+    return largest
 
 
 def _spread(
@@ -190,13 +198,21 @@ def _spread(
 ) -> IntArray:
     """(height, width) labels of all pixels from those of every so many: of the one before, or the
     one after, at their depth."""
-    height, width = depth_m.shape
     near = _NOISE_SIGMA * sigma_m + _MAX_SLOPE * stride * depth_m / min(camera.fx, camera.fy)
-    found = np.zeros(depth_m.shape, dtype=np.intp)
-    rows, columns = np.arange(height) // stride, np.arange(width) // stride
-    for down, right in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        i = np.minimum(rows + down, labels.shape[0] - 1)[:, None]
-        j = np.minimum(columns + right, labels.shape[1] - 1)[None, :]
-        alike = (found == 0) & (depth_m > 0.0) & (np.abs(coarse_m[i, j] - depth_m) < near)
-        found = np.where(alike, labels[i, j], found)
-    return found
+    alike = (depth_m > 0.0) & (np.abs(_enlarged(coarse_m, stride, depth_m.shape) - depth_m) < near)
+    found = np.where(alike, _enlarged(labels, stride, depth_m.shape), 0)
+    # Few are not like the one before.
+    v, u = np.nonzero((found == 0) & (depth_m > 0.0))
+    seen, near = depth_m[v, u], near[v, u]
+    for down, right in ((1, 0), (0, 1), (1, 1)):
+        i = np.minimum(v // stride + down, labels.shape[0] - 1)
+        j = np.minimum(u // stride + right, labels.shape[1] - 1)
+        fits = (found[v, u] == 0) & (np.abs(coarse_m[i, j] - seen) < near)
+        found[v[fits], u[fits]] = labels[i[fits], j[fits]]
+    return np.asarray(found)
+
+
+def _enlarged(image: npt.NDArray[Pixel], stride: int, shape: tuple[int, ...]) -> npt.NDArray[Pixel]:
+    """(height, width) the pixel before each of an image, from every so many."""
+    rows = np.repeat(image, stride, axis=0)[: shape[0]]
+    return np.asarray(np.repeat(rows, stride, axis=1)[:, : shape[1]])
