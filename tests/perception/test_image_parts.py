@@ -27,8 +27,8 @@ def test_parts_are_those_found_by_walking_from_pixel_to_pixel() -> None:
     expected = {frozenset(part) for part in walked.values() if len(part) >= 4}
     found = parts_of(connected_parts(mask, right, down), 4)
     assert {frozenset(zip(v.tolist(), u.tolist(), strict=True)) for v, u in found} == expected
-    for v, u in found:
-        pixels = v * 31 + u
+    for rows, columns in found:
+        pixels = rows * 31 + columns
         assert np.all(np.diff(pixels) > 0)
         assert np.array_equal(np.flatnonzero(mask_of(pixels, mask.shape)), pixels)
 
