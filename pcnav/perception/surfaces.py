@@ -71,6 +71,9 @@ class SmoothFrame:
         Neighbours are apart if a step lies between them: steeper than any surface that can be
         followed, or larger than the steps beside it by more than noise.
         """
+        labels = np.zeros(mask.shape, dtype=np.intp)
+        if not mask.any():
+            return labels
         box = bounding_box(mask)
         within = mask[box]
         right, down = (
@@ -81,7 +84,6 @@ class SmoothFrame:
                 self._linked, map(neighbours, (1, 0)), (1, 0), (0, 1), strict=True
             )
         )
-        labels = np.zeros(mask.shape, dtype=np.intp)
         labels[box] = connected_parts(within, right, down)
         return labels
 

@@ -129,3 +129,12 @@ def test_flat_extents() -> None:
     # A sphere of radius 1 lies within 2 % of its bounding box's diagonal of a plane over a cap.
     cap = 2.0 * np.sqrt(2.0 * 0.02 * np.sqrt(12.0))
     assert 0.4 * cap < flat_extent(trimesh.creation.icosphere(4)) < 1.1 * cap
+
+
+def test_a_frame_of_nothing_but_a_wall_holds_no_region(boxsat: Target, shoot: Shoot) -> None:
+    # Without noise all of it is on the plane that is taken out: nothing is left to have parts.
+    frame, _ = shoot(boxsat.mesh, make_transform(np.eye(3), np.array([0.0, 0.0, 25.0])), SIGMA, 0)
+    wall = replace(frame, depth_m=np.full(frame.depth_m.shape, 40.0, dtype=np.float32))
+    search = candidate_regions(wall, boxsat, SIGMA)
+    assert search.regions == ()
+    assert search.n_planes == 1
