@@ -51,7 +51,8 @@ class Recovery:
         result, comparison = updated.result, updated.view.comparison
         if result is None or not updated.is_good or self.evidence.is_strained(result):
             return False
-        if comparison is not None and frame_odds(comparison.agreement) < 0.0:
+        if comparison is not None and frame_odds(comparison.agreement) < -CLEAR_LEAD:
+            # The frames before speak for the target: this one alone says that it is none.
             return False
         # Of the first frames nothing is usual yet.
         return not updated.explained < share * self.evidence.usual_inlier_ratio
@@ -140,7 +141,7 @@ class Recovery:
             error = pose_error(predicted, pose.T_cam_model)
             squared = float(error @ np.linalg.solve(spread + pose.covariance, error))
             gate = innovation_gate(self.gate_probability, len(error))
-            if frame_odds(pose.agreement) > 0.0 and squared < gate:
+            if frame_odds(pose.agreement) > -CLEAR_LEAD and squared < gate:
                 allowed.append((squared, pose))
         if not allowed:
             return None

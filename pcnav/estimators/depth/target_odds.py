@@ -92,8 +92,8 @@ class TrackOdds:
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is the target beyond doubt, and the last frame does not contradict that."""
-        return self._odds > CLEAR_LEAD and self._last >= 0.0
+        """Whether it is the target beyond doubt, and the last frame alone does not refute that."""
+        return self._odds > CLEAR_LEAD and self._last >= -CLEAR_LEAD
 
     @property
     def is_refuted(self) -> bool:
