@@ -60,6 +60,10 @@ class ContourRuns:
     """(n, 4) by the offsets of the outline, see `SensorNoise.outline_offset_px`."""
     by_scale: FloatArray
     """(n,) by the share by which the target is larger than its mesh, about the model's origin."""
+    own_variance: FloatArray
+    """(n,) without the scatter of the outline, see `SensorNoise.outline_sd_px`,"""
+    by_scatter: FloatArray
+    """(n,) and what a scatter of one pixel adds."""
 
     def __len__(self) -> int:
         return len(self.value)
@@ -137,7 +141,8 @@ def _runs(
     if len(crossings.edge) == 0:
         empty = np.empty(0)
         none = np.empty(0, dtype=np.intp)
-        return ContourRuns(empty, empty, np.empty((0, 6)), none, np.empty((0, 4)), empty)
+        shared = np.empty((0, 4))
+        return ContourRuns(empty, empty, np.empty((0, 6)), none, shared, empty, empty, empty)
     stretches = Stretches.of(crossings, counted.kind)
     starts, n = stretches.starts, stretches.n
     by_offsets = crossings.by_offsets(counted.kind)
@@ -156,7 +161,9 @@ def _runs(
         _of(stretches, weight, counted.displacement_px - expected, derivatives)
         for weight in stretches.weights
     )
-    apart = conflicts_px(means.value, variances[0], means.jacobian, known)
+    by_scatter = [n * stretches.total(weight**2) for weight in stretches.weights]
+    scattered = variances[0] + noise.outline_sd_px**2 * by_scatter[0]
+    apart = conflicts_px(means.value, scattered, means.jacobian, known)
     # What ends far inside is displaced by as much, or cut.
     half, conflict = in_doubt(np.where(apart == 0.0, -gap, apart))
     means = means._replace(value=means.value - half)
@@ -165,13 +172,14 @@ def _runs(
     variances[1] += common * n / np.maximum(stretches.spread, 0.5)
     rows = []
     for power, (value, H, shared, scaled) in enumerate((means, tilts)):
-        variance = variances[power]
+        own, scatter = variances[power], by_scatter[power]
+        variance = own + noise.outline_sd_px**2 * scatter
         innovation = doubt.variance(H) + variance
         innovation += ((shared * noise.outline_offset_sd_px) ** 2).sum(axis=1)
         kept = np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)
         kept &= n > power
         picked_rows = (value, variance, H, counted.triangle[starts], shared, scaled[:, 0])
-        rows.append(tuple(part[kept] for part in picked_rows))
+        rows.append(tuple(part[kept] for part in (*picked_rows, own, scatter)))
     return ContourRuns(*(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
@@ -202,7 +210,8 @@ def _variances(
     doubt_px2: FloatArray,
     noise: SensorNoise,
 ) -> list[FloatArray]:
-    """(k,) each, of the mean and of the tilt of what was counted over stretches."""
+    """(k,) each, of the mean and of the tilt of what was counted over stretches, by the pixel
+    grid."""
     starts, n = stretches.starts, stretches.n
     # Where a line as far from the edge as these would be, pixels were counted.
     apart = np.abs(np.abs(expected_px - counted.shift_px)[starts])
@@ -213,7 +222,7 @@ def _variances(
         grid = grid_variances(n, crossings.slope[starts], displaced)
     extra = counted.extra_variance[starts] * np.where(counted.kind[starts] == 0, 1.0, displaced)
     edge_px2 = stretches.ragged_px2(counted.displacement_px - expected_px, extra)
-    edge_px2 += _EDGE_SD_PX**2 + noise.outline_sd_px**2
+    edge_px2 += _EDGE_SD_PX**2
     variances = []
     for of_grid, weight in zip(grid, stretches.weights, strict=True):
         weight_2 = stretches.total(weight**2)

@@ -2,7 +2,7 @@
 
 A real sensor errs alike over a face: matching windows, calibration, paint and the face's own form
 displace and tilt it by more than the mean of its white noise does. The field is an offset and two
-tilts, each of the same deviation, drawn anew for every face; it is marginalised in closed form. The
+tilts, drawn anew for every face; it is marginalised in closed form. The
 offset that a whole frame shares stays an unknown of its evidence.
 """
 
@@ -25,6 +25,12 @@ def face_field(u: FloatArray, v: FloatArray) -> FloatArray:
     spread, axes = np.linalg.eigh(centred.T @ centred / len(u))
     along = centred @ axes / np.sqrt(np.maximum(spread, _MIN_SPREAD_PX**2))
     return np.column_stack([np.ones(len(u)), along])
+
+
+def steepness_of(jacobian: FloatArray) -> float:
+    """By how much more the ranges (n) of a face change than it is displaced along its normal: the
+    inverse cosine of the incidence, from their derivatives (n, 6) by the pose."""
+    return float(np.mean(np.linalg.norm(jacobian[:, :3], axis=1)))
 
 
 def range_evidence(
@@ -50,10 +56,12 @@ def range_evidence(
         H = np.hstack([H, shared])
     weight = 1.0 / variance_m2
     information, vector = H.T @ H * weight, H.T @ residual * weight
-    if noise.face_sd_m > 0.0:
-        # Woodbury: (s^2 1 + f^2 B B^T)^-1, with three columns B.
+    if noise.has_face_errors:
+        sd = np.array([noise.face_sd_m, noise.face_tilt_sd_m, noise.face_tilt_sd_m])
+        field = field * (sd * steepness_of(jacobian))
+        # Woodbury: (s^2 1 + B B^T)^-1, with three columns B.
         by_field = field.T @ np.column_stack([H, residual]) * weight
-        inner = field.T @ field * weight + np.eye(3) / noise.face_sd_m**2
+        inner = field.T @ field * weight + np.eye(3)
         taken = np.linalg.solve(inner, by_field)
         information = information - by_field[:, :-1].T @ taken[:, :-1]
         vector = vector - by_field[:, :-1].T @ taken[:, -1]

@@ -125,7 +125,7 @@ def range_fits(seen: RangeResiduals, noise: SensorNoise) -> dict[int, RangeFit]:
         else:
             field = face_field(seen.u[chosen], seen.v[chosen])
             evidence = range_evidence(H, r, field, variance, noise)
-        found[face] = RangeFit(evidence, n, misfit)
+        found[face] = RangeFit(evidence, n, misfit, variance)
     return found
 
 

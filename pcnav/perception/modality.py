@@ -76,6 +76,8 @@ class RangeFit:
     n_pixels: int
     chi_square_per_dof: float
     """About the face's own best fit."""
+    variance_m2: float
+    """Of the white noise of each pixel, which a face that is not as modelled has more of."""
 
 
 @dataclass(frozen=True)

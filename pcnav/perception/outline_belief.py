@@ -71,11 +71,9 @@ class OutlineBelief:
             index = list(group)
             if not sd[index].any():
                 continue
-            unit = np.eye(len(group))
-            none = _log_density(mean[index], covariance[part] + _EXACT_SD_PX**2 * unit)
-            some = _log_density(np.zeros(len(group)), OUTLINE_PRIOR_SD_PX**2 * unit)
+            odds = odds_of_none(mean[index], np.asarray(covariance[part]))
             clear = _CLEAR_ODDS if sd[0] > 0.0 or group == _GROUPS[0] else _LIKELY_ODDS
-            if none - some > clear:
+            if odds > clear:
                 offset[index], sd[index] = 0.0, 0.0
                 continue
             offset[index] = mean[index]
@@ -113,6 +111,14 @@ def _of_offsets(seen: Evidence, noise: SensorNoise, lever_m: float) -> Evidence:
 
 _LOOSE = 0.05
 """A pose found is off by less than this share of the target, or rad."""
+
+
+def odds_of_none(mean_px: FloatArray, covariance_px2: FloatArray) -> float:
+    """Logarithm of the odds that there are no offsets, which are known as (k,) and (k, k), over
+    that they are as little known as before any frame (Dickey 1971)."""
+    unit = np.eye(len(mean_px))
+    none = _log_density(mean_px, covariance_px2 + _EXACT_SD_PX**2 * unit)
+    return none - _log_density(np.zeros(len(mean_px)), OUTLINE_PRIOR_SD_PX**2 * unit)
 
 
 def _log_density(error: FloatArray, covariance: FloatArray) -> float:

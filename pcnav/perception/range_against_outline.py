@@ -13,6 +13,7 @@ from scipy.special import logsumexp
 
 from pcnav.core.arrays import FloatArray
 from pcnav.perception.modality import POSE_SIZE, Evidence
+from pcnav.perception.outline_belief import odds_of_none
 from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX, SensorNoise
 
 _MEMORY = 0.98
@@ -21,6 +22,8 @@ _UNEVEN_PX = np.array([0.0, 0.02, 0.05, 0.1, 0.2])
 _UNEVEN_SHARE = np.array([0.5, 0.2, 0.15, 0.1, 0.05])
 """and how probable that is beforehand."""
 _N_OFFSETS = 4
+_CLEAR_ODDS = 1.0
+"""Logarithm of the odds for no offset at which there is none."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,14 @@ class RangeAgainstOutline:
     def log_likelihood(self) -> FloatArray:
         """(n,) of each level."""
         return np.asarray(logsumexp(self.log_weights, axis=1))
+
+    @property
+    def shows_exact_outline(self) -> bool:
+        """Whether the outline lies where it should, but for what ranges err by in single frames."""
+        likeliest = np.unravel_index(np.argmax(self.log_weights), self.log_weights.shape)
+        space = slice(0, 2)
+        mean, covariance = self.mean_px[likeliest], self.covariance_px2[likeliest]
+        return odds_of_none(mean[space], covariance[space, space]) > _CLEAR_ODDS
 
     def with_frame(self, together: Evidence, noise: SensorNoise) -> "RangeAgainstOutline":
         """Take in what the faces of a frame say together, under the noise they were measured by."""

@@ -199,9 +199,11 @@ class RenderComparer:
         if roundness is None:
             return noise
         off_px = roundness.deviation_m * self._span_px(T_cam_model) / self._diameter_m
+        off_m = _FACET_SHARE * roundness.deviation_m
         return replace(
             noise,
-            face_sd_m=float(np.hypot(noise.face_sd_m, _FACET_SHARE * roundness.deviation_m)),
+            face_sd_m=float(np.hypot(noise.face_sd_m, off_m)),
+            face_tilt_sd_m=float(np.hypot(noise.face_tilt_sd_m, off_m)),
             outline_sd_px=float(np.hypot(noise.outline_sd_px, off_px / self._stride)),
         )
 

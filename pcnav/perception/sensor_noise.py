@@ -34,8 +34,10 @@ class SensorNoise:
     reference_m: float = 1.0
     """The range at which ``sigma_m`` holds."""
     face_sd_m: float = 0.0
-    """Standard deviation of the offset of a whole face along the rays, and of each of its two
-    tilts at one standard deviation of its pixels; drawn anew for every face and frame."""
+    """Standard deviation of the offset of a whole face along its normal, drawn anew for every face
+    and frame."""
+    face_tilt_sd_m: float = 0.0
+    """That of each of its two tilts, at one standard deviation of its pixels."""
     frame_sd_m: float = 0.0
     """Standard deviation of an offset along the rays that a whole frame shares."""
     outline_offset_px: Offsets = (0.0, 0.0, 0.0, 0.0)
@@ -73,7 +75,18 @@ class SensorNoise:
     @property
     def is_white(self) -> bool:
         """Whether the errors of all returns and edges are independent."""
-        return self.face_sd_m == 0.0 and not self.has_shared_errors
+        return not self.has_face_errors and not self.has_shared_errors
+
+    @property
+    def has_face_errors(self) -> bool:
+        """Whether the pixels of a face err in common."""
+        return self.face_sd_m > 0.0 or self.face_tilt_sd_m > 0.0
+
+    @property
+    def face_variance_m2(self) -> float:
+        """Mean over the pixels of a face, seen face on, of the variance of what they have in
+        common."""
+        return self.face_sd_m**2 + 2.0 * self.face_tilt_sd_m**2
 
     @property
     def has_shared_errors(self) -> bool:
@@ -83,7 +96,7 @@ class SensorNoise:
     @property
     def shared_sd_m(self) -> float:
         """Standard deviation of what the pixels of a face have in common, along their rays."""
-        return float(np.hypot(self.frame_sd_m, self.face_sd_m))
+        return float(np.sqrt(self.frame_sd_m**2 + self.face_variance_m2))
 
     @property
     def frame_unit_m(self) -> float:

@@ -88,9 +88,18 @@ class FrameErrors:
             before,
         )
 
+    def shows_exact_outline(self, noise: SensorNoise) -> bool:
+        """Whether the outline is seen where it is: it then tells what ranges err by."""
+        if noise.outline_sd_px > 0.0 or noise.has_footprint:
+            return False
+        known = not any(noise.outline_offset_sd_px[:2])
+        return known or self.against_outline.shows_exact_outline
+
     def applied(self, noise: SensorNoise) -> SensorNoise:
         """The noise with what is believed of an offset of a frame."""
         log_likelihood = self.log_likelihood + self._of_recent()
+        if self.shows_exact_outline(noise):
+            log_likelihood = log_likelihood + self.against_outline.log_likelihood
         of_levels = log_likelihood[1:] - np.log(len(_LEVELS))
         if float(logsumexp(of_levels)) + _PRIOR_ODDS < log_likelihood[0]:
             return replace(noise, frame_sd_m=0.0)

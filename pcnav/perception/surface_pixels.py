@@ -60,7 +60,7 @@ class SurfacePixels:
         along, p_cam = self.m * self.range_m[:, None], self.rays * self.range_m[:, None]
         jacobian = doubt.by_pose(along, p_cam)
         variance = doubt.variance(jacobian)
-        own = sigma_m**2 + noise.face_sd_m**2 + variance
+        own = sigma_m**2 + noise.face_variance_m2 + variance
         centre_m = _offset_of_frame(residual[returned], own[returned], noise.frame_sd_m)
         return RangeResiduals(
             face=face_of_triangle[self.triangle],

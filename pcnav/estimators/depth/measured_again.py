@@ -62,6 +62,8 @@ def is_outdated(view: FrameView, noise: SensorNoise) -> bool:
         (before.sigma_m, noise.sigma_m),
         (before.frame_sd_m, noise.frame_sd_m),
         (before.face_sd_m, noise.face_sd_m),
+        (before.face_tilt_sd_m, noise.face_tilt_sd_m),
+        (before.outline_sd_px, noise.outline_sd_px),
     )
     return any(a > _OTHER * b or b > _OTHER * a for a, b in pairs)
 

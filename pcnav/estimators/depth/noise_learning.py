@@ -6,15 +6,15 @@ noise; what is stated holds until frames contradict it.
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.views import FrameView
 from pcnav.perception.modality import Evidence
-from pcnav.perception.outline_belief import OutlineBelief
-from pcnav.perception.range_level import RangeLevel, face_levels, first_guess
+from pcnav.perception.noise_belief import NoiseBelief
+from pcnav.perception.range_level import first_guess
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
-from pcnav.perception.shared_levels import FrameErrors
 from pcnav.recordings.sequence import Frame
 
 _log = logging.getLogger("pcnav")
@@ -42,11 +42,12 @@ class NoiseLearner:
         self._forget()
 
     def _forget(self) -> None:
-        self._outline, self._level = OutlineBelief(), RangeLevel(self._stated_m)
-        self._offsets = FrameErrors.before_any_frame(0.5 * self._reader.diameter_m)
-        self._frames, self._seen = 0, 0
-        self._before_start = self._outline, self._level, self._frames
+        self._belief = self._before_start = self._no_belief()
+        self._seen = 0
         self._last_pose: FloatArray | None = None
+
+    def _no_belief(self) -> NoiseBelief:
+        return NoiseBelief.before_any_frame(0.5 * self._reader.diameter_m, self._stated_m)
 
     @property
     def noise(self) -> SensorNoise:
@@ -70,27 +71,9 @@ class NoiseLearner:
 
     def learn(self, view: FrameView, accepted: tuple[bool, ...], pose: FloatArray) -> None:
         """Take in a frame that a track was updated with, to a pose (4, 4)."""
-        comparison = view.comparison
-        if comparison is None or view.inlier_ratio < _MIN_INLIER_RATIO:
-            return
-        self._seen += 1
-        before, known = self.noise, comparison.seen.sensor_noise
-        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
-        together = Evidence.together((face.joint for face in used), known.n_shared)
-        time_s = view.frame.time_s
-        self._offsets = self._offsets.with_frame(time_s, comparison.T_cam_model, together, known)
-        if self._frames > _EVERY_FRAME and self._seen % _EVERY:
-            return
-        noise = self._offsets.applied(before)
-        if before == known and self._has_moved(pose, view.frame):
-            self._frames += 1
-            lever_m = 0.5 * self._reader.diameter_m
-            self._outline = self._outline.with_frame(together, before, lever_m)
-            self._level = self._level.with_levels(face_levels(comparison.seen.residuals, before))
-            noise = self._level.applied(self._outline.applied(noise))
-        if noise != before:
-            self._reader.noise = noise
-        self._tell(view.frame)
+        if self._take_in(view, accepted, pose):
+            self._apply()
+            self._tell(view.frame)
 
     def learn_start(
         self, views: Sequence[FrameView], poses: Sequence[FloatArray], *, again: bool
@@ -100,12 +83,36 @@ class NoiseLearner:
         ``again`` instead of the last time: they were measured anew under what was learnt then.
         """
         if not again:
-            self._before_start = self._outline, self._level, self._frames
-        self._outline, self._level, self._frames = self._before_start
-        self._offsets = FrameErrors.before_any_frame(0.5 * self._reader.diameter_m)
+            self._before_start = self._belief
+        self._belief = replace(self._before_start, offsets=self._no_belief().offsets)
         self._last_pose = None
         for view, pose in zip(views, poses, strict=True):
-            self.learn(view, (True,) * len(view.measurements), pose)
+            self._take_in(view, (True,) * len(view.measurements), pose)
+        self._apply()
+
+    def _take_in(self, view: FrameView, accepted: tuple[bool, ...], pose: FloatArray) -> bool:
+        """Whether there may be something new to believe."""
+        comparison = view.comparison
+        if comparison is None or view.inlier_ratio < _MIN_INLIER_RATIO:
+            return False
+        self._seen += 1
+        belief = self._belief
+        used = [face for face, ok in zip(comparison.faces, accepted, strict=True) if ok]
+        together = Evidence.together(
+            (face.joint for face in used), comparison.seen.sensor_noise.n_shared
+        )
+        self._belief = belief.followed(view.frame.time_s, comparison, together)
+        if belief.frames > _EVERY_FRAME and self._seen % _EVERY:
+            return False
+        if self._has_moved(pose, view.frame):
+            lever_m = 0.5 * self._reader.diameter_m
+            self._belief = self._belief.with_frame(comparison, together, lever_m)
+        return True
+
+    def _apply(self) -> None:
+        noise = self._belief.applied(self.noise)
+        if noise != self.noise:
+            self._reader.noise = noise
 
     def _has_moved(self, pose: FloatArray, frame: Frame) -> bool:
         last = self._last_pose

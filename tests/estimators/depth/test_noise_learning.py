@@ -15,6 +15,7 @@ from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import SequenceInfo
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target, load_target
+from studies.following import follow
 
 FRAMES, SIGMA_M = 14, 0.02
 
@@ -24,8 +25,8 @@ def target(repository: Path) -> Target:
     return load_target(repository / "meshes" / "boxsat.obj")
 
 
-def learnt(target: Target, stated_m: float | None, **noise: object) -> SensorNoise:
-    """By a tracker that has seen a simulated recording."""
+def simulated(target: Target, **noise: object) -> Scene:
+    """A recording with what a sensor does, here known."""
     pipeline = Pipeline.model_validate(
         {
             "seed": 5,
@@ -39,7 +40,13 @@ def learnt(target: Target, stated_m: float | None, **noise: object) -> SensorNoi
             "noise": {"range_sigma_m": SIGMA_M, **noise},
         }
     )
-    scene = Scene.showing(target, pipeline)
+    return Scene.showing(target, pipeline)
+
+
+def learnt(target: Target, stated_m: float | None, **noise: object) -> SensorNoise:
+    """By a tracker that has seen a simulated recording."""
+    scene = simulated(target, **noise)
+    pipeline = scene.pipeline
     info = SequenceInfo("test", pipeline.orbit.mean_motion_rad_s, stated_m, None)
     tracker = Tracker(target, info, PerceptionTable(), pipeline.filter, 1)
     for frame in scene:
@@ -52,6 +59,29 @@ def test_an_exact_sensor_is_found_to_be_one(target: Target) -> None:
     assert noise.sigma_m == SIGMA_M
     assert noise.outline_offset_px[:2] == noise.outline_offset_sd_px[:2] == (0.0, 0.0)
     assert noise.outline_sd_px == noise.face_sd_m == noise.frame_sd_m == 0.0
+
+
+UNEVEN = {"face_offset_sd_m": SIGMA_M, "face_tilt_sd_deg": 0.3}
+OFFSET = {"frame_offset_sd_m": 5.0 * SIGMA_M}
+
+
+def test_offsets_of_faces_are_learnt_with_their_size(target: Target) -> None:
+    noise = learnt(target, SIGMA_M, **UNEVEN)
+    assert noise.face_sd_m == pytest.approx(SIGMA_M, rel=0.4)
+    # The panels are up to 4 m long: at one deviation of their pixels 0.3 deg are 2 to 6 mm.
+    assert 0.0 < noise.face_tilt_sd_m < 0.01
+    assert noise.frame_sd_m == 0.0
+
+
+@pytest.mark.parametrize("error", [UNEVEN, OFFSET])
+def test_errors_that_pixels_share_are_known_from_the_first_claim_on(
+    target: Target, error: dict[str, float]
+) -> None:
+    run = follow(simulated(target, **error), target)
+    assert run.lock is not None and run.lock <= 3
+    # Before they were: thousands, in the first frames of an offset and in all of uneven faces.
+    squared = run.pose_nees[run.claims] / 6.0
+    assert np.mean(squared) < 2.0 and np.max(squared) < 6.0
 
 
 def test_pixels_that_return_from_any_of_their_area_show_a_larger_outline(target: Target) -> None:

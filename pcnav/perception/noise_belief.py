@@ -1,0 +1,69 @@
+"""What the frames so far tell of the sensor's noise, all kinds of it together."""
+
+from dataclasses import dataclass, replace
+
+from pcnav.perception.face_errors import FaceErrors
+from pcnav.perception.modality import Evidence
+from pcnav.perception.outline_belief import OutlineBelief
+from pcnav.perception.outline_scatter import OutlineScatter
+from pcnav.perception.range_level import RangeLevel, face_levels
+from pcnav.perception.render_compare import Comparison
+from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.perception.shared_levels import FrameErrors
+
+
+@dataclass(frozen=True)
+class NoiseBelief:
+    """One belief of each kind of error."""
+
+    level: RangeLevel
+    outline: OutlineBelief
+    scatter: OutlineScatter
+    faces: FaceErrors
+    offsets: FrameErrors
+    frames: int = 0
+    """Learnt from, but for offsets of frames."""
+
+    @staticmethod
+    def before_any_frame(lever_m: float, stated_m: float | None) -> "NoiseBelief":
+        """Of a target of half the diameter ``lever_m`` and a recording that states such noise."""
+        return NoiseBelief(
+            RangeLevel(stated_m),
+            OutlineBelief(),
+            OutlineScatter(lever_m),
+            FaceErrors(lever_m),
+            FrameErrors.before_any_frame(lever_m),
+        )
+
+    def followed(self, time_s: float, comparison: Comparison, together: Evidence) -> "NoiseBelief":
+        """Take in how the distance goes on; ``together``: of the faces used, as in `with_frame`."""
+        pose, noise = comparison.T_cam_model, comparison.seen.sensor_noise
+        return replace(self, offsets=self.offsets.with_frame(time_s, pose, together, noise))
+
+    def with_frame(
+        self, comparison: Comparison, together: Evidence, lever_m: float
+    ) -> "NoiseBelief":
+        """Take in a frame; ``together`` (6 + k): what the faces that a track used say of it."""
+        seen, noise = comparison.seen, comparison.seen.sensor_noise
+        faces = self.faces.with_frame(seen)
+        facets_px2 = seen.noise.outline_sd_px**2 - noise.outline_sd_px**2
+        ranges = faces.evidence(seen)
+        return replace(
+            self,
+            level=self.level.with_levels(face_levels(seen.residuals, noise)),
+            outline=self.outline.with_frame(together, noise, lever_m),
+            scatter=self.scatter.with_frame(seen.contour, noise, ranges, facets_px2),
+            faces=faces,
+            frames=self.frames + 1,
+        )
+
+    def applied(self, noise: SensorNoise) -> SensorNoise:
+        """The noise with what is believed of it."""
+        for part in (self.level, self.outline, self.scatter):
+            noise = part.applied(noise)
+        if self.offsets.shows_exact_outline(noise):
+            noise = self.faces.applied(noise)
+        else:
+            # With faces that err, the outline would hold the pose. A rough one errs by sides.
+            noise = replace(noise, face_sd_m=0.0, face_tilt_sd_m=0.0)
+        return self.offsets.applied(noise)
