@@ -1,4 +1,4 @@
-"""The scatter of an outline, learnt from frames drawn with a scatter and an offset that are known."""
+"""The scatter of an outline, learnt from frames of a scatter and an offset that are known."""
 
 import numpy as np
 import pytest
