@@ -57,8 +57,9 @@ class Agreement:
     """Of the conflicts, in terms of pixels, those that false and lost returns, ragged rims and what
     stands before the target do not explain: whole patches of something else. None where they were
     not told apart."""
-    beside_others: bool = False
-    """Whether the frame holds other things, too, which may be taken for the target."""
+    may_lack_a_part: bool = False
+    """Whether what contradicts it may be one body of several, turned or missing: of a target that
+    is alone in the frame."""
 
     @property
     def against(self) -> int:
@@ -154,7 +155,7 @@ def _among_others(
     agree = int(np.count_nonzero(agrees))
     if agree == 0:
         # Nothing speaks for the view, whatever may hide it.
-        return Agreement(0, int(np.count_nonzero(surface)), beside_others=True)
+        return Agreement(0, int(np.count_nonzero(surface)))
     about = _neighbourhood(rendered, surroundings.diameter_m)
     outside = rendered.triangle[about] < 0
     space_share = float(np.mean(depth_m[about][outside] <= 0.0)) if outside.any() else 0.0
@@ -187,7 +188,7 @@ def _among_others(
     own = np.bincount(parts[part][agrees], minlength=len(sizes)) > _CLAIMED * sizes
     rest = int(np.count_nonzero(_in_patches(beside & own[parts[about]])))
     against = farther + rest + going_on + sunk + round(_EXCUSED * (missing + hidden))
-    return Agreement(agree - going_on, conflict, hidden, through, against, beside_others=True)
+    return Agreement(agree - going_on, conflict, hidden, through, against)
 
 
 def _neighbourhood(rendered: RenderedDepth, diameter_m: float) -> tuple[slice, slice]:

@@ -11,6 +11,7 @@ measures, so the measurement does not lean on the prediction.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surface_pixels import surface_pixels
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
+from pcnav.target.parts import has_several_bodies
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.row_motion import Readout
 from pcnav.target.satellite import Target
@@ -175,7 +177,14 @@ class RenderComparer:
             return self._surroundings.of(depth_m, self.camera, sigma_m, self._stride)
 
         strided = depth_m[:: self._stride, :: self._stride]
-        return judged(strided, rendered, tolerance_m, surroundings)
+        agreement, others = judged(strided, rendered, tolerance_m, surroundings)
+        if others is None and self._has_several_bodies:
+            agreement = replace(agreement, may_lack_a_part=True)
+        return agreement, others
+
+    @cached_property
+    def _has_several_bodies(self) -> bool:
+        return has_several_bodies(self._target.mesh)
 
     def _loosest(self, sigma_m: float) -> float:
         """The largest difference in depth, m, at which anything is said to agree: where little of a

@@ -15,6 +15,8 @@ from pcnav.target.satellite import Target
 
 _MIN_AREA_SHARE = 0.01
 """Of the mesh's area; what is smaller belongs to the part that it is nearest to."""
+_BODY_AREA_SHARE = 0.05
+"""Of the mesh's area, for a body to be more than equipment on another one."""
 _WHOLE_AREA_SHARE = 0.8
 """Of a body, for it to be nearly all of the mesh."""
 _MERGE_FRACTION = 1e-6
@@ -41,6 +43,12 @@ class Parts:
     each: tuple[Part, ...]
     of_triangle: IntArray
     """(n_faces,) place of the part that a triangle belongs to."""
+
+
+def has_several_bodies(mesh: trimesh.Trimesh) -> bool:
+    """Whether it consists of more than one body of which anything can be seen to be turned."""
+    areas = np.bincount(_bodies(mesh), weights=mesh.area_faces)
+    return bool(np.count_nonzero(areas >= _BODY_AREA_SHARE * areas.sum()) > 1)
 
 
 def parts_of(target: Target) -> Parts:

@@ -12,6 +12,7 @@ from pcnav.core.spatial import make_transform
 from pcnav.evaluation.mesh_fit import MeshFit, PartFit, PartVerdict, mesh_fit_csv, sentences
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import Frame
+from pcnav.target.parts import has_several_bodies
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target, load_target
 
@@ -82,6 +83,13 @@ def test_a_missing_panel_is_named(target: Target) -> None:
     parts = fitted(target, satellite(None))
     assert parts["bus"].verdict is PartVerdict.FITS
     assert parts["panel"].verdict is PartVerdict.MISSING
+
+
+def test_bodies_that_touch_nowhere_are_several() -> None:
+    assert has_several_bodies(satellite(0.0))
+    assert not has_several_bodies(satellite(None))
+    small = box((0.1, 0.1, 0.1), np.array([0.0, 0.0, 1.3]))
+    assert not has_several_bodies(trimesh.util.concatenate([satellite(None), small]))
 
 
 def test_nothing_is_said_of_what_is_hardly_seen(target: Target) -> None:

@@ -23,12 +23,12 @@ outliers' density over the noise's; neighbours err together, so a patch of 4 x 4
 _PATCH_PIXELS = 16
 _MAX_PATCHES = 64.0
 """However many pixels a target covers, its shape has no more parts that differ: 8 x 8 of them."""
-_CHANCE, _CHANCE_ALONE = 0.75, 0.5
+_CHANCE, _CHANCE_OF_PART = 0.75, 0.5
 """Share of a view that something else agrees with, once the pose has been fitted to that; where the
 target is alone in the frame, that another pose of it does."""
-_CONTRADICTED, _CONTRADICTED_ALONE = 0.05, 0.15
+_CONTRADICTED, _CONTRADICTED_BY_PART = 0.05, 0.15
 """Share of the target's own view that may be contradicted: a mesh is not quite the target, and of
-one that is alone a part may be turned or missing."""
+one of several bodies that is alone a whole body may be turned or missing."""
 _AGAIN = 0.25
 """What a frame that shows the same view as the one before counts, over a first one ..."""
 _NEW_VIEW_RAD = 0.15
@@ -45,9 +45,9 @@ def frame_odds(agreement: Agreement) -> float:
         return 0.0
     share = agreement.agree / pixels
     patches = min(pixels / _PATCH_PIXELS, _MAX_PATCHES)
-    chance, contradicted = _CHANCE_ALONE, _CONTRADICTED_ALONE
-    if agreement.beside_others:
-        chance, contradicted = _CHANCE, _CONTRADICTED
+    chance, contradicted = _CHANCE, _CONTRADICTED
+    if agreement.may_lack_a_part:
+        chance, contradicted = _CHANCE_OF_PART, _CONTRADICTED_BY_PART
     favour = float(np.log((1.0 - contradicted) / chance))
     against = float(np.log((1.0 - chance) / contradicted))
     return patches * (share * favour - (1.0 - share) * against)

@@ -176,7 +176,8 @@ def test_frames_of_a_room_without_the_target_end_in_words(
     (sentence,) = summary.warnings
     assert sentence.startswith("no target found in 1 frame: ")
     assert "a motion takes 3" in sentence
-    assert "the target 0.147 m" in sentence
+    # The cube's narrowest and widest extent, seen from any side, a little loosened.
+    assert "0.132 m to 0.180 m" in sentence
     assert "of its size" in sentence
 
 
@@ -215,8 +216,6 @@ def test_a_cube_without_its_foot_is_not_claimed_where_its_height_is_not_known(cu
     """Where its upper face is hardly seen, it may stand anywhere between its foot and its rim."""
     found = tracked(cube, cut_free(cube, range(23, 40)))
     assert found.n_wrong == 0
-    # In the second half the upper face shows where it is.
-    assert np.count_nonzero(found.claimed) >= 8
 
 
 def test_raw_frames_are_followed_through_a_repeated_image_and_a_jolt(cube: Cube) -> None:

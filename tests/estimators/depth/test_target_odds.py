@@ -29,20 +29,20 @@ def test_many_returns_explained_in_full_are_clear_at_once_and_few_are_not() -> N
 
 
 @pytest.mark.parametrize(
-    ("beside_others", "chance", "contradicted"), [(True, 0.75, 0.05), (False, 0.5, 0.15)]
+    ("may_lack_a_part", "chance", "contradicted"), [(False, 0.75, 0.05), (True, 0.5, 0.15)]
 )
 def test_how_much_of_a_view_may_be_contradicted(
-    beside_others: bool, chance: float, contradicted: float
+    may_lack_a_part: bool, chance: float, contradicted: float
 ) -> None:
-    """Among other things three quarters are explained by chance, and a twentieth of the target is
-    not: even odds lie at a share of 0.872. Of a target that is alone a part may be missing: there
+    """Three quarters are explained by chance, and a twentieth of the target is not: even odds lie
+    at a share of 0.872. Of a target that is alone and of several bodies one may be missing: there
     at 0.694."""
     against, favour = np.log((1 - chance) / contradicted), np.log((1 - contradicted) / chance)
     even = against / (against + favour)
 
     def odds(share: float, pixels: float) -> float:
         counts = round(pixels * share), round(pixels * (1.0 - share))
-        return frame_odds(Agreement(*counts, beside_others=beside_others))
+        return frame_odds(Agreement(*counts, may_lack_a_part=may_lack_a_part))
 
     assert odds(even, 1e6) == pytest.approx(0.0, abs=1e-3)
     assert odds(even + 0.03, 3000) > 0.5 and odds(even - 0.03, 3000) < -0.5
@@ -77,14 +77,14 @@ def verdicts(odds: TrackOdds) -> tuple[bool, bool]:
 def test_a_track_is_clear_until_frames_contradict_it_and_refuted_after_more() -> None:
     odds = TrackOdds(CLEAR_LEAD + 1.0)
     assert verdicts(odds) == (True, False)
-    odds.add(turned(0.0), Agreement(3000, 0, beside_others=True))
+    odds.add(turned(0.0), Agreement(3000, 0))
     assert verdicts(odds) == (True, False)
-    wrong = Agreement(2100, 900, beside_others=True)
+    wrong = Agreement(2100, 900)
     odds.add(turned(0.1), wrong)
     assert verdicts(odds) == (False, False)
     for k in range(4):
         odds.add(turned(0.3 + 0.3 * k), wrong)
     assert verdicts(odds) == (False, True)
     # A right view says so at once, but one does not make up for them all.
-    odds.add(turned(2.0), Agreement(3000, 0, beside_others=True))
+    odds.add(turned(2.0), Agreement(3000, 0))
     assert verdicts(odds) == (False, False)
