@@ -39,6 +39,8 @@ _WINDOW_RADIUS_FRACTION = 0.55
 _MAX_WINDOWS = 6
 _MIN_RETURNS = 40
 _MAX_REGIONS = 16
+_SMOOTH_QUANTILE = 0.25
+"""Of the pixels of a part, that look no rougher than its noise makes them."""
 _FAR_QUANTILE = 0.98
 _MIN_ADDED = 1.1
 """A joined region has so many times the returns of its largest part."""
@@ -222,7 +224,8 @@ def _region(frame: Frame, smooth: SmoothFrame, part: _Part) -> Region:
     unseen = beside if frame.unseen is None else beside | frame.unseen
     depth_m = np.where(mask, frame.depth_m, np.float32(0.0))
     alone = replace(frame, depth_m=depth_m, unseen=unseen)
-    sigma_m = float(np.median(smooth.sigma_m.ravel()[part.pixels]))
+    # Edges within a small part make most of it look rough; noise is everywhere.
+    sigma_m = float(np.quantile(smooth.sigma_m.ravel()[part.pixels], _SMOOTH_QUANTILE))
     return Region(alone, part.extent_m, len(part.depths), sigma_m, is_window=part.is_window)
 
 

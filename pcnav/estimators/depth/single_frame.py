@@ -219,6 +219,9 @@ def compared_poses(
 
     for T_cam_model in hypotheses:
         fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough, goes_on=is_another)
+        if fit is None:
+            # Of a small target the coarse grid leaves nothing to compare.
+            fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), comparer)
         if fit is not None and is_another(fit.T_cam_model):
             coarse.append(fit)
     if not coarse:
