@@ -180,6 +180,7 @@ def test_every_number_carries_its_unit() -> None:
         "footprint",  # a word, whose type has the letters of int
         "footprint_rays",
         "mask_object",
+        "mesh_scale_sd",
     }
     checked = 0
     for table in Pipeline.model_fields.values():
