@@ -67,7 +67,8 @@ OFFSET = {"frame_offset_sd_m": 5.0 * SIGMA_M}
 
 def test_offsets_of_faces_are_learnt_with_their_size(target: Target) -> None:
     noise = learnt(target, SIGMA_M, **UNEVEN)
-    assert noise.face_sd_m == pytest.approx(SIGMA_M, rel=0.4)
+    # They are drawn along the rays: along the normals by the cosine of incidence, 30 to 65 deg.
+    assert 0.4 * SIGMA_M < noise.face_sd_m < 0.9 * SIGMA_M
     # The panels are up to 4 m long: at one deviation of their pixels 0.3 deg are 2 to 6 mm.
     assert 0.0 < noise.face_tilt_sd_m < 0.01
     assert noise.frame_sd_m == 0.0
