@@ -89,7 +89,8 @@ def test_bodies_that_touch_nowhere_are_several() -> None:
     assert has_several_bodies(satellite(0.0))
     assert not has_several_bodies(satellite(None))
     small = box((0.1, 0.1, 0.1), np.array([0.0, 0.0, 1.3]))
-    assert not has_several_bodies(trimesh.util.concatenate([satellite(None), small]))
+    both = trimesh.util.concatenate([satellite(None), small])
+    assert isinstance(both, trimesh.Trimesh) and not has_several_bodies(both)
 
 
 def test_nothing_is_said_of_what_is_hardly_seen(target: Target) -> None:
