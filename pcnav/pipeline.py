@@ -300,7 +300,7 @@ def _estimate(
         if fit is not None and noise is not None and estimate.status in CLAIMED:
             pose = estimate.T_cam_target
             assert isinstance(frame, Frame) and pose is not None, "a claim is of a pose"
-            fit.add(frame, pose, noise)
+            fit.add(frame, pose, noise, estimator.mesh_scale)
         if on_estimate is not None:
             # A damaged video may end before, or after, what its header says.
             on_estimate(estimate, done, max(len(frames), done))
@@ -328,6 +328,7 @@ def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) ->
         search=estimator.search_report,
         noise=estimator.sensor_noise,
         stated_sigma_m=stated_m,
+        mesh_scale=estimator.mesh_scale,
     )
 
 

@@ -114,6 +114,11 @@ class Estimator(ABC):
         return None
 
     @property
+    def mesh_scale(self) -> float:
+        """By which the target was found to be larger than its mesh."""
+        return 1.0
+
+    @property
     def prior(self) -> PriorMass | None:
         """What was believed of the mass before the first frame, of one with such a belief."""
         return None

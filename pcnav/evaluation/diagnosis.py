@@ -74,6 +74,8 @@ class Facts:
     """Of the sensor, as it was learnt."""
     stated_sigma_m: float | None = None
     """Its noise along the rays as it was stated; None where it was not."""
+    mesh_scale: float = 1.0
+    """By which the target was found to be larger than its mesh."""
 
 
 def diagnosis(run: Run, facts: Facts) -> Diagnosis:
@@ -81,7 +83,8 @@ def diagnosis(run: Run, facts: Facts) -> Diagnosis:
     claimed = claimed_frames(run)
     if not claimed.any():
         return Diagnosis(False, (nothing_found(run, facts),))
-    return Diagnosis(True, tuple(lost(run, claimed, facts)), tuple(misstated(run, claimed, facts)))
+    warnings = (*lost(run, claimed, facts), *of_another_size(facts))
+    return Diagnosis(True, warnings, tuple(misstated(run, claimed, facts)))
 
 
 def claimed_frames(run: Run) -> BoolArray:
@@ -181,6 +184,15 @@ def lost(run: Run, claimed: BoolArray, facts: Facts) -> list[str]:
         return [sentence]
     change = f"from {before:.0%} to {after:.0%}"
     return [f"{sentence}: the share of the returns explained went {change}"]
+
+
+def of_another_size(facts: Facts) -> list[str]:
+    """That the target is larger or smaller than its mesh."""
+    off = facts.mesh_scale - 1.0
+    if off == 0.0:
+        return []
+    size = f"{100.0 * abs(off):.2g} % {'larger' if off > 0.0 else 'smaller'}"
+    return [f"the target is {size} than its mesh, as ranges and outline show it: followed so"]
 
 
 def misstated(run: Run, claimed: BoolArray, facts: Facts) -> list[str]:

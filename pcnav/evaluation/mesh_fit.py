@@ -7,7 +7,7 @@ enters: the poses are the run's own.
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy import ndimage
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.perception.planes import ransac_plane
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import Frame
 from pcnav.target.parts import Part, Parts, parts_of
@@ -93,25 +94,34 @@ class MeshFit:
         self._target = target
         self._parts: Parts | None = None
         self._renderer: DepthRenderer | None = None
-        self._camera: PinholeCamera | None = None
+        self._shown: tuple[PinholeCamera, float] | None = None
         self._kept: list[_Seen] = []
         self._count, self._every = 0, 1
         self._sigma_m = 0.0
 
-    def add(self, frame: Frame, T_cam_model: FloatArray, noise: SensorNoise) -> None:
-        """Take in a frame whose pose (4, 4) is known, and the noise of its ranges."""
+    def add(
+        self,
+        frame: Frame,
+        T_cam_model: FloatArray,
+        noise: SensorNoise,
+        mesh_scale: float = 1.0,
+    ) -> None:
+        """Take in a frame whose pose (4, 4) is known, the noise of its ranges, and by how much the
+        target is known to be larger than its mesh."""
         self._count += 1
         if (self._count - 1) % self._every:
             return
-        if self._renderer is None or frame.camera != self._camera:
+        if self._parts is None:
             self._parts = parts_of(self._target)
-            self._renderer = DepthRenderer(self._target.mesh, frame.camera)
-            self._camera = frame.camera
-        assert self._parts is not None, "made with the renderer"
+        if self._renderer is None or (frame.camera, mesh_scale) != self._shown:
+            self._shown = frame.camera, mesh_scale
+            target = self._target if mesh_scale == 1.0 else self._target.scaled(mesh_scale)
+            self._renderer = DepthRenderer(target.mesh, frame.camera)
         self._sigma_m = sigma_m = noise.sigma_in(frame.depth_m)
         rendered = self._renderer.render(T_cam_model)
         reach_m = 0.6 * self._target.diameter_m
-        self._kept.append(_seen(frame, T_cam_model, rendered, self._parts, sigma_m, reach_m))
+        seen = _seen(frame, T_cam_model, rendered, self._parts, sigma_m, reach_m)
+        self._kept.append(replace(seen, points=seen.points / mesh_scale))
         if len(self._kept) > _MAX_FRAMES:
             # Every second one is left out, so that what is kept stays even over the run.
             self._kept, self._every = self._kept[::2], 2 * self._every
@@ -245,10 +255,12 @@ def _turn(face: _LargestFace, points: FloatArray, sigma_m: float, n_errors: int)
     if len(near) < _MIN_PIXELS:
         return None
     tolerance_m = _GATE_SIGMA * sigma_m
-    plane = _plane_of_most(near, tolerance_m)
+    # Planes are told by their distance from the origin, which none may pass through.
+    seen_from = near - face.centre + 4.0 * face.reach_m * face.normal
+    plane = ransac_plane(seen_from, tolerance_m, _TRIALS, seed=0)
     if plane is None:
         return None
-    on = near[np.abs((near - plane[0]) @ plane[1]) < tolerance_m]
+    on = near[np.abs(seen_from @ plane - 1.0) < tolerance_m * np.linalg.norm(plane)]
     if len(on) < _MIN_ON_PLANE * len(near):
         return None
     centre = on.mean(axis=0)
@@ -262,21 +274,6 @@ def _turn(face: _LargestFace, points: FloatArray, sigma_m: float, n_errors: int)
     n_errors = min(n_errors, len(on))
     sd = float(np.rad2deg(spread[2] / np.sqrt(n_errors) / spread[1]))
     return _Turn(angle, sd, axis / max(float(np.linalg.norm(axis)), 1e-12))
-
-
-def _plane_of_most(points: FloatArray, tolerance_m: float) -> tuple[FloatArray, FloatArray] | None:
-    """A point and the unit normal of the plane near which most of points (n, 3) lie."""
-    rng = np.random.default_rng(0)
-    corners = points[rng.integers(len(points), size=(_TRIALS, 3))]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(normals, axis=1)
-    usable = size > 1e-12
-    if not usable.any():
-        return None
-    normals, corners = normals[usable] / size[usable, None], corners[usable, 0]
-    offsets = points @ normals.T - np.sum(corners * normals, axis=1)
-    best = int(np.argmax(np.count_nonzero(np.abs(offsets) < tolerance_m, axis=0)))
-    return corners[best], normals[best]
 
 
 def mesh_fit_csv(parts: tuple[PartFit, ...]) -> str:

@@ -140,6 +140,12 @@ def test_noise_that_is_not_as_stated_is_told() -> None:
     assert not diagnosis(run, replace(facts, stated_sigma_m=None)).said
 
 
+def test_a_target_of_another_size_than_its_mesh_is_told() -> None:
+    (sentence,) = diagnosis(run_of("allllll"), replace(FACTS, mesh_scale=0.988)).warnings
+    assert "1.2 % smaller than its mesh" in sentence
+    assert not diagnosis(run_of("allllll"), FACTS).warnings
+
+
 def test_an_estimate_that_is_only_coasted_is_no_find() -> None:
     assert not said("cccc").found
 

@@ -46,7 +46,9 @@ def target(tmp_path_factory: pytest.TempPathFactory) -> Target:
     return load_target(path)
 
 
-def fitted(target: Target, shown: trimesh.Trimesh, frames: int = 8) -> dict[str, PartFit]:
+def fitted(
+    target: Target, shown: trimesh.Trimesh, frames: int = 8, mesh_scale: float = 1.0
+) -> dict[str, PartFit]:
     """Parts by name after frames of a mesh that is shown, at poses all about it."""
     rng = np.random.default_rng(2)
     renderer, fit = DepthRenderer(shown, CAMERA), MeshFit(target)
@@ -55,7 +57,7 @@ def fitted(target: Target, shown: trimesh.Trimesh, frames: int = 8) -> dict[str,
         depth = renderer.render(pose).depth_m
         depth = np.where(depth > 0.0, depth + SIGMA_M * rng.standard_normal(depth.shape), 0.0)
         frame = Frame(index, float(index), depth.astype(np.float32), CAMERA, np.eye(4))
-        fit.add(frame, pose, SensorNoise(SIGMA_M))
+        fit.add(frame, pose, SensorNoise(SIGMA_M), mesh_scale)
     bus, panel = fit.parts()
     return {"bus": bus, "panel": panel}
 
@@ -77,6 +79,16 @@ def test_a_turned_panel_is_named_with_its_angle_and_axis(target: Target, turn_de
     assert abs(float(np.array(panel.axis_model) @ HINGE_AXIS)) > np.cos(np.deg2rad(5.0))
     (said,) = sentences(tuple(parts.values()))
     assert panel.name in said and f"{panel.turn_deg:.1f} deg" in said
+
+
+def test_a_target_of_another_size_is_judged_at_that_size(target: Target) -> None:
+    larger = satellite(10.0)
+    larger.apply_scale(1.03)
+    parts = fitted(target, larger, mesh_scale=1.03)
+    assert parts["bus"].verdict is PartVerdict.FITS
+    assert parts["panel"].turn_deg == pytest.approx(10.0, abs=0.4)
+    # At the mesh's own size most of it seems to be hidden by what is nearer.
+    assert fitted(target, larger)["bus"].pixels < 0.5 * parts["bus"].pixels
 
 
 def test_a_missing_panel_is_named(target: Target) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +15,6 @@ from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
-from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import MassBelief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
@@ -32,11 +31,12 @@ from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_measurement import ObserverPose, twist_between
 from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.repeats import Repeats
+from pcnav.estimators.depth.scale_learning import ScaleLearner
 from pcnav.estimators.depth.target_odds import TrackOdds
+from pcnav.estimators.depth.track import Track
 from pcnav.estimators.depth.views import FrameView, silent_view
 from pcnav.estimators.interface import Estimator
 from pcnav.filtering.error_state import UpdateResult
-from pcnav.perception.mesh_scale import ScaleBelief
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
@@ -64,32 +64,6 @@ _MAX_SHIFT_SD_FRACTION, _MAX_TURN_SD_RAD = 0.05, 0.087
 diameter, and the angle, that make a pose a wrong one."""
 
 
-@dataclass
-class _Track:
-    """A target being followed."""
-
-    motion: FollowedMotion
-    lock_monitor: LockMonitor
-    evidence: Evidence
-    recent: RecentFrames
-    symmetric: bool
-    """Whether the target's own symmetry leaves equivalent attitudes."""
-    open_question: bool
-    """Whether another motion, no equivalent one, explains the frames as well."""
-    odds: TrackOdds
-    blind_frames: int = 0
-    refuted_frames: int = 0
-    was_wrong: bool = False
-
-    @property
-    def status(self) -> Status:
-        """What it is worth after a frame that was used: while there is doubt that it is the target,
-        or that it is so turned, it is followed and not claimed."""
-        if self.open_question or not self.odds.is_clear:
-            return Status.COASTING
-        return Status.AMBIGUOUS if self.symmetric else Status.LOCKED
-
-
 class Tracker(Estimator):
     """Follows one target through a sequence: acquires it, then filters frame by frame.
 
@@ -115,9 +89,7 @@ class Tracker(Estimator):
         self._reader = FrameReader(target, perception, noise, seed)
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._reader.row_readout_s = info.row_readout_s
-        self._scale = ScaleBelief(perception.mesh_scale_sd)
-        self.mesh_scale = 1.0
-        """By which the target is taken to be larger than its mesh."""
+        self._scale = ScaleLearner(target, self._reader, perception.mesh_scale_sd)
         self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
@@ -128,7 +100,7 @@ class Tracker(Estimator):
         )
         self._belief = prior_belief(target, info.initial, filtering)
         self._status = Status.ACQUIRING
-        self._track: _Track | None = None
+        self._track: Track | None = None
         self._acquisition = self._new_acquisition(self._belief, info.first_pose)
         self._best_view: tuple[Estimate, FrameView] | None = None
         self._has_tracked = False
@@ -143,6 +115,11 @@ class Tracker(Estimator):
     def sensor_noise(self) -> SensorNoise:
         """Noise of the sensor, as far as it is known now."""
         return self._noise.noise
+
+    @property
+    def mesh_scale(self) -> float:
+        """By which the target is taken to be larger than its mesh."""
+        return self._scale.factor
 
     @property
     def search_report(self) -> SearchReport | None:
@@ -201,7 +178,7 @@ class Tracker(Estimator):
         else:
             self._seen_poses.append((estimate.time_s, estimate.T_cam_target))
 
-    def _expect_motion(self, observer: ObserverPose, track: _Track) -> None:
+    def _expect_motion(self, observer: ObserverPose, track: Track) -> None:
         """Tell the reader how the target moves in the camera, where it matters."""
         known = list(self._seen_poses)
         # A noisy camera pose would be taken for a jolt: the last two frames tell more.
@@ -242,7 +219,7 @@ class Tracker(Estimator):
         outcome = self._acquisition.add(frame, observer)
         if not isinstance(outcome, Initialised):
             return self._estimate(outcome, None, Status.ACQUIRING, observer), outcome
-        track = _Track(
+        track = Track(
             outcome.motion,
             LockMonitor(self._target, self._reader),
             Evidence(),
@@ -257,7 +234,7 @@ class Tracker(Estimator):
     # Following.
 
     def _follow(
-        self, frame: Frame, observer: ObserverPose, track: _Track
+        self, frame: Frame, observer: ObserverPose, track: Track
     ) -> tuple[Estimate, FrameView]:
         track.motion.predict(frame.time_s)
         if track.motion.is_lost:
@@ -286,42 +263,17 @@ class Tracker(Estimator):
         return estimate, updated.view
 
     def _learn(
-        self, track: _Track, observer: ObserverPose, view: FrameView, result: UpdateResult
+        self, track: Track, observer: ObserverPose, view: FrameView, result: UpdateResult
     ) -> None:
         """Learn the sensor's noise from a frame that was taken in."""
         self._noise.learn(view, result.accepted, pose_of(track.motion.kalman, observer))
         track.recent.add(view, observer)
-        if self._has_rescaled(view, result) or track.recent.are_outdated:
+        rescaled = self._scale.learn(view, result.accepted)
+        if rescaled or track.recent.are_outdated:
             track.motion.take_in_again(track.recent.measured_again())
 
-    def _has_rescaled(self, view: FrameView, result: UpdateResult) -> bool:
-        """Whether a frame, with those before it, shows the target to be of another size."""
-        comparison = view.comparison
-        if comparison is None or self._scale.sd == 0.0 or not self._refined:
-            return False
-        names = {f.name for f, ok in zip(comparison.faces, result.accepted, strict=True) if ok}
-        catalogue = self._target.rectangles
-        used = [k for k, rectangle in enumerate(catalogue) if rectangle.name in names]
-        lever_m = 0.5 * self._reader.diameter_m
-        self._scale = self._scale.with_frame(comparison.seen, used, lever_m)
-        factor = self._scale.factor
-        if factor == 1.0:
-            return False
-        self._reader.rescale(factor)
-        # Frames that are compared at the new size tell what is left of it.
-        self._scale = ScaleBelief(self._scale.sd)
-        self.mesh_scale *= factor
-        off = self.mesh_scale - 1.0
-        _log.info(
-            "frame %d: the target is %.2g %% %s than its mesh: followed at that size",
-            view.frame.index,
-            100.0 * abs(off),
-            "larger" if off > 0.0 else "smaller",
-        )
-        return True
-
     def _go_on(
-        self, frame: Frame, observer: ObserverPose, track: _Track, updated: Updated
+        self, frame: Frame, observer: ObserverPose, track: Track, updated: Updated
     ) -> Status:
         """Take in what a good update says of the track, and say what it is worth now."""
         self._take_in(frame, track, updated)
@@ -338,7 +290,7 @@ class Tracker(Estimator):
                 return Status.LOST
         return track.status
 
-    def _overruled(self, recovery: Recovery, track: _Track, updated: Updated) -> Updated:
+    def _overruled(self, recovery: Recovery, track: Track, updated: Updated) -> Updated:
         """The update about where any motion may have led, if that explains the frame better."""
         motion, result = track.motion, updated.result
         if motion.is_torque_free:
@@ -350,9 +302,7 @@ class Tracker(Estimator):
             return again or updated
         return recovery.overruled(motion, updated)
 
-    def _search(
-        self, recovery: Recovery, track: _Track, updated: Updated
-    ) -> tuple[Updated, Status]:
+    def _search(self, recovery: Recovery, track: Track, updated: Updated) -> tuple[Updated, Status]:
         """Look for the target where the prediction explains nothing, though there are returns."""
         monitor, motion, frame = track.lock_monitor, track.motion, recovery.frame
         perceived, found = monitor.detect(frame)
@@ -373,11 +323,11 @@ class Tracker(Estimator):
         gave_up = outcome is LockCheck.REJECTED or track.blind_frames > _MAX_BLIND_FRAMES
         return updated, Status.LOST if gave_up else Status.COASTING
 
-    def _recovery(self, frame: Frame, observer: ObserverPose, track: _Track) -> Recovery:
+    def _recovery(self, frame: Frame, observer: ObserverPose, track: Track) -> Recovery:
         gate = self._filtering.gate_probability
         return Recovery(self._reader, frame, observer, self._update, gate, track.evidence)
 
-    def _take_in(self, frame: Frame, track: _Track, updated: Updated) -> None:
+    def _take_in(self, frame: Frame, track: Track, updated: Updated) -> None:
         assert updated.result is not None, "the update was good"
         track.blind_frames = 0
         track.evidence.add(updated.view.inlier_ratio, updated.result)
@@ -389,13 +339,13 @@ class Tracker(Estimator):
         if why is not None:
             self._log_motion(frame, track, why)
 
-    def _log_motion(self, frame: Frame, track: _Track, why: str) -> None:
+    def _log_motion(self, frame: Frame, track: Track, why: str) -> None:
         free = track.motion.is_torque_free
         said = "that of a free body again" if free else "not that of a free body"
         name = "torque free" if free else "kinematic"
         _log.info("frame %d: the motion is %s (%s): followed as %s", frame.index, said, why, name)
 
-    def _lose(self, track: _Track) -> None:
+    def _lose(self, track: Track) -> None:
         """Start again; what was learnt of the mass stays if the track was right until it was lost.
 
         A symmetric target may be found in another of its equivalent attitudes, where what was

@@ -1,0 +1,36 @@
+"""What is kept of a target that is being followed, and what it is worth."""
+
+from dataclasses import dataclass
+
+from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.following import FollowedMotion
+from pcnav.estimators.depth.lock_monitor import LockMonitor
+from pcnav.estimators.depth.measured_again import RecentFrames
+from pcnav.estimators.depth.target_odds import TrackOdds
+from pcnav.runs.status import Status
+
+
+@dataclass
+class Track:
+    """A target being followed."""
+
+    motion: FollowedMotion
+    lock_monitor: LockMonitor
+    evidence: Evidence
+    recent: RecentFrames
+    symmetric: bool
+    """Whether the target's own symmetry leaves equivalent attitudes."""
+    open_question: bool
+    """Whether another motion, no equivalent one, explains the frames as well."""
+    odds: TrackOdds
+    blind_frames: int = 0
+    refuted_frames: int = 0
+    was_wrong: bool = False
+
+    @property
+    def status(self) -> Status:
+        """What it is worth after a frame that was used: while there is doubt that it is the target,
+        or that it is so turned, it is followed and not claimed."""
+        if self.open_question or not self.odds.is_clear:
+            return Status.COASTING
+        return Status.AMBIGUOUS if self.symmetric else Status.LOCKED
