@@ -7,7 +7,6 @@ makes up much of the filter's information.
 """
 
 import logging
-from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +22,6 @@ from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measured_again import Observed, is_outdated, measured_again
 from pcnav.estimators.depth.measuring import predicted_pose
 from pcnav.estimators.depth.motion_hypotheses import (
-    MAX_OBSERVATIONS,
     MIN_FRAMES,
     Decision,
     MotionHypotheses,
@@ -113,7 +111,8 @@ class Acquisition:
         """Of the search that found most."""
         self._start = MotionHypotheses(target)
         self._among_others = False
-        self._frames: deque[Frame] = deque(maxlen=MAX_OBSERVATIONS)
+        self._frames: dict[float, Frame] = {}
+        """Those that motions have observations in, by time."""
 
     def add(self, frame: Frame, observer: ObserverPose) -> Initialised | FrameView:
         """Take in a frame: an initialised track, or the frame as it was seen.
@@ -126,11 +125,14 @@ class Acquisition:
         told = self._told(frame)
         hypotheses, waiting = told or self._hypotheses(frame)
         if hypotheses:
-            self._frames.append(frame)
+            self._frames[frame.time_s] = frame
         if not self._among_others and not self._reader.shows_target_alone(frame):
             self._among_others = True
         prior_odds = -SEARCHED if self._among_others else 0.0
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses, prior_odds)
+        # A motion of few observations may have left out many frames between them.
+        needed = self._start.times_s
+        self._frames = {time: kept for time, kept in self._frames.items() if time in needed}
         if told is not None and self._choice is not MotionChoice.TORQUE_FREE:
             best = self._start.best
             assert best is not None, "it has just been begun"
@@ -212,8 +214,7 @@ class Acquisition:
                 guess, self._model, first.time_s, then.time_s, then.R_world_body
             )
         arc = InitialArc(self._model, guess, belief)
-        by_time = {frame.time_s: frame for frame in self._frames}
-        frames = [by_time[observation.time_s] for observation in motion.observations]
+        frames = [self._frames[observation.time_s] for observation in motion.observations]
         observers = [
             ObserverPose.of(frame.T_cam_world, frame.time_s, n, self._camera_noise)
             for frame in frames

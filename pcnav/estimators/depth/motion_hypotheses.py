@@ -227,6 +227,11 @@ class MotionHypotheses:
         )
 
     @property
+    def times_s(self) -> frozenset[float]:
+        """Of the frames that any motion has an observation in."""
+        return frozenset(s.time_s for motion in self._motions for s in motion.observations)
+
+    @property
     def best(self) -> MotionHypothesis | None:
         """The motion for which most speaks so far."""
         return self._motions[0] if self._motions else None

@@ -108,6 +108,20 @@ def test_a_observation_that_explains_its_frame_badly_is_dropped_from_its_motion(
     assert [s.time_s for s in decision.motion.observations] == [0.5, 1.0, 1.5]
 
 
+def test_a_motion_needs_the_frames_of_its_observations_however_many_it_left_out() -> None:
+    """Every other frame explains itself so badly that the motion leaves it out."""
+    start = MotionHypotheses(target_with())
+    for k in range(24):
+        # Too little for a decision: the rival is as good.
+        share = 0.95 if k % 2 else 0.7
+        feed(start, k, (np.eye(4), share), (HALF_TURN, share))
+        best = start.best
+        assert best is not None
+        assert {s.time_s for s in best.observations} <= start.times_s
+    assert best is not None
+    assert 0.5 * 23 - best.observations[0].time_s > 0.5 * (len(best.observations) - 1)
+
+
 def test_equal_alternatives_are_told_ambiguous_after_ten_frames() -> None:
     start = MotionHypotheses(target_with())
     for k in range(9):
