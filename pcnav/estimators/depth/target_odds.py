@@ -23,10 +23,11 @@ outliers' density over the noise's; neighbours err together, so a patch of 4 x 4
 _PATCH_PIXELS = 16
 _MAX_PATCHES = 64.0
 """However many pixels a target covers, its shape has no more parts that differ: 8 x 8 of them."""
-_CHANCE, _CHANCE_OF_PART = 0.75, 0.5
+_CHANCE, _CHANCE_OF_PART = 0.75, 0.6
 """Share of a view that something else agrees with, once the pose has been fitted to that; where the
-target is alone in the frame, that another pose of it does."""
-_CONTRADICTED, _CONTRADICTED_BY_PART = 0.05, 0.15
+target is alone in the frame, that another pose of it does: one that fits a turned part of several
+fits that part, and as little else as this."""
+_CONTRADICTED, _CONTRADICTED_BY_PART = 0.05, 0.12
 """Share of the target's own view that may be contradicted: a mesh is not quite the target, and of
 one of several bodies that is alone a whole body may be turned or missing."""
 _AGAIN = 0.25
