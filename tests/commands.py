@@ -17,5 +17,8 @@ class Answer(NamedTuple):
         return [line for line in self.err.splitlines() if not line.startswith("INFO: frame ")]
 
 
+PATIENCE_S = 300.0
+"""What a test waits for another process at most: machines may be busy."""
+
 Pcnav = Callable[..., Answer]
 """Calls the entry point with arguments."""

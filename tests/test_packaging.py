@@ -22,6 +22,7 @@ from pcnav.config.shipped import (
     shipped_pipeline,
     shipped_pipeline_names,
 )
+from tests.commands import PATIENCE_S
 
 PYTHONS = ("3.11", "3.12", "3.13")
 SYSTEMS = (("linux", "x86_64"), ("linux", "aarch64"), ("darwin", "arm64"), ("win32", "AMD64"))
@@ -63,7 +64,7 @@ def run_python(code: str, search_path: Path) -> str:
     script = f"import sys; sys.path.insert(0, {str(search_path)!r})\n{code}"
     command = [sys.executable, "-W", "error", "-c", script]
     finished = subprocess.run(
-        command, cwd=search_path, capture_output=True, text=True, check=False, timeout=60
+        command, cwd=search_path, capture_output=True, text=True, check=False, timeout=PATIENCE_S
     )
     assert finished.returncode == 0, finished.stderr
     return finished.stdout

@@ -22,6 +22,7 @@ from pcnav.batch.run_batch import run_batch
 from pcnav.batch.store import RunStore, new_store, run_stored
 from pcnav.core.errors import InputError
 from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
+from tests.commands import PATIENCE_S
 
 RUNS = planned(24)
 CLIENT = """
@@ -127,14 +128,14 @@ def _worker_threads(address: str) -> dict[str, int]:
     from distributed import Client
 
     try:
-        with Client(address, timeout=20.0, set_as_default=False) as client:
+        with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
             return dict(client.nthreads())
     except OSError:
         return {}
 
 
 def _until(done: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + PATIENCE_S
     while not done():
         assert time.monotonic() < deadline, "it takes too long"
         time.sleep(0.05)
@@ -238,7 +239,7 @@ def test_a_folder_that_workers_do_not_see_is_refused(
 
 
 @pytest.mark.parametrize("listens", [False, True])
-def test_a_scheduler_that_does_not_answer_is_one_line_within_ten_seconds(
+def test_a_scheduler_that_does_not_answer_is_one_line_and_is_not_waited_for(
     listens: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket() as other:
@@ -251,7 +252,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line_within_ten_seconds(
         started = time.monotonic()
         with pytest.raises(InputError, match=rf"^{address}: scheduler: expected a dask scheduler"):
             dict(results(abs, [1], Workers(scheduler=address)))
-        assert time.monotonic() - started < 10.0
+        assert time.monotonic() - started < PATIENCE_S
 
 
 def test_a_scheduler_without_workers_or_that_goes_away_is_said(
@@ -283,7 +284,7 @@ def test_a_scheduler_without_workers_or_that_goes_away_is_said(
             started = time.monotonic()
             with pytest.raises(InputError, match="scheduler: expected it to stay to the end"):
                 run_stored(run, RUNS, store, lonely.workers, command_of, end)
-            assert time.monotonic() - started < 10.0
+            assert time.monotonic() - started < PATIENCE_S
     assert len(list(store.headers())) >= 10
 
 

@@ -17,6 +17,7 @@ from pcnav.batch.engine import results
 from pcnav.batch.store import RunStore, new_store, open_store, run_stored
 from pcnav.core.errors import InputError
 from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
+from tests.commands import PATIENCE_S
 
 HERE = Workers(jobs=1)
 TWO = Workers(jobs=2)
@@ -38,7 +39,7 @@ if __name__ == "__main__":
     store = new_store(out, "", runs)
     try:
         run_stored(
-            CheapRun(log, 30.0, quick=runs[0].key), runs, store, Workers(int(sys.argv[3])),
+            CheapRun(log, 3600.0, quick=runs[0].key), runs, store, Workers(int(sys.argv[3])),
             command_of, lambda done, total, failed: print(done, total, failed, flush=True),
         )
     except KeyboardInterrupt:
@@ -164,8 +165,8 @@ def test_an_interrupt_ends_everything_at_once_and_leaves_finished_runs(
     while process.stdout.readline().split() != ["1", "8", "0"]:
         assert process.poll() is None, process.stderr.read()
     os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
-    # The runs that are out would take half a minute more.
-    code = process.wait(timeout=10.0)
+    # The runs that are out would take an hour more.
+    code = process.wait(timeout=PATIENCE_S)
     _, errors = process.communicate()
     assert (code, errors) == (-9 if number == signal.SIGKILL else 130, "")
     assert not _living(process.pid)

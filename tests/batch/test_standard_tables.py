@@ -19,6 +19,7 @@ from pcnav.batch.tabulate import kept_records, tabulate
 from pcnav.files.text_table import TextTable
 from tests.batch.made_up import records, some_runs
 from tests.batch.stored_batch import FAILURE, RUNS, rows_of
+from tests.commands import PATIENCE_S
 
 
 def test_the_standard_tables_are_all_there(tables: Path, store: RunStore) -> None:
@@ -169,7 +170,7 @@ def test_latex_compiles(tmp_path: Path, rows: int, tables: Path) -> None:
     (tmp_path / "all.tex").write_text(document)
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
     done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert done.returncode == 0, done.stdout[-2000:]
     assert ("longtable" in own) == (rows > 40)

@@ -131,7 +131,7 @@ def test_peak_memory_is_the_childs_own(tmp_path: Path) -> None:
 def test_scaling_runs_batches_in_a_process_of_their_own_and_judges_them(tmp_path: Path) -> None:
     cost = measure_batch("cheap", 4, 1)
     assert (cost.runs, cost.jobs) == (4, 1)
-    assert 0.0 < cost.seconds < 60.0 and 10.0 < cost.peak_mb < 5000.0
+    assert cost.seconds > 0.0 and 10.0 < cost.peak_mb < 5000.0
     function, runs = real_runs(2, tmp_path)
     assert len(runs) == 2 and len({run.seed for run in runs}) == 2 and callable(function)
     slow, quick = BatchCost(24, 1, 100.0, 300.0), BatchCost(24, 2, 50.0, 301.0)

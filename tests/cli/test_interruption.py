@@ -13,7 +13,7 @@ import pytest
 
 from pcnav.estimators.depth.tracker import Tracker
 from tests.cli.answers import FRAMES, PIPELINE
-from tests.commands import Pcnav
+from tests.commands import PATIENCE_S, Pcnav
 
 COMMAND = [sys.executable, "-c", "from pcnav.cli import main; main()"]
 # Pictures take most of the time of so short a run.
@@ -49,12 +49,12 @@ def test_a_command_told_to_terminate_leaves_nothing(tmp_path: Path) -> None:
     endless.write_text(PIPELINE.replace("frames = 6", "frames = 2000"))
     arguments = ["simulate", str(endless), "-o", str(tmp_path / "sequence")]
     with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + PATIENCE_S
         while not list(tmp_path.glob(".sequence-*/depth/000003.png")):
             assert time.monotonic() < deadline and process.poll() is None
             time.sleep(0.02)
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert err.splitlines() == ["interrupted: nothing is left half-written"]
     assert list(tmp_path.iterdir()) == [endless]
@@ -79,7 +79,7 @@ def test_a_terminal_shows_a_bar_and_the_log_above_it(sequence: Path, tmp_path: P
         # Linux answers the end of a pseudo-terminal with an error.
         while chunk := read_or_end(ours):
             shown += chunk
-        out, _ = process.communicate(timeout=60)
+        out, _ = process.communicate(timeout=PATIENCE_S)
     os.close(ours)
     assert process.returncode == 0, shown
     assert f"{FRAMES}/{FRAMES}".encode() in shown

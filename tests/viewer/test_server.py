@@ -16,6 +16,7 @@ from websockets.typing import Origin, Subprotocol
 from pcnav.viewer.app import serve
 from pcnav.viewer.loaded_run import LoadedRun, finished
 from pcnav.viewer.server import LocalServer, is_own_origin
+from tests.commands import PATIENCE_S
 
 _PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
@@ -40,7 +41,7 @@ def joined(server: LocalServer, origin: str | None) -> Connection:
 
 
 def test_page_is_served_on_loopback(server: LocalServer) -> None:
-    with urllib.request.urlopen(url(server), timeout=10) as answer:
+    with urllib.request.urlopen(url(server), timeout=PATIENCE_S) as answer:
         assert answer.status == 200
         assert b"<html" in answer.read().lower()
 
@@ -60,7 +61,7 @@ def test_only_loopback_is_listened_on(server: LocalServer) -> None:
 )
 def test_nothing_but_the_page_is_served(server: LocalServer, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as refused:
-        urllib.request.urlopen(url(server) + path, timeout=10)
+        urllib.request.urlopen(url(server) + path, timeout=PATIENCE_S)
     assert refused.value.code == 404
     refused.value.close()
 
@@ -74,7 +75,7 @@ def test_pages_of_other_sites_are_cut_off(server: LocalServer) -> None:
     with joined(server, "http://elsewhere.example") as page:
         with pytest.raises(ConnectionClosed) as closed:
             while True:
-                page.recv(timeout=10)
+                page.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd is not None and closed.value.rcvd.code == 1008
 
 
@@ -82,7 +83,7 @@ def test_pages_of_other_sites_are_cut_off(server: LocalServer) -> None:
 def test_its_own_page_is_let_in(server: LocalServer, origin: str | None) -> None:
     told = url(server) if origin == "own" else None
     with joined(server, told) as page:
-        assert len(page.recv(timeout=10)) > 0
+        assert len(page.recv(timeout=PATIENCE_S)) > 0
 
 
 def test_a_name_that_was_made_to_point_here_is_foreign() -> None:
