@@ -1,6 +1,6 @@
 """A start from where the target is said to be in the first frame, if the frame does not object."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.pose_fit import SingleFramePose, fit_pose
-from pcnav.estimators.depth.pose_measurement import pose_error
+from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.single_frame import refined_hypotheses, refitted
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds, lead
 from pcnav.filtering.error_state import innovation_gate
@@ -23,6 +23,8 @@ _MIN_SD_FRACTION, _MIN_SD_RAD = 0.01, 0.02
 that the frame decides however sharp the statement."""
 _GATE_PROBABILITY = 0.9999
 """Of how far the frame may move the pose, in its stated spread."""
+_AROUND_SD = 1.5
+"""So many deviations away lie the poses that are tried beside a stated one."""
 _SAME_PX = 3.0
 """Poses that show no point of the target further apart are one."""
 
@@ -45,12 +47,16 @@ def fit_first_pose(
     It is contradicted where too little of the frame agrees, where the frame moves it further than
     its spread allows, and where another pose of the same frame is clearly more likely.
     """
-    pose = _fitted(stated, perceived, reader)
+    pose = _fitted(stated.T_cam_model, stated, perceived, reader)
+    if not _agrees(pose):
+        # A fit from there may end beside the pose that lies within the same spread.
+        around = (_fitted(guess, stated, perceived, reader) for guess in _around(stated))
+        found = [pose, *around] if reader.measured_by is not Measurements.RECTANGLES else [pose]
+        pose = max((each for each in found if each is not None), key=_odds, default=None)
     if pose is None:
         return FirstPoseFit(None, "nothing of the target is seen from there")
-    ratio = pose.agreement.visible_ratio
-    if np.isnan(ratio) or STATED_ODDS + frame_odds(pose.agreement) < 0.0:
-        return FirstPoseFit(None, f"it explains {ratio:.0%} of the frame")
+    if not _agrees(pose):
+        return FirstPoseFit(None, f"it explains {pose.agreement.visible_ratio:.0%} of the frame")
     error = pose_error(stated.T_cam_model, pose.T_cam_model)
     spread = np.diag(_deviations(stated, 0.0, 0.0) ** 2) + pose.covariance
     squared = float(error @ np.linalg.solve(spread, error))
@@ -63,17 +69,37 @@ def fit_first_pose(
     return FirstPoseFit(pose)
 
 
+def _odds(pose: SingleFramePose) -> float:
+    """Logarithm of the odds by the frame; -inf where it shows nothing that could agree."""
+    if np.isnan(pose.agreement.visible_ratio):
+        return -np.inf
+    return frame_odds(pose.agreement)
+
+
+def _agrees(pose: SingleFramePose | None) -> bool:
+    return pose is not None and STATED_ODDS + _odds(pose) >= 0.0
+
+
+def _around(stated: FirstPosePrior) -> Iterator[FloatArray]:
+    """Poses (4, 4) on the principal axes of the stated spread."""
+    for step in np.diag(_deviations(stated, 0.0, 0.0)):
+        if step.any():
+            yield moved_pose(stated.T_cam_model, _AROUND_SD * step)
+            yield moved_pose(stated.T_cam_model, -_AROUND_SD * step)
+
+
 def _fitted(
-    stated: FirstPosePrior, perceived: PerceivedFrame, reader: FrameReader
+    guess: FloatArray, stated: FirstPosePrior, perceived: PerceivedFrame, reader: FrameReader
 ) -> SingleFramePose | None:
+    """The pose that the frame has near a guess (4, 4) within the stated spread."""
     if reader.measured_by is Measurements.RECTANGLES:
-        found = refitted([stated.T_cam_model], perceived, reader)
+        found = refitted([guess], perceived, reader)
         return found[0] if found else None
     frame = perceived.frame
     comparer = reader.comparer(frame)
     sd = _deviations(stated, _MIN_SD_FRACTION * reader.diameter_m, _MIN_SD_RAD)
     prior = np.diag(sd**2)
-    rough = fit_pose(frame.depth_m, stated.T_cam_model, prior, comparer.coarse(frame.depth_m))
+    rough = fit_pose(frame.depth_m, guess, prior, comparer.coarse(frame.depth_m))
     if rough is None:
         return None
     # The frame is used once: the coarse pass says where to start, not what is known.

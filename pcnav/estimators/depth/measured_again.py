@@ -39,6 +39,11 @@ class RecentFrames:
             self._frames.append((view, observer))
 
     @property
+    def count(self) -> int:
+        """How many are kept."""
+        return len(self._frames)
+
+    @property
     def are_outdated(self) -> bool:
         """Whether any was measured under a noise that differs clearly from what is known now."""
         return any(is_outdated(view, self._reader.noise) for view, _ in self._frames)

@@ -32,6 +32,9 @@ _USUAL_SHARE, _WELL_SHARE = 0.8, 0.95
 """A frame of which a smaller share than this of the usual is explained is not explained as it
 should be; and below the second there may be a better pose."""
 
+_AROUND_SD = 1.5
+"""So many deviations from a prediction without a rate is looked as well."""
+
 
 @dataclass(frozen=True)
 class Recovery:
@@ -75,7 +78,11 @@ class Recovery:
         home over so much, and a view drawn in a wider one tells nothing from nothing."""
         if motion.is_torque_free:
             return None
-        pose, spread = predicted_pose(motion.kalman, self.observer)
+        return self._bridged(predicted_pose(motion.kalman, self.observer))
+
+    def _bridged(self, predicted: UncertainPose) -> UncertainPose:
+        """A prediction with as much of its spread as a comparison finds home over."""
+        pose, spread = predicted
         bridged = np.array([BRIDGED[0] * self.reader.diameter_m, BRIDGED[1]]) ** 2
         parts = np.array([np.trace(spread[:3, :3]), np.trace(spread[3:, 3:])]) / 3.0
         return pose, spread / max(1.0, float(np.max(parts / bridged)))
@@ -120,6 +127,29 @@ class Recovery:
 
     def _about(self, kalman: Kalman, start: UncertainPose | None) -> Updated:
         return self.update(FrameUpdate(self.reader, self.frame, kalman, self.observer, start))
+
+    def without_rate(
+        self, kalman: Kalman, updated: Updated, predicted: Snapshot[NavigationState]
+    ) -> Updated:
+        """The best update with the frame after a start from a single one.
+
+        Its prediction knows no rate: a comparison about it may end beside the target, though the
+        target lies within its spread. The filter was ``predicted`` and then ``updated``.
+        """
+        if updated.is_good and updated.explained >= _WELL_SHARE:
+            return updated
+        best, after = updated, kalman.snapshot()
+        kalman.restore(predicted)
+        pose, spread = self._bridged(predicted_pose(kalman, self.observer))
+        lengths, axes = np.linalg.eigh(spread)
+        for step in (_AROUND_SD * np.sqrt(lengths) * axes).T:
+            for guess in (moved_pose(pose, step), moved_pose(pose, -step)):
+                kalman.restore(predicted)
+                found = self._about(kalman, (guess, spread))
+                if found.is_good and not found.explained <= best.explained:
+                    best, after = found, kalman.snapshot()
+        kalman.restore(after)
+        return best
 
     def found(self, motion: FollowedMotion, poses: Sequence[SingleFramePose]) -> Updated | None:
         """`found_again` of the filter in force; a kinematic one takes what explains as usual."""

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lock_monitor import LockMonitor
@@ -26,6 +28,11 @@ class Track:
     blind_frames: int = 0
     refuted_frames: int = 0
     was_wrong: bool = False
+
+    @property
+    def is_single(self) -> bool:
+        """Whether one frame is all that there is of it, which shows no rate."""
+        return self.recent.count == 1 and np.isnan(self.evidence.usual_inlier_ratio)
 
     @property
     def status(self) -> Status:

@@ -249,7 +249,10 @@ class Tracker(Estimator):
             self._expect_motion(observer, track)
         recovery = self._recovery(frame, observer, track)
         kalman, start = track.motion.kalman, recovery.start(track.motion)
+        predicted = kalman.snapshot()
         updated = self._update(FrameUpdate(self._reader, frame, kalman, observer, start))
+        if track.is_single:
+            updated = recovery.without_rate(kalman, updated, predicted)
         updated = self._overruled(recovery, track, updated)
         if updated.is_good:
             status = self._go_on(frame, observer, track, updated)

@@ -127,6 +127,21 @@ def test_a_first_pose_begins_the_track_in_the_first_frame(boxsat: Target) -> Non
     assert np.all(errors < [1e-2, 0.4])
 
 
+def test_a_first_pose_is_found_anywhere_in_its_spread(boxsat: Target) -> None:
+    """Also where a fit from the stated pose itself ends elsewhere."""
+    rates = np.array([0.3, 0.2, 0.02, 1.6, 0.9, 1.2])
+    poses = [moved_pose(FIRST, STEP_S * k * rates) for k in range(2)]
+    frames, rng = seen(boxsat, poses), np.random.default_rng(3)
+    sd_m, sd_rad = 0.6, np.deg2rad(12.0)
+    for _ in range(2):
+        off = rng.normal(size=6)
+        off *= 2.2 / np.linalg.norm(off) * np.repeat([sd_m, sd_rad], 3)
+        prior = FirstPosePrior(moved_pose(poses[0], off), sd_m, sd_rad)
+        estimates = tracked(boxsat, frames, info=replace(INFO, first_pose=prior))
+        assert [estimate.status for estimate in estimates] == [Status.LOCKED] * 2
+        assert np.all(errors_of(estimates, poses) < [1e-2, 0.4])
+
+
 def test_a_free_motion_alone_still_needs_three_frames(boxsat: Target) -> None:
     poses = [moved_pose(FIRST, STEP_S * k * np.repeat([0.02, 0.03], 3)) for k in range(4)]
     frames, info = seen(boxsat, poses), stated(moved_pose(poses[0], OFF))
