@@ -169,8 +169,8 @@ class FrameReader:
     def look(self, frame: Frame) -> PerceivedFrame:
         """What a frame shows without any prediction."""
         catalogue = self._target.rectangles
-        if not self.shows_target_alone(frame):
-            # Walls and tables would be all that a search for planes finds.
+        if not catalogue or self.is_among_others(frame):
+            # Of no use, or walls and tables would be all that a search for planes finds.
             window = window_of_returns(frame)
             shape = (0, 0) if window is None else window.shape
             return PerceivedFrame(frame, window, np.full(shape, -1, dtype=np.intp), ())
@@ -188,6 +188,13 @@ class FrameReader:
             return True
         regions = self.regions(frame).regions
         return not regions or regions[0].is_whole
+
+    def is_among_others(self, frame: Frame) -> bool:
+        """Whether the frame holds more than the target can fill."""
+        if self.measured_by is Measurements.RECTANGLES:
+            return False
+        found = self.regions(frame)
+        return bool(found.regions) and not found.is_small
 
     def regions(self, frame: Frame) -> RegionSearch:
         """The parts of a frame that may be the target; kept for the frame last asked about."""

@@ -23,11 +23,12 @@ from pcnav.perception.surfaces import (
     smooth_frame,
     squared_distances,
 )
+from pcnav.perception.surroundings import surroundings_of
 from pcnav.recordings.sequence import Frame
 from pcnav.target.satellite import Target
 
 _WHOLE_FRACTION = 1.05
-"""Returns that span less than this share of the diameter (besides their noise) are all of one
+"""Returns that span less than this share of the diameter (besides their noise) may be all of one
 target."""
 _MIN_EXTENT_FRACTION = 0.2
 _MAX_EXTENT_FRACTION = 1.3
@@ -59,7 +60,7 @@ class Region:
     sigma_m: float
     """Noise along the rays, as the smooth surfaces of the frame show it about there."""
     is_whole: bool = False
-    """Whether it is the frame itself: nothing else returned."""
+    """Whether it is the frame itself, and nothing else returned."""
     is_window: bool = False
     """Whether it was cut out of a larger object, whose other parts it may still hold."""
 
@@ -79,6 +80,8 @@ class RegionSearch:
     """Of all returns of the frame, as the diameter of a ball about them."""
     n_planes: int = 0
     """How many planes larger than the target's faces were taken out."""
+    is_small: bool = False
+    """Whether all returns span no more than the target does: little else can be in the frame."""
 
 
 def candidate_regions(frame: Frame, target: Target, sigma_m: float) -> RegionSearch:
@@ -95,17 +98,21 @@ def candidate_regions(frame: Frame, target: Target, sigma_m: float) -> RegionSea
         return RegionSearch((), 0.0)
     diameter_m = target.diameter_m
     span = extent(_points(frame, seen))
-    if span <= _WHOLE_FRACTION * diameter_m + 4.0 * sigma_m:
-        whole = Region(frame, span, n, sigma_m, is_whole=True)
-        return RegionSearch((whole,), span)
+    is_small = span <= _WHOLE_FRACTION * diameter_m + 4.0 * sigma_m
+    whole = Region(frame, span, n, sigma_m)
+    # What comes in from the border of the image beside something that it does not cut may be an arm
+    # before the target as well as a part of it.
+    if is_small and surroundings_of(frame.depth_m, frame.camera, diameter_m, sigma_m) is None:
+        return RegionSearch((replace(whole, is_whole=True),), span, is_small=True)
     smooth = smooth_frame(frame, sigma_m, diameter_m)
     on_plane, n_planes = extended_planes(smooth, target.flat_extent_m, diameter_m)
     labels = smooth.components((smooth.depth_m > 0.0) & ~on_plane)
     parts = _candidates(smooth, labels, diameter_m)
     seen_parts = [_Part.of(smooth, pixels, is_window) for pixels, is_window in parts]
     seen_parts.sort(key=lambda part: -_plausibility(part, diameter_m, frame.camera))
-    regions = [_region(frame, smooth, part) for part in seen_parts[:_MAX_REGIONS]]
-    return RegionSearch(tuple(regions), span, n_planes)
+    regions = [whole] if is_small else []
+    regions += [_region(frame, smooth, part) for part in seen_parts[:_MAX_REGIONS]]
+    return RegionSearch(tuple(regions), span, n_planes, is_small)
 
 
 def _points(frame: Frame, mask: BoolArray) -> FloatArray:

@@ -8,7 +8,7 @@ the prediction is cut alike. No planes are searched for and no pixel is given to
 measures, so the measurement does not lean on the prediction.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -60,6 +60,11 @@ class Comparison:
     """What they were measured in."""
 
 
+def never(_: Agreement) -> bool:
+    """No agreement is too little."""
+    return False
+
+
 class RenderComparer:
     """Compares frames of one camera with one target; what never changes is built once."""
 
@@ -107,6 +112,7 @@ class RenderComparer:
             self._coarser[stride] = RenderComparer(
                 self._target, self.camera, self._noise, stride, self._modalities
             )
+            self._coarser[stride]._surroundings = self._surroundings
             self._coarser[stride].unseen = self._unseen
         self._coarser[stride].readout = self.readout
         return self._coarser[stride]
@@ -225,7 +231,11 @@ class RenderComparer:
         return float(np.sqrt(shift + self.lever_m**2 * turn))
 
     def compare(
-        self, depth_m: DepthImage, T_cam_model: FloatArray, pose_covariance: FloatArray
+        self,
+        depth_m: DepthImage,
+        T_cam_model: FloatArray,
+        pose_covariance: FloatArray,
+        is_beaten: Callable[[Agreement], bool] = never,
     ) -> Comparison:
         """Compare a frame with a pose.
 
@@ -233,6 +243,7 @@ class RenderComparer:
             depth_m: (height, width), 0 where nothing returned.
             T_cam_model: (4, 4) predicted.
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
+            is_beaten: whether no face is worth being measured, the frame being explained so.
         """
         rendered = self._view(T_cam_model)
         noise = self._noise_beside_facets(T_cam_model)
@@ -268,7 +279,9 @@ class RenderComparer:
             *(residuals.dropout, noise, self._noise),
             *(ranges, residuals, outline),
         )
-        faces = face_evidence(seen, self._target.rectangles, self._modalities)
+        faces: tuple[FaceEvidence, ...] = ()
+        if not is_beaten(explained):
+            faces = face_evidence(seen, self._target.rectangles, self._modalities)
         return Comparison(T_cam_model, rendered, faces, explained, _labels(seen), seen)
 
 

@@ -67,7 +67,7 @@ def sample_views(mesh: trimesh.Trimesh) -> SampledViews:
     diameter = mesh_diameter(mesh)
     middle = np.asarray(mesh.bounds).mean(axis=0)
     directions = np.asarray(trimesh.creation.icosphere(_SUBDIVISIONS).vertices)
-    R = np.stack([looking_along(direction) for direction in directions])
+    R = looking_along(directions)
     cell = _SPAN_FRACTION * diameter / CELLS
     grid = square_grid(CELLS, cell)
     starts = grid @ R[:, :2] + (middle - diameter * R[:, 2])[:, None]
@@ -136,11 +136,11 @@ def _moved(grid: FloatArray, cells: IntArray) -> FloatArray:
 
 
 def looking_along(direction: FloatArray) -> FloatArray:
-    """(3, 3) rotation whose third row is a unit direction (3,)."""
-    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    """(..., 3, 3) rotations whose third rows are unit directions (..., 3)."""
+    other = np.eye(3)[np.argmin(np.abs(direction), axis=-1)]
     x = np.cross(other, direction)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(direction, x), direction])
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(direction, x), direction], axis=-2)
 
 
 def square_grid(size: int, cell_m: float) -> FloatArray:

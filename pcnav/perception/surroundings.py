@@ -6,7 +6,7 @@ the image cuts, is a wall, a table, an arm: a target may stand before it or touc
 seen of it says nothing against a pose. Lone returns whose neighbours lie elsewhere are false ones.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -48,6 +48,15 @@ class Surroundings:
     """(n + 1,) pixels of each."""
     diameter_m: float
     """Of the target."""
+
+    def strided(self, stride: int) -> "Surroundings":
+        """The same on every so many pixels: what is one part or several, large or cut, is told
+        better on all of them."""
+        if stride == 1:
+            return self
+        labels = self.labels[::stride, ::stride]
+        sizes = np.bincount(labels.ravel(), minlength=len(self.sizes))
+        return replace(self, labels=labels, sizes=sizes)
 
     @property
     def candidates(self) -> BoolArray:
@@ -106,20 +115,22 @@ class SurroundingsFinder:
 
     def __init__(self, diameter_m: float) -> None:
         self._diameter_m = diameter_m
-        self._last: tuple[DepthImage, Surroundings | None] | None = None
+        self._last: tuple[DepthImage, dict[int, Surroundings | None]] | None = None
 
     def of(
         self, depth_m: DepthImage, camera: PinholeCamera, sigma_m: float, stride: int = 1
     ) -> Surroundings | None:
-        """See `surroundings_of`; of every so many pixels only.
+        """See `surroundings_of`; of all pixels, then on every so many of them.
 
         Asked several times for one and the same array, it looks once.
         """
         if self._last is None or self._last[0] is not depth_m:
-            part = depth_m[::stride, ::stride]
-            found = surroundings_of(part, camera.strided(stride), self._diameter_m, sigma_m)
-            self._last = depth_m, found
-        return self._last[1]
+            whole = surroundings_of(depth_m, camera, self._diameter_m, sigma_m)
+            self._last = depth_m, {1: whole}
+        found = self._last[1]
+        if stride not in found:
+            found[stride] = None if found[1] is None else found[1].strided(stride)
+        return found[stride]
 
 
 def _extent(depth_m: DepthImage, returned: BoolArray, camera: PinholeCamera) -> float:

@@ -39,8 +39,6 @@ _SHIFTS = tuple(
 _NEAR_SHIFTS = _SHIFTS[:5]
 _SHIFTS_MATCHED = 4
 _MIN_COMMON_CELLS = 6
-_ENOUGH_SHARE = 0.4
-"""Of the cells that a typical view covers, for a part of a frame to count in full."""
 _MAX_MATCHES = 60
 _MAX_ALIGNED = 12
 
@@ -73,7 +71,7 @@ class PartLayout:
         # A patch much smaller than the target fits anywhere on it.
         typical = float(np.median(self._views.templates.covered.sum(axis=1)))
         share = float(self._padded.covered.sum(axis=(1, 2)).max()) / max(typical, 1.0)
-        return score * float(min(share / _ENOUGH_SHARE, 1.0) ** 0.5)
+        return score * float(min(share, 1.0) ** 0.5)
 
     def match(self) -> float:
         """Compare with all views and keep the best; how well that fits.

@@ -16,11 +16,12 @@ _APART_FRACTION = 0.1
 """Parts of one plane further apart than this share of the diameter are two."""
 
 
-def flat_extent(mesh: trimesh.Trimesh, tolerance_fraction: float = 0.02) -> float:
+def flat_extent(mesh: trimesh.Trimesh, tolerance_fraction: float = 0.04) -> float:
     """How far the largest flat part of a mesh extends, m.
 
     Flat is what lies within a share of the diameter of a plane that touches the mesh, so a curved
-    surface has flat parts, too: as far as a noisy image of it looks flat.
+    surface has flat parts, too: as far as a noisy image of it looks flat. A plane that is fitted to
+    an image lies between such surfaces: half of that share from them.
     """
     diameter = mesh_diameter(mesh)
     samples, faces = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)

@@ -52,7 +52,7 @@ def test_a_frame_of_the_target_alone_is_one_region_itself(
 ) -> None:
     rng = np.random.default_rng(0)
     for seed in range(6):
-        frame, _ = shoot(boxsat.mesh, random_pose(rng), SIGMA, seed)
+        frame, _ = shoot(boxsat.mesh, random_pose(rng, 30.0, 35.0), SIGMA, seed)
         search = candidate_regions(frame, boxsat, SIGMA)
         (region,) = search.regions
         assert region.frame is frame
@@ -116,6 +116,25 @@ def test_false_returns_all_over_the_image_leave_the_target_one_region(
         assert overlap(search, shown) > 0.7
 
 
+def test_an_arm_before_the_target_is_another_region_though_both_span_no_more_than_it(
+    boxsat: Target, shoot: Shoot
+) -> None:
+    T = make_transform(np.eye(3), np.array([0.0, 0.0, 40.0]))
+    frame, clean = shoot(boxsat.mesh, T, SIGMA)
+    depth = frame.depth_m.copy()
+    rows, columns = np.nonzero(depth > 0.0)
+    middle = int(np.median(columns))
+    arm = np.zeros_like(depth, dtype=np.bool_)
+    arm[: int(np.median(rows)), middle - 6 : middle + 6] = True
+    depth[arm] = 36.0
+    search = candidate_regions(replace(frame, depth_m=depth), boxsat, SIGMA)
+    assert search.is_small
+    assert not any(region.is_whole for region in search.regions)
+    # Nor can it be ruled out that all of it is the target's.
+    assert search.regions[0].frame.depth_m is depth
+    assert overlap(search, (clean.depth_m > 0.0) & ~arm) > 0.9
+
+
 def test_an_empty_frame_has_no_regions(boxsat: Target, camera: PinholeCamera) -> None:
     frame = Frame(0, 0.0, np.zeros((256, 256), dtype=np.float32), camera, np.eye(4))
     search = candidate_regions(frame, boxsat, SIGMA)
@@ -126,8 +145,12 @@ def test_an_empty_frame_has_no_regions(boxsat: Target, camera: PinholeCamera) ->
 def test_flat_extents() -> None:
     box = trimesh.creation.box([1.0, 2.0, 3.0])
     assert flat_extent(box) == pytest.approx(np.hypot(2.0, 3.0), rel=1e-6)
-    # A sphere of radius 1 lies within 2 % of its bounding box's diagonal of a plane over a cap.
-    cap = 2.0 * np.sqrt(2.0 * 0.02 * np.sqrt(12.0))
+    # A plane that is fitted between two plates lies within 2 % of the diameter of both.
+    low, high = trimesh.creation.box([1.0, 1.0, 0.01]), trimesh.creation.box([1.0, 1.0, 0.01])
+    high.apply_translation([1.0, 0.0, 0.07])
+    assert flat_extent(trimesh.util.concatenate(low, high)) == pytest.approx(2.2, abs=0.1)
+    # A sphere of radius 1 lies within 4 % of its bounding box's diagonal of a plane over a cap.
+    cap = 2.0 * np.sqrt(2.0 * 0.04 * np.sqrt(12.0))
     assert 0.4 * cap < flat_extent(trimesh.creation.icosphere(4)) < 1.1 * cap
 
 

@@ -82,6 +82,21 @@ def test_a_frame_is_looked_at_once() -> None:
     assert finder.of(target_alone(), CAMERA, SIGMA_M) is None
 
 
+def test_a_coarse_grid_has_the_parts_of_the_whole_image() -> None:
+    # On every fourth pixel a gap of two between the halves of a target is none.
+    frame = np.zeros((SIZE, SIZE), dtype=np.float32)
+    frame[12:20, 30:], frame[22:30, 20:37], frame[:34, 4:8] = 5.0, 5.0, 4.0
+    finder = SurroundingsFinder(2.0 * DIAMETER_M)
+    whole, coarse = finder.of(frame, CAMERA, SIGMA_M), finder.of(frame, CAMERA, SIGMA_M, 4)
+    assert whole is not None
+    assert coarse is not None
+    np.testing.assert_array_equal(coarse.labels, whole.labels[::4, ::4])
+    np.testing.assert_array_equal(coarse.candidates, whole.candidates[::4, ::4])
+    assert coarse.sizes.sum() == coarse.labels.size
+    strided = CAMERA.strided(4)
+    assert surroundings_of(frame[::4, ::4], strided, 2.0 * DIAMETER_M, SIGMA_M) is None
+
+
 def test_an_arm_from_the_border_is_told_from_the_target_though_both_are_small() -> None:
     frame = target_alone()
     frame[18:22, 24:] = 4.0

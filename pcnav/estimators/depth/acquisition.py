@@ -126,8 +126,7 @@ class Acquisition:
         hypotheses, waiting = told or self._hypotheses(frame)
         if hypotheses:
             self._frames[frame.time_s] = frame
-        if not self._among_others and not self._reader.shows_target_alone(frame):
-            self._among_others = True
+        self._among_others = self._among_others or self._reader.is_among_others(frame)
         prior_odds = -SEARCHED if self._among_others else 0.0
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses, prior_odds)
         # A motion of few observations may have left out many frames between them.

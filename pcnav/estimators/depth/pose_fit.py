@@ -1,7 +1,7 @@
 """The pose that fits one frame: compared with its rendered view, moved, compared again."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.modality import Evidence
-from pcnav.perception.render_compare import Comparison, RenderComparer
+from pcnav.perception.render_compare import Comparison, RenderComparer, never
 
 _MAX_PASSES = 8
 _STEP_ERROR = 0.1
@@ -57,6 +57,7 @@ def fit_pose(
     *,
     spread: FloatArray | None = None,
     goes_on: Callable[[FloatArray], bool] = lambda _: True,
+    is_beaten: Callable[[Agreement], bool] = never,
 ) -> SingleFramePose | None:
     """Fit a pose to a frame, starting from a guess; None when nothing of the guess is seen.
 
@@ -67,15 +68,17 @@ def fit_pose(
         comparer: of the target and the camera.
         spread: (6, 6) how far the guess may really be off, where that is less than its prior.
         goes_on: whether a pose (4, 4) that a pass came to is worth another pass.
+        is_beaten: whether a pose that explains a frame so, after a first pass, is given up.
     """
     prior = np.asarray(np.linalg.inv(covariance))
     guess, pose = T_cam_model, T_cam_model
     spread = covariance if spread is None else spread
     fit: SingleFramePose | None = None
-    for _ in range(_MAX_PASSES):
-        comparison = comparer.compare(depth_m, pose, spread)
+    for k in range(_MAX_PASSES):
+        # What is doubted more explains more: a pose that is beaten now will be later.
+        comparison = comparer.compare(depth_m, pose, spread, is_beaten if k else never)
         if not comparison.faces:
-            return fit
+            return None if fit is None else replace(fit, agreement=comparison.agreement)
         faces = agreeing(comparison.faces, spread, comparer.lever_m)
         seen = Evidence.together((face.joint for face in faces), comparer.noise.n_shared).of_pose
         information = prior + seen.information

@@ -210,6 +210,12 @@ def compared_poses(
         comparer = comparer.with_noise(sigma_m)
     rough = comparer.coarse(frame.depth_m, hypotheses[0])
     sd = doubt * np.repeat([_HYPOTHESIS_SD_FRACTION * reader.diameter_m, _HYPOTHESIS_SD_RAD], 3)
+    # What is known beats others as they beat each other: as the coarse grid has it.
+    best = [
+        fit_pose(frame.depth_m, pose.T_cam_model, np.diag(sd**2), rough, spread=pose.covariance)
+        for pose in known[:1]
+    ]
+    beating = [pose.agreement for pose in best if pose is not None]
     coarse: list[SingleFramePose] = []
 
     def is_another(T_cam_model: FloatArray) -> bool:
@@ -217,41 +223,38 @@ def compared_poses(
         moved = (reader.moved_px(T_cam_model, other.T_cam_model, frame) for other in others)
         return all(px > _SAME_PX for px in moved)
 
+    def is_beaten(agreement: Agreement) -> bool:
+        return _is_beaten(agreement, beating)
+
     for T_cam_model in hypotheses:
-        fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), rough, goes_on=is_another)
+        fit = fit_pose(
+            *(frame.depth_m, T_cam_model, np.diag(sd**2), rough),
+            goes_on=is_another,
+            is_beaten=is_beaten,
+        )
         if fit is None:
             # Of a small target the coarse grid leaves nothing to compare.
             fit = fit_pose(frame.depth_m, T_cam_model, np.diag(sd**2), comparer)
         if fit is not None and is_another(fit.T_cam_model):
             coarse.append(fit)
-    if not coarse:
-        return []
-    # What is known beats others as they beat each other: as the coarse grid has it.
-    best = [
-        fit_pose(frame.depth_m, pose.T_cam_model, np.diag(sd**2), rough, spread=pose.covariance)
-        for pose in known[:1]
-    ]
-    beating = [pose for pose in best if pose is not None]
+            beating.append(fit.agreement)
     # The frame is used once: the coarse pass says where to start, not what is known.
     found = (
         fit_pose(frame.depth_m, at.T_cam_model, np.diag(sd**2), comparer, spread=at.covariance)
-        for at in _not_beaten(coarse, [*coarse, *beating])
+        for at in coarse
+        if not is_beaten(at.agreement)
     )
     return [pose for pose in found if pose is not None]
 
 
-def _not_beaten(
-    fits: Sequence[SingleFramePose], others: Sequence[SingleFramePose]
-) -> list[SingleFramePose]:
-    """The fits that do not explain clearly fewer pixels than the best of others, one at least."""
-    best = max((fit.agreement for fit in others), key=lambda agreement: agreement.support)
-
-    def is_near(agreement: Agreement) -> bool:
-        # Counts vary by their roots.
-        slack = _BEATEN_SD * float(np.sqrt(agreement.conflict + best.conflict)) + _BEATEN_SD
-        return best.support - agreement.support <= slack
-
-    return [fit for fit in fits if is_near(fit.agreement)]
+def _is_beaten(agreement: Agreement, others: Sequence[Agreement]) -> bool:
+    """Whether a pose explains clearly fewer pixels of a frame than the best of others."""
+    if not others:
+        return False
+    best = max(others, key=lambda other: other.support)
+    # Counts vary by their roots.
+    slack = _BEATEN_SD * float(np.sqrt(agreement.conflict + best.conflict)) + _BEATEN_SD
+    return best.support - agreement.support > slack
 
 
 def refine_pose(

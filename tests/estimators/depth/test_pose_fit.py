@@ -13,6 +13,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.depth.pose_fit import SingleFramePose, agreeing, fit_pose, step_doubt
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
+from pcnav.perception.agreement import Agreement
 from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.simulation.noise import add_sensor_faults
@@ -113,6 +114,27 @@ def test_nothing_seen_gives_no_pose(target: Target, comparer: RenderComparer) ->
     away = truth.copy()
     away[0, 3] += 100.0
     assert fit_pose(frame_at(target, truth), away, WIDE, comparer) is None
+
+
+def test_a_beaten_pose_is_given_up_after_a_pass_and_says_what_it_explains(
+    target: Target, comparer: RenderComparer
+) -> None:
+    truth = random_pose(np.random.default_rng(5))
+    frame = frame_at(target, truth)
+    off = moved_pose(truth, np.array([0.1, -0.1, 0.1, 0.02, -0.02, 0.02]))
+    asked: list[Agreement] = []
+
+    def is_beaten(agreement: Agreement) -> bool:
+        asked.append(agreement)
+        return True
+
+    fit = fit_pose(frame, off, WIDE, comparer, is_beaten=is_beaten)
+    assert fit is not None
+    first = fit_pose(frame, off, WIDE, comparer, goes_on=lambda _: False)
+    assert first is not None
+    np.testing.assert_array_equal(fit.T_cam_model, first.T_cam_model)
+    assert asked == [fit.agreement]
+    assert fit.agreement.agree > first.agreement.agree
 
 
 def test_the_guess_is_a_prior(target: Target, comparer: RenderComparer) -> None:
