@@ -22,10 +22,11 @@ from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import make_estimator
 from pcnav.evaluation.diagnosis import CLAIMED, Diagnosis, Facts, diagnosis
 from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
-from pcnav.evaluation.mesh_fit import MeshFit, PartFit, mesh_fit_csv, sentences
+from pcnav.evaluation.mesh_fit import mesh_fit_csv, sentences
 from pcnav.evaluation.metrics import Metrics, evaluate
 from pcnav.evaluation.observability.sources import tables_of_run
 from pcnav.evaluation.size_check import view_spans
+from pcnav.perception.part_fit import MeshFit, PartFit
 from pcnav.recordings.first_pose import prior_of
 from pcnav.recordings.frame_survey import FrameSurvey, FrameSurveyor
 from pcnav.recordings.images import ImageSequence

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picked
 from pcnav.perception.contour import ContourRuns, contour_runs
 from pcnav.perception.edge_conflicts import KnownError
 from pcnav.perception.mesh_edges import MeshEdges
@@ -149,6 +149,8 @@ class SeenFrame:
     residuals: "RangeResiduals"
     outline: OutlineFrame | None = None
     """The frame as the outline is read in it, where it holds more than the target."""
+    measured: BoolArray | None = None
+    """(n_faces,) triangles of the mesh that say something of the pose; None for all."""
 
     @property
     def is_beside_others(self) -> bool:
@@ -162,10 +164,11 @@ class SeenFrame:
         if self.outline is not None:
             depth_m, unknown = self.outline.depth_m, self.outline.unknown
         dropout = min(self.dropout, _MAX_DROPOUT)
-        return contour_runs(
+        runs = contour_runs(
             *(self.edges, depth_m, self.rendered, self.doubt, dropout, self.noise, unknown),
             self._without_outline,
         )
+        return runs if self.measured is None else picked(runs, self.measured[runs.triangle])
 
     @property
     def _without_outline(self) -> KnownError:

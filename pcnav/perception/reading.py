@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
-from pcnav.core.arrays import FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
@@ -110,6 +110,7 @@ class FrameReader:
         self._searched: tuple[Frame, RegionSearch] | None = None
         self._views: SampledViews | None = None
         self._readout: Readout | None = None
+        self._measured: BoolArray | None = None
         self.row_readout_s = 0.0
         """Time from the exposure of the first row of a frame to that of the last."""
 
@@ -135,7 +136,12 @@ class FrameReader:
 
     def rescale(self, factor: float) -> None:
         """Look from now on for a target that is larger by a factor than it was taken for."""
-        self._target = self._target.scaled(factor)
+        self.look_for(self._target.scaled(factor), self._measured)
+
+    def look_for(self, target: Target, measured: BoolArray | None) -> None:
+        """Look from now on for a target that has turned out to be so, and measure a pose by those
+        of its triangles (n_faces,) that are ``measured``; None for all."""
+        self._target, self._measured = target, measured
         self._comparers.clear()
         self._predictor = self._views = self._searched = None
         self._surroundings = SurroundingsFinder(self._target.diameter_m)
@@ -285,7 +291,9 @@ class FrameReader:
             if len(self._comparers) >= _MAX_COMPARERS:
                 self._comparers.clear()
             self._comparers[frame.camera] = RenderComparer(
-                *(self._target, frame.camera, self._noise), modalities=self._settings.modalities
+                *(self._target, frame.camera, self._noise),
+                modalities=self._settings.modalities,
+                measured=self._measured,
             )
         comparer = self._comparers[frame.camera]
         comparer.unseen = frame.unseen

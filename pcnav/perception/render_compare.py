@@ -75,11 +75,13 @@ class RenderComparer:
         noise: SensorNoise | float,
         stride: int = 1,
         modalities: Sequence[ModalityName] = MODALITIES_BY_DEFAULT,
+        measured: BoolArray | None = None,
     ) -> None:
         """``stride`` compares on every so many pixels of the frames of ``camera`` only, by
-        ``modalities``; ``noise`` that is a number is white and of that deviation, m."""
+        ``modalities``; ``noise`` that is a number is white and of that deviation, m. Triangles
+        (n_faces,) that are not ``measured`` are seen, but say nothing of the pose."""
         self.camera, self._modalities = camera, tuple(modalities)
-        self._target, self._stride = target, stride
+        self._target, self._stride, self._measured = target, stride, measured
         self._noise, self._coarser = SensorNoise.of(noise), dict[int, RenderComparer]()
         self._renderer = DepthRenderer(target.mesh, camera.strided(stride))
         self._edges = mesh_edges(target.mesh)
@@ -110,7 +112,8 @@ class RenderComparer:
             return self
         if stride not in self._coarser:
             self._coarser[stride] = RenderComparer(
-                self._target, self.camera, self._noise, stride, self._modalities
+                *(self._target, self.camera, self._noise, stride, self._modalities),
+                self._measured,
             )
             self._coarser[stride]._surroundings = self._surroundings
             self._coarser[stride].unseen = self._unseen
@@ -273,11 +276,17 @@ class RenderComparer:
             # Lone returns are false ones: where they are, one is lost.
             is_thing = surroundings.labels[rendered.window][pixels.inside] > 0
             residuals = replace(residuals, returned=is_thing)
+        if self._measured is not None:
+            agrees = residuals.agrees & self._measured[pixels.triangle]
+            residuals = replace(residuals, agrees=agrees)
         ranges = range_fits(residuals, noise)
         seen = SeenFrame(
             *(depth_m, rendered, doubt, self._edges, self._face_of_triangle),
             *(residuals.dropout, noise, self._noise),
-            *(ranges, residuals, outline),
+            ranges=ranges,
+            residuals=residuals,
+            outline=outline,
+            measured=self._measured,
         )
         faces: tuple[FaceEvidence, ...] = ()
         if not is_beaten(explained):

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from pcnav.evaluation.information_gain import InformationGain
-from pcnav.evaluation.mesh_fit import PartFit
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable
+from pcnav.perception.part_fit import PartFit
 from pcnav.runs.run import Run
 
 

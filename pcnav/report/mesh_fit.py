@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pcnav.evaluation.mesh_fit import PartFit
 from pcnav.files.text_table import MISSING, TextTable, number
+from pcnav.perception.part_fit import PartFit
 from pcnav.report.content import ReportContent
 from pcnav.report.page import Piece
 

@@ -43,6 +43,8 @@ class Parts:
     each: tuple[Part, ...]
     of_triangle: IntArray
     """(n_faces,) place of the part that a triangle belongs to."""
+    of_rectangle: IntArray
+    """(n_rectangles,) that a face of the catalogue is on, -1 for none."""
 
 
 def has_several_bodies(mesh: trimesh.Trimesh) -> bool:
@@ -82,7 +84,11 @@ def parts_of(target: Target) -> Parts:
         # What was small and only lies near has no say in its name.
         on = np.unique(faces[(body == k) & (faces >= 0)])
         parts.append(_part(mesh, members, [target.rectangles[face].name for face in on], k + 1))
-    return Parts(tuple(parts), of_triangle)
+    # What stands on a face has its own foot in it.
+    on_face = np.zeros((len(target.rectangles), len(large)))
+    np.add.at(on_face, (faces[faces >= 0], of_triangle[faces >= 0]), mesh.area_faces[faces >= 0])
+    of_rectangle = np.where(on_face.any(axis=1), np.argmax(on_face, axis=1), -1)
+    return Parts(tuple(parts), of_triangle, of_rectangle)
 
 
 def _bodies(mesh: trimesh.Trimesh) -> IntArray:

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform
-from pcnav.evaluation.mesh_fit import MeshFit, PartFit, PartVerdict, mesh_fit_csv, sentences
+from pcnav.evaluation.mesh_fit import mesh_fit_csv, sentences
+from pcnav.perception.part_fit import MeshFit, PartFit, PartVerdict
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import Frame
 from pcnav.target.parts import has_several_bodies

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.initial_arc import Timed, condensed
 from pcnav.estimators.depth.pose_fit import agreeing
 from pcnav.estimators.depth.pose_measurement import ObserverPose
@@ -48,10 +49,17 @@ class RecentFrames:
         """Whether any was measured under a noise that differs clearly from what is known now."""
         return any(is_outdated(view, self._reader.noise) for view, _ in self._frames)
 
+    @property
+    def compared(self) -> tuple[list[FrameView], list[FloatArray]]:
+        """The frames, and the poses (4, 4) that they were compared with."""
+        views = [view for view, _ in self._frames]
+        return views, [view.comparison.T_cam_model for view in views if view.comparison is not None]
+
     def measured_again(self) -> list[Timed]:
         """All of them under the noise as it is known now, as `condensed` has them."""
         again = [(measured_again(self._reader, *each), each[1]) for each in self._frames]
-        self._frames.extend(again)
+        # In their place: an arc that is shorter than what is kept would hold its frames twice.
+        self._frames = deque(again, maxlen=_MAX_FRAMES)
         return [
             condensed(TimedMeasurements(view.frame.time_s, view.measurements)) for view, _ in again
         ]

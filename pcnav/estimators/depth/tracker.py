@@ -28,6 +28,7 @@ from pcnav.estimators.depth.measuring import (
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
 from pcnav.estimators.depth.noise_learning import NoiseLearner
+from pcnav.estimators.depth.part_learning import PartLearner
 from pcnav.estimators.depth.pose_measurement import ObserverPose, twist_between
 from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.repeats import Repeats
@@ -90,6 +91,7 @@ class Tracker(Estimator):
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._reader.row_readout_s = info.row_readout_s
         self._scale = ScaleLearner(target, self._reader, perception.mesh_scale_sd)
+        self._parts = PartLearner(target, self._reader)
         self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
@@ -120,6 +122,11 @@ class Tracker(Estimator):
     def mesh_scale(self) -> float:
         """By which the target is taken to be larger than its mesh."""
         return self._scale.factor
+
+    @property
+    def changed_parts(self) -> tuple[str, ...]:
+        """Names of the parts that are not as in the mesh: no pose is measured by them."""
+        return self._parts.found
 
     @property
     def search_report(self) -> SearchReport | None:
@@ -268,11 +275,19 @@ class Tracker(Estimator):
     def _learn(
         self, track: Track, observer: ObserverPose, view: FrameView, result: UpdateResult
     ) -> None:
-        """Learn the sensor's noise from a frame that was taken in."""
-        self._noise.learn(view, result.accepted, pose_of(track.motion.kalman, observer))
+        """Learn of the sensor's noise and of the target from a frame that was taken in."""
+        pose = pose_of(track.motion.kalman, observer)
+        self._noise.learn(view, result.accepted, pose)
         track.recent.add(view, observer)
-        rescaled = self._scale.learn(view, result.accepted)
-        if rescaled or track.recent.are_outdated:
+        is_other = self._scale.learn(view, result.accepted)
+        judges = self._refined and not track.open_question
+        if judges and self._parts.learn(view, pose, self._scale.factor):
+            # What did not fit was taken for noise.
+            self._noise.start_again()
+            track.recent.measured_again()
+            self._noise.learn_start(*track.recent.compared, again=False)
+            is_other = True
+        if is_other or track.recent.are_outdated:
             track.motion.take_in_again(track.recent.measured_again())
 
     def _go_on(
@@ -358,6 +373,7 @@ class Tracker(Estimator):
         belief = self._belief
         if track.was_wrong:
             self._noise.start_again()
+            self._parts.start_again(self._scale.factor)
         if was_right and not track.symmetric:
             belief = track.motion.learnt_mass or belief
         self._track = None
