@@ -300,15 +300,27 @@ class FrameReader:
         comparer.readout = self._readout
         return comparer
 
-    def compare(
+    def is_doubted(
         self, frame: Frame, T_cam_model: FloatArray, pose_covariance: FloatArray
+    ) -> bool:
+        """Whether a pose may be off by pixels."""
+        doubt_px = self.comparer(frame).doubt_px(T_cam_model, pose_covariance)
+        return doubt_px > _MAX_DOUBT_PX
+
+    def compare(
+        self,
+        frame: Frame,
+        T_cam_model: FloatArray,
+        pose_covariance: FloatArray,
+        *,
+        fine: bool = False,
     ) -> Comparison:
         """A frame against the view from a predicted pose, see `RenderComparer.compare`.
 
-        On the coarse grid where the pose is off by pixels.
+        On the coarse grid where the pose is off by pixels, unless all of them are asked for.
         """
         comparer = self.comparer(frame)
-        if comparer.doubt_px(T_cam_model, pose_covariance) > _MAX_DOUBT_PX:
+        if not fine and self.is_doubted(frame, T_cam_model, pose_covariance):
             comparer = comparer.coarse(frame.depth_m, T_cam_model)
         return comparer.compare(frame.depth_m, T_cam_model, pose_covariance)
 

@@ -86,3 +86,10 @@ def test_cases_come_with_and_without_a_first_pose() -> None:
     run = abroad.run_abroad("wall", True, 1, frames=2)
     assert run.name == "wall, first pose" and run.beside == "clean, first pose"
     assert len(run.run) == 2
+
+
+def test_a_jolt_that_leaves_a_direction_open_does_not_stop_the_claims() -> None:
+    """Edges that tell of the direction are too short for the coarse grid on which the target is
+    found again."""
+    run = abroad.run_abroad("impulse", False, 405, frames=40)
+    assert run.run.claims[2:].all() and not run.wrong.any()

@@ -41,6 +41,8 @@ _MIN_INLIER_RATIO = 0.4
 """Of the view at a prediction, as far as nothing stands before it, for the frame to be used."""
 _STILL_PX = 0.1
 """An update that moves no point of the target further than this is final."""
+_NEARLY_STILL_PX = 0.5
+"""So is one by less than this as far as the coarse grid goes."""
 _SHARP_PX = 0.7
 """A prediction that is off by less than this settles which face a pixel shows."""
 _CHECK_PROBABILITY = 0.9999
@@ -110,15 +112,23 @@ class FrameUpdate:
         reader, frame, kalman, observer = self.reader, self.frame, self.kalman, self.observer
         prior, predicted = kalman.snapshot(), predicted_pose(kalman, observer)
         pose, spread = self.start or predicted
+        coarse_is_done = False
         for _ in range(_COMPARISON_PASSES):
-            comparison = self._consistent(reader.compare(frame, pose, spread), spread)
+            fine = coarse_is_done or not reader.is_doubted(frame, pose, spread)
+            comparison = reader.compare(frame, pose, spread, fine=fine)
+            comparison = self._consistent(comparison, spread)
             view = view_of_comparison(frame, comparison, 0.5 * reader.diameter_m, observer)
             result = kalman.update(view.measurements, view.shared)
             if not any(result.accepted):
                 break
             before, (pose, spread) = pose, self._pose_after(predicted, view, result)
-            if reader.moved_px(before, pose, frame) < _STILL_PX:
+            moved_px = reader.moved_px(before, pose, frame)
+            # Short edges that alone tell of a direction show on no coarse grid. Among other things
+            # an edge that may be so far off is rather another one.
+            is_alone = comparison.seen.outline is None
+            if moved_px < _STILL_PX and (fine or not is_alone):
                 break
+            coarse_is_done |= is_alone and moved_px < _NEARLY_STILL_PX
             spread = spread + step_doubt(pose_error(before, pose))
             after = kalman.snapshot()
             kalman.restore(prior)
