@@ -7,7 +7,7 @@ from functools import reduce
 import numpy as np
 
 from pcnav.config.depth import ModalityName
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.perception.correlated_ranges import face_field, range_evidence
 from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
 from pcnav.perception.sensor_noise import SensorNoise
@@ -19,7 +19,7 @@ _WITHOUT_RANGES = -2
 """Asks for the outline of all faces that have no ranges."""
 _NOWHERE = -3
 _MIN_PIXELS = 12
-"""Fewer pixels of a face are not used."""
+"""Fewer pixels of a face are not used by themselves."""
 _MISFIT_SD = 3.0
 """Residuals this much above the noise's own spread are no chance: the face is not as modelled."""
 
@@ -99,6 +99,23 @@ def face_evidence(
         if rest.information.any():
             faces.append(FaceEvidence(None, *rest.of_pose, 0, float("nan"), rest))
     return tuple(faces)
+
+
+def pooled_faces(
+    face_of_triangle: IntArray, residuals: RangeResiduals, few_pixels: int
+) -> IntArray:
+    """The place in the catalogue of each triangle, where the faces of which little is seen are one
+    surface if no more than few pixels of the whole view agree: of a far target no face has enough
+    by itself."""
+    shown = residuals.face[residuals.agrees]
+    if len(shown) > few_pixels:
+        return face_of_triangle
+    faces, counts = np.unique(shown, return_counts=True)
+    order = np.argsort(counts, kind="stable")
+    before = np.cumsum(counts[order]) - counts[order]
+    # As many faces as together are enough, the smallest first.
+    own = (counts[order] >= _MIN_PIXELS) & (before >= _MIN_PIXELS)
+    return np.where(np.isin(face_of_triangle, faces[order][own]), face_of_triangle, NO_FACE)
 
 
 def range_fits(seen: RangeResiduals, noise: SensorNoise) -> dict[int, RangeFit]:

@@ -20,14 +20,14 @@ from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.agreement import Agreement, judged
 from pcnav.perception.contour import contour_reach
-from pcnav.perception.face_evidence import FaceEvidence, face_evidence, range_fits
+from pcnav.perception.face_evidence import FaceEvidence, face_evidence, pooled_faces, range_fits
 from pcnav.perception.mesh_edges import mesh_edges
 from pcnav.perception.modality import SeenFrame
 from pcnav.perception.outline_frame import outline_frame
 from pcnav.perception.pose_doubt import GATE_SIGMA, PoseDoubt
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.sensor_noise import SensorNoise
-from pcnav.perception.surface_pixels import surface_pixels
+from pcnav.perception.surface_pixels import FEW_PIXELS, surface_pixels
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
 from pcnav.target.parts import has_several_bodies
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
@@ -261,8 +261,12 @@ class RenderComparer:
         # facets are small, hardly a pixel of a coarse grid would be left.
         doubted_m = float(np.hypot(typical_m, self._doubt_m(without_turns, pose_covariance)))
         doubt_px = self.doubt_px(T_cam_model, pose_covariance)
-        pixels = surface_pixels(rendered, doubted_m, doubt_px, noise)
+        # A coarse grid is made of more.
+        few_pixels = FEW_PIXELS if self._stride == 1 else 0
+        pixels = surface_pixels(rendered, doubted_m, doubt_px, noise, few_pixels)
         residuals = pixels.residuals(depth_m, rendered, doubt, noise, self._face_of_triangle)
+        face_of_triangle = pooled_faces(self._face_of_triangle, residuals, few_pixels)
+        residuals = replace(residuals, face=face_of_triangle[pixels.triangle])
         variance = residuals.pose_variance_m2
         typical = float(np.median(variance)) if len(variance) else 0.0
         tolerance = GATE_SIGMA * float(np.sqrt(total_m**2 + typical))
@@ -281,7 +285,7 @@ class RenderComparer:
             residuals = replace(residuals, agrees=agrees)
         ranges = range_fits(residuals, noise)
         seen = SeenFrame(
-            *(depth_m, rendered, doubt, self._edges, self._face_of_triangle),
+            *(depth_m, rendered, doubt, self._edges, face_of_triangle),
             *(residuals.dropout, noise, self._noise),
             ranges=ranges,
             residuals=residuals,

@@ -25,6 +25,10 @@ _WHOLE_SHARE, _MIN_WHOLE = 0.5, 300
 """While it is not known what a pixel sees, those beside an edge are left out of a view of which
 this share and so many pixels remain."""
 
+FEW_PIXELS = 250
+"""Of a view that covers no more, on the sensor's own grid, those beside creases take part as well:
+hardly any others are left. Where they show the neighbour's face, gates tell."""
+
 
 @dataclass(frozen=True)
 class SurfacePixels:
@@ -84,7 +88,11 @@ def _offset_of_frame(residual_m: FloatArray, variance_m2: FloatArray, sd_m: floa
 
 
 def surface_pixels(
-    rendered: RenderedDepth, sigma_m: float, doubt_px: float, noise: SensorNoise
+    rendered: RenderedDepth,
+    sigma_m: float,
+    doubt_px: float,
+    noise: SensorNoise,
+    few_pixels: int = FEW_PIXELS,
 ) -> SurfacePixels:
     """Those of a view.
 
@@ -93,13 +101,16 @@ def surface_pixels(
         sigma_m: deviation of a range, by the noise and by the doubt about the pose.
         doubt_px: how far the view may be displaced.
         noise: of the sensor.
+        few_pixels: of a view that covers no more, all take part.
     """
     # A displaced view shows the neighbour's face in the place of a pixel's own, as far as it is
     # displaced: by that part of the bend its range is then off.
     bend_sigma = min(_SHIFTED_SIGMA / max(doubt_px, 1e-9), _BENT_SIGMA)
-    inside = _away_from_creases(rendered, _CREASE_SIGMA * sigma_m, bend_sigma * sigma_m)
-    if noise.may_have_footprint:
-        inside = _whole(inside, noise)
+    inside = np.asarray(rendered.triangle[rendered.window] >= 0)
+    if np.count_nonzero(inside) > few_pixels:
+        inside = _away_from_creases(rendered, _CREASE_SIGMA * sigma_m, bend_sigma * sigma_m)
+        if noise.may_have_footprint:
+            inside = _whole(inside, noise)
     triangle = rendered.triangle[rendered.window][inside]
     per_depth = range_per_depth(rendered.camera)[rendered.window][inside]
     m = rendered.inverse_depth_planes[triangle]

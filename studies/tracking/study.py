@@ -10,7 +10,7 @@ from ..folder import Study
 from ..tables import verdict
 from ..text import study_of
 from ..work import Work
-from . import abroad, any_shape, blackouts, consistency, faults, starts
+from . import abroad, any_shape, blackouts, consistency, faults, few_returns, starts
 from .blackouts import Phases
 
 RUNS = 100
@@ -22,6 +22,7 @@ _STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD, _RUNS_PE
     50,
     5,
 )
+_RUNS_PER_FEW = 3
 _QUICK_RUNS = 5
 
 
@@ -71,6 +72,12 @@ def study(runs: int, work: Work) -> Study:
     shaped = work.repeat(
         any_shape.run_shape, any_shape.NAME, shapes, max(2, runs // _RUNS_PER_SHAPE), starts.FRAMES
     )
+    few_cases = few_returns.QUICK_CASES if lengths == _QUICK else few_returns.CASES
+    small = work.repeat(
+        few_returns.run_few,
+        *(few_returns.NAME, few_cases),
+        *(max(2, runs // _RUNS_PER_FEW), few_returns.FRAMES),
+    )
     work.run()
     judged = consistency.Judged.of(repeated.results)
     claims = [
@@ -80,6 +87,7 @@ def study(runs: int, work: Work) -> Study:
         *faults.claims(disturbed.by_case),
         *abroad.claims(away.by_case),
         *any_shape.claims(shaped.results),
+        *few_returns.claims(small.results),
     ]
     relocked = [each.relocked for each in dark.results]
     missed = relocked.count(None)
@@ -97,6 +105,7 @@ def study(runs: int, work: Work) -> Study:
             *faults.tables(disturbed.by_case),
             *abroad.tables(away.by_case),
             *any_shape.tables(shaped.by_case),
+            *few_returns.tables(small.by_case),
         ],
         [
             *starts.start_figures(cold.by_case),
@@ -121,6 +130,10 @@ def study(runs: int, work: Work) -> Study:
         shape_right=starts.count(shaped.results, starts.Outcome.RIGHT),
         shape_wrong=starts.count(shaped.results, starts.Outcome.WRONG),
         shape_starts=len(shaped.results),
+        few_started=few_returns.started_of_known(small.results),
+        few_wrong=sum(start.wrong > 0 for start in small.results),
+        few_starts=len(small.results),
+        few=few_returns,
         cut=_CUT if lengths == _QUICK else "",
         start=starts,
         blackout=blackouts,

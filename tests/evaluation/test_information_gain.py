@@ -25,8 +25,8 @@ from pcnav.dynamics.state import (
     NavigationState,
     ratio_covariance,
 )
+from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.evaluation.information_gain import (
     FROM_DATA,
     PRIOR_ONLY,

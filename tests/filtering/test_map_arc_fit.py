@@ -11,8 +11,8 @@ from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
+from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
-from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.filtering.map_arc_fit import TimedMeasurements, fit_arc
 

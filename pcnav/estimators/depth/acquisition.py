@@ -15,6 +15,7 @@ from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.fast_turns import slowest, with_first_rate
 from pcnav.estimators.depth.first_pose import STATED_ODDS, fit_first_pose
+from pcnav.estimators.depth.first_state import first_state
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed
 from pcnav.estimators.depth.mass import MassBelief
@@ -26,7 +27,6 @@ from pcnav.estimators.depth.motion_hypotheses import (
     Decision,
     MotionHypotheses,
     MotionHypothesis,
-    first_state,
 )
 from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_fit import SingleFramePose

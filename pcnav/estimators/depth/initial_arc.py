@@ -4,10 +4,10 @@ import logging
 
 from pcnav.config.depth import FilterTable
 from pcnav.dynamics.state import NavigationState
+from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
-from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.estimators.depth.pose_measurement import PoseMeasurement, joined
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.filtering.least_squares import ArcGrowth

@@ -9,17 +9,6 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
-from pcnav.dynamics.orbit import R_hill_world
-from pcnav.dynamics.state import (
-    COM_MODEL,
-    INERTIA_RATIOS,
-    OMEGA_BODY,
-    R_HILL,
-    STATE_SIZE,
-    THETA_BODY,
-    V_HILL,
-    NavigationState,
-)
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import twist_between
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, NATS_PER_CONFLICT, odds_over
@@ -29,8 +18,10 @@ _MAX_STEP_RAD = 0.5
 """Two frames are linked when the attitude is this near to what the motion so far predicts."""
 _MAX_SHIFT_FRACTION = 0.3
 """... and the model origin this near, over the diameter."""
-_MAX_TURN_CHANGE = 0.5
+MAX_TURN_CHANGE = 0.5
 """Of the last turn, where that is larger: the rate of a tumbling body wanders within one."""
+_REACH_SD = 3.0
+"""Either is so many deviations of what poses err by and a motion changes by."""
 MIN_FRAMES = 3
 """With the target in them, that a motion takes ..."""
 _MIN_FAST_FRAMES = 4
@@ -41,13 +32,11 @@ _STEADY_SHARE = 0.1
 MAX_OBSERVATIONS = 10
 """A motion is followed over so many frames with hypotheses; then the best one is taken."""
 _MAX_LAG = 0.1
-"""An observation whose inlier ratio is so much below that of another of its motion is dropped."""
+"""An observation whose inlier ratio is so much below that of another of its motion is dropped, if
+that is more than chance makes it:"""
+_CHANCE_SD = 3.0
+"""so many deviations of a share of so few pixels."""
 _MAX_MOTIONS, _MAX_FAST_MOTIONS = 24, 96
-_POSITION_SD_M = 1.0
-_VELOCITY_SD_M_S = 1.0
-_ATTITUDE_SD_RAD = 0.5
-_RATE_SD_RAD_S = 0.5
-"""Spread about the first observations: far more than they err, so that it decides nothing."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +69,9 @@ class MotionHypothesis:
     """PoseObservations that one tumbling body can have made, in order of time."""
 
     observations: tuple[PoseObservation, ...]
+    """The last ones."""
+    earlier_odds: float = 0.0
+    """Of those before them."""
 
     @property
     def inlier_ratio(self) -> float:
@@ -89,7 +81,16 @@ class MotionHypothesis:
     @cached_property
     def odds(self) -> float:
         """Logarithm of the odds for the target against anything else that moves so."""
-        return odds_over((s.T_cam_model, s.pose.agreement) for s in self.observations)
+        return self.earlier_odds + _odds(self.observations)
+
+    def followed_by(self, observation: PoseObservation) -> "MotionHypothesis":
+        """With one more; what the oldest said stays in the odds."""
+        observations = _sound((*self.observations, observation))
+        kept = observations[-MAX_OBSERVATIONS:]
+        earlier = self.earlier_odds
+        if len(kept) < len(observations):
+            earlier += _odds(observations) - _odds(kept)
+        return MotionHypothesis(kept, earlier)
 
     @cached_property
     def turns(self) -> FloatArray:
@@ -239,7 +240,8 @@ class MotionHypotheses:
     def _extended(
         self, motion: MotionHypothesis, observations: list[PoseObservation]
     ) -> MotionHypothesis | None:
-        """The motion with the nearest of the likely observations that fit it; None when none do."""
+        """The motion with the likeliest of the observations that fit it, by what explains the frame
+        and by how near the motion leads; None when none do."""
         attitude = motion.predicted_attitude(observations[0].time_s)
         before = motion.observations[-1].p_world_model
         fitting = []
@@ -249,18 +251,12 @@ class MotionHypotheses:
             shift_m = float(np.linalg.norm(observation.p_world_model - before))
             shift = shift_m / (_MAX_SHIFT_FRACTION * self._target.diameter_m)
             if turn <= 1.0 and shift <= 1.0:
-                fitting.append((turn + shift, observation))
+                surprise = 0.5 * _REACH_SD**2 * (turn**2 + shift**2)
+                support = NATS_PER_CONFLICT * observation.pose.agreement.support
+                fitting.append((support - surprise, observation))
         if not fitting:
             return None
-        # A fit that went astray nearby is nearer to what is predicted now and then.
-        support = max(observation.pose.agreement.support for _, observation in fitting)
-        likely = [
-            (distance, observation)
-            for distance, observation in fitting
-            if NATS_PER_CONFLICT * (support - observation.pose.agreement.support) < CLEAR_LEAD
-        ]
-        best = min(likely, key=lambda pair: pair[0])[1]
-        return MotionHypothesis(_sound((*motion.observations, best)[-MAX_OBSERVATIONS:]))
+        return motion.followed_by(max(fitting, key=lambda pair: pair[0])[1])
 
     def _fast(
         self, motion: MotionHypothesis, observations: list[PoseObservation]
@@ -278,14 +274,11 @@ class MotionHypotheses:
                 continue
             for equivalent in self._equivalents(observation):
                 turn = float(rotation_angle(attitude.T @ equivalent.R_world_body))
-                if len(motion.observations) == 1 or turn < _MAX_TURN_CHANGE * last_turn:
+                if len(motion.observations) == 1 or turn < MAX_TURN_CHANGE * last_turn:
                     found.append((turn, equivalent))
         found.sort(key=lambda pair: pair[0])
         chosen = found if len(motion.observations) == 1 else found[:1]
-        return [
-            MotionHypothesis(_sound((*motion.observations, observation)[-MAX_OBSERVATIONS:]))
-            for _, observation in chosen
-        ]
+        return [motion.followed_by(observation) for _, observation in chosen]
 
     def _equivalents(self, observation: PoseObservation) -> list[PoseObservation]:
         """The same in all attitudes that the target's symmetry leaves."""
@@ -302,9 +295,10 @@ class MotionHypotheses:
 
     def _decide(self, prior_odds: float) -> Decision | None:
         ripe = [motion for motion in self._motions if motion.is_ripe]
-        if not ripe or prior_odds + ripe[0].odds < CLEAR_LEAD:
+        clear = [motion for motion in ripe if prior_odds + motion.odds >= CLEAR_LEAD]
+        if not clear:
             return None
-        best = ripe[0]
+        best = _likeliest(clear)
         rivals = [m for m in self._motions if m is not best and _rivals(best, m)]
         undecided = [m for m in rivals if not self._symmetric(best, m)]
         if undecided and len(best.observations) < MAX_OBSERVATIONS:
@@ -321,10 +315,27 @@ class MotionHypotheses:
 def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, ...]:
     """Those that do not explain their frames much worse than the others do.
 
-    A fit that went astray may still be near enough to be linked.
+    A fit that went astray may still be near enough to be linked. Shares of few pixels vary.
     """
-    most = max(observation.pose.inlier_ratio for observation in observations)
-    return tuple(s for s in observations if s.pose.inlier_ratio >= most - _MAX_LAG)
+    ratios = np.array([observation.pose.inlier_ratio for observation in observations])
+    pixels = [s.pose.agreement.agree + s.pose.agreement.conflict for s in observations]
+    by_chance = _CHANCE_SD * np.sqrt(ratios * (1.0 - ratios) / np.maximum(pixels, 1))
+    sound = ratios >= ratios.max() - np.maximum(_MAX_LAG, by_chance)
+    return tuple(s for s, is_sound in zip(observations, sound, strict=True) if is_sound)
+
+
+def _odds(observations: Sequence[PoseObservation]) -> float:
+    return odds_over((s.T_cam_model, s.pose.agreement) for s in observations)
+
+
+def _likeliest(motions: Sequence[MotionHypothesis]) -> MotionHypothesis:
+    """The one that explains most of the frames that it has in common with each other one."""
+    best = motions[0]
+    for other in motions[1:]:
+        frames = min(len(best.observations), len(other.observations))
+        if other.log_weight(frames) > best.log_weight(frames):
+            best = other
+    return best
 
 
 def _rivals(best: MotionHypothesis, other: MotionHypothesis) -> bool:
@@ -334,56 +345,3 @@ def _rivals(best: MotionHypothesis, other: MotionHypothesis) -> bool:
         return False
     frames = min(len(best.observations), len(other.observations))
     return best.log_weight(frames) - other.log_weight(frames) < CLEAR_LEAD
-
-
-def first_state(
-    motion: MotionHypothesis,
-    com_model: FloatArray,
-    inertia_ratios: FloatArray,
-    mean_motion_rad_s: float,
-) -> NavigationState:
-    """State at the first observation: pose from it, rates from the differences of all, if any."""
-    first, last = motion.observations[0], motion.observations[-1]
-    times = np.diff([observation.time_s for observation in motion.observations])
-    rates = motion.turns / times[:, None]
-    r_first, r_last = (
-        _r_hill(observation, com_model, mean_motion_rad_s) for observation in (first, last)
-    )
-    return NavigationState(
-        r_hill=r_first,
-        v_hill=(r_last - r_first) / (last.time_s - first.time_s) if len(rates) else np.zeros(3),
-        com_model=com_model,
-        R_world_body=first.R_world_body,
-        omega_body=rates.mean(axis=0) if len(rates) else np.zeros(3),
-        inertia_ratios=inertia_ratios,
-    )
-
-
-def _r_hill(
-    observation: PoseObservation, com_model: FloatArray, mean_motion_rad_s: float
-) -> FloatArray:
-    T_cam_world = observation.T_cam_world
-    p_cam = observation.T_cam_model[:3, :3] @ com_model + observation.T_cam_model[:3, 3]
-    p_world = T_cam_world[:3, :3].T @ (p_cam - T_cam_world[:3, 3])
-    return np.asarray(R_hill_world(observation.time_s, mean_motion_rad_s) @ p_world)
-
-
-def start_covariance(
-    omega_body: FloatArray, com_covariance_m2: FloatArray, parameter_covariance: FloatArray
-) -> FloatArray:
-    """(20, 20) prior about `first_state`: the mass properties' own, the rest left to the data.
-
-    Args:
-        omega_body: (3,) rate, rad/s, that is started from; a faster one wanders by more.
-        com_covariance_m2: (3, 3) of the mass centre.
-        parameter_covariance: (5, 5) of the inertia's parameters, in which
-            `NavigationState.retract` moves it.
-    """
-    sd = np.zeros(STATE_SIZE)
-    sd[R_HILL], sd[V_HILL] = _POSITION_SD_M, _VELOCITY_SD_M_S
-    rate_sd = max(_RATE_SD_RAD_S, _MAX_TURN_CHANGE * float(np.linalg.norm(omega_body)))
-    sd[THETA_BODY], sd[OMEGA_BODY] = _ATTITUDE_SD_RAD, rate_sd
-    covariance = np.diag(sd**2)
-    covariance[COM_MODEL, COM_MODEL] = com_covariance_m2
-    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance
-    return covariance

@@ -54,21 +54,23 @@ def frame_odds(agreement: Agreement) -> float:
     return patches * (share * favour - (1.0 - share) * against)
 
 
-def novelty(before: FloatArray | None, T_cam_model: FloatArray) -> float:
-    """What a frame counts, 0 to 1, after one that showed the target at a pose (4, 4); None for
-    none."""
-    if before is None:
+def novelty(before: Sequence[FloatArray], T_cam_model: FloatArray) -> float:
+    """What a frame counts, 0 to 1, after those that showed the target at poses (4, 4 each)."""
+    if not before:
         return 1.0
-    turn = float(rotation_angle(before[:3, :3].T @ T_cam_model[:3, :3]))
+    # A pose that comes back to where it was shows nothing new.
+    seen = np.stack([T[:3, :3] for T in before])
+    turn = float(np.min(rotation_angle(np.swapaxes(seen, 1, 2) @ T_cam_model[:3, :3])))
     return min(_AGAIN + turn / _NEW_VIEW_RAD, 1.0)
 
 
 def odds_over(frames: Iterable[tuple[FloatArray, Agreement]]) -> float:
     """The same of frames in order of time, each with its pose (4, 4)."""
-    total, before = 0.0, None
+    total = 0.0
+    before: list[FloatArray] = []
     for T_cam_model, agreement in frames:
         total += novelty(before, T_cam_model) * frame_odds(agreement)
-        before = T_cam_model
+        before.append(T_cam_model)
     return total
 
 
@@ -83,13 +85,13 @@ class TrackOdds:
     def __init__(self, odds: float) -> None:
         """``odds`` with which it begins."""
         self._odds, self._last = _bounded(odds), 0.0
-        self._before: FloatArray | None = None
+        self._before: tuple[FloatArray, ...] = ()
 
     def add(self, T_cam_model: FloatArray, agreement: Agreement) -> None:
         """Take in a frame that was explained so at a pose (4, 4)."""
         self._last = frame_odds(agreement)
         self._odds = _bounded(self._odds + novelty(self._before, T_cam_model) * self._last)
-        self._before = T_cam_model
+        self._before = (T_cam_model,)
 
     @property
     def is_clear(self) -> bool:

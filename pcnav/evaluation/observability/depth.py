@@ -9,9 +9,9 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import make_transform
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import STATE_SIZE, NavigationState
+from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass import prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
-from pcnav.estimators.depth.motion_hypotheses import start_covariance
 from pcnav.estimators.depth.pose_measurement import ObserverPose, PoseMeasurement, PoseReference
 from pcnav.evaluation.observability.reported import DEPTH
 from pcnav.evaluation.observability.subjects import Linearised, Subject, TargetMotion, timing_of

@@ -11,13 +11,12 @@ from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, NavigationState
+from pcnav.estimators.depth.first_state import first_state, start_covariance
 from pcnav.estimators.depth.motion_hypotheses import (
     Decision,
     MotionHypotheses,
     MotionHypothesis,
     PoseObservation,
-    first_state,
-    start_covariance,
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.perception.agreement import Agreement
@@ -276,3 +275,31 @@ def test_the_right_motion_may_begin_after_a_wrong_one_that_goes_on() -> None:
         decision = feed(start, k, (np.eye(4), 0.9), (HALF_TURN, 0.3))
     assert decision is not None
     assert follows(decision.motion, np.eye(4))
+
+
+def test_what_explains_its_frame_is_linked_rather_than_what_lies_nearest() -> None:
+    # As where few pixels are seen: a turn of ten degrees explains nearly as much.
+    near = make_transform(exp_rotation(np.array([0.17, 0.0, 0.0])), np.zeros(3))
+    start = MotionHypotheses(target_with())
+    decisions = []
+    for k in range(3):
+        true_alone = [(np.eye(4), 0.9)]
+        decisions.append(feed(start, k, *([*true_alone, (near, 0.88)] if k else true_alone)))
+    decision = decisions[-1]
+    assert decision is not None and follows(decision.motion, np.eye(4))
+
+
+def test_odds_of_a_long_motion_are_those_of_all_its_frames() -> None:
+    """Of frames of sixty pixels ten are not enough, fifteen are."""
+    start = MotionHypotheses(target_with())
+    begun = []
+    for k in range(20):
+        found = Agreement(60, 0)
+        T_cam_world = camera_pose(0)
+        T_cam_model = T_cam_world @ true_pose(k, 0.2)
+        seen = SingleFramePose(T_cam_model, np.eye(6), found, (), (), converged=True)
+        decision = start.add(0.2 * k, T_cam_world, (seen,))
+        if decision is not None:
+            begun.append(k)
+            assert len(decision.motion.observations) == 10
+    assert begun and 10 < begun[0] < 19

@@ -60,8 +60,10 @@ def test_the_same_view_again_is_little_evidence_and_another_side_is_much() -> No
     assert odds_over([(turned(0.0), found)] * 3) == pytest.approx(1.5 * one)
     turning = [(turned(0.5 * k), found) for k in range(3)]
     assert odds_over(turning) == pytest.approx(3.0 * one)
-    assert novelty(None, turned(0.0)) == 1.0
-    assert novelty(turned(0.0), turned(0.03)) == pytest.approx(0.25 + 0.03 / 0.15)
+    assert novelty([], turned(0.0)) == 1.0
+    assert novelty([turned(0.0)], turned(0.03)) == pytest.approx(0.25 + 0.03 / 0.15)
+    back = novelty([turned(0.0), turned(1.0)], turned(0.03))
+    assert back == pytest.approx(0.25 + 0.03 / 0.15), "what was seen before is nothing new"
 
 
 def test_a_lead_counts_a_quarter_of_a_nat_for_each_return_explained_more() -> None:
