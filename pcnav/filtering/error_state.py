@@ -126,6 +126,11 @@ class ErrorStateFilter(Generic[S]):
         """(n, n) covariance of the state's error."""
         return np.asarray(self._kalman.P, dtype=np.float64)
 
+    @property
+    def transition(self) -> FloatArray:
+        """(n, n) by which the last `predict` moved an error of the state."""
+        return np.asarray(self._kalman.F, dtype=np.float64)
+
     def snapshot(self) -> Snapshot[S]:
         """State and covariance as they are now, for `restore`."""
         return Snapshot(self.state, self.covariance.copy())

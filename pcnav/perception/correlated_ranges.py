@@ -6,6 +6,8 @@ tilts, drawn anew for every face; it is marginalised in closed form. The
 offset that a whole frame shares stays an unknown of its evidence.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
@@ -14,6 +16,15 @@ from pcnav.perception.sensor_noise import SensorNoise
 
 _MIN_SPREAD_PX = 0.5
 """A row of pixels has no tilt across it."""
+
+
+class FieldEvidence(NamedTuple):
+    """What ranges whose errors are not white say."""
+
+    evidence: Evidence
+    by_field: FloatArray | None = None
+    """(3, 6 + k) what an offset and two tilts of one deviation add to the evidence's vector; None
+    where there are none."""
 
 
 def face_field(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -33,13 +44,20 @@ def steepness_of(jacobian: FloatArray) -> float:
     return float(np.mean(np.linalg.norm(jacobian[:, :3], axis=1)))
 
 
+def field_deviations(jacobian: FloatArray, noise: SensorNoise) -> FloatArray:
+    """(3,) deviations of the offset and the tilts of a face along its rays, by the derivatives
+    (n, 6) of its ranges by the pose."""
+    sd = np.array([noise.face_sd_m, noise.face_tilt_sd_m, noise.face_tilt_sd_m])
+    return sd * steepness_of(jacobian)
+
+
 def range_evidence(
     jacobian: FloatArray,
     residual: FloatArray,
     field: FloatArray,
     variance_m2: float,
     noise: SensorNoise,
-) -> Evidence:
+) -> FieldEvidence:
     """What the ranges of a face say of the pose and of the errors that faces share.
 
     Args:
@@ -56,13 +74,15 @@ def range_evidence(
         H = np.hstack([H, shared])
     weight = 1.0 / variance_m2
     information, vector = H.T @ H * weight, H.T @ residual * weight
+    by_field = None
     if noise.has_face_errors:
-        sd = np.array([noise.face_sd_m, noise.face_tilt_sd_m, noise.face_tilt_sd_m])
-        field = field * (sd * steepness_of(jacobian))
+        field = field * field_deviations(jacobian, noise)
         # Woodbury: (s^2 1 + B B^T)^-1, with three columns B.
-        by_field = field.T @ np.column_stack([H, residual]) * weight
+        across = field.T @ np.column_stack([H, residual]) * weight
         inner = field.T @ field * weight + np.eye(3)
-        taken = np.linalg.solve(inner, by_field)
-        information = information - by_field[:, :-1].T @ taken[:, :-1]
-        vector = vector - by_field[:, :-1].T @ taken[:, -1]
-    return Evidence(0.5 * (information + information.T), vector)
+        taken = np.linalg.solve(inner, across)
+        information = information - across[:, :-1].T @ taken[:, :-1]
+        vector = vector - across[:, :-1].T @ taken[:, -1]
+        # H^T (s^2 1 + B B^T)^-1 B, transposed.
+        by_field = np.asarray(taken[:, :-1])
+    return FieldEvidence(Evidence(0.5 * (information + information.T), vector), by_field)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcnav.config.depth import ModalityName
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.perception.correlated_ranges import face_field, range_evidence
+from pcnav.perception.correlated_ranges import FieldEvidence, face_field, range_evidence
 from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.satellite import Rectangle
@@ -138,11 +138,11 @@ def range_fits(seen: RangeResiduals, noise: SensorNoise) -> dict[int, RangeFit]:
         variance = scale_m**2 * _inflation(misfit, n)
         if noise.is_white:
             weight = 1.0 / variance
-            evidence = Evidence(information * weight, vector * weight)
+            says = FieldEvidence(Evidence(information * weight, vector * weight))
         else:
             field = face_field(seen.u[chosen], seen.v[chosen])
-            evidence = range_evidence(H, r, field, variance, noise)
-        found[face] = RangeFit(evidence, n, misfit, variance)
+            says = range_evidence(H, r, field, variance, noise)
+        found[face] = RangeFit(says.evidence, n, misfit, variance, says.by_field)
     return found
 
 

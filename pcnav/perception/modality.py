@@ -78,6 +78,9 @@ class RangeFit:
     """About the face's own best fit."""
     variance_m2: float
     """Of the white noise of each pixel, which a face that is not as modelled has more of."""
+    by_field: FloatArray | None = None
+    """(3, 6 + k) what the offset and the tilts of the face, each of one deviation, add to the
+    vector of the evidence; None where faces are not known to err."""
 
 
 @dataclass(frozen=True)

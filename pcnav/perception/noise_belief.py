@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from pcnav.perception.face_errors import FaceErrors
+from pcnav.perception.lasting_errors import FaceMemory
 from pcnav.perception.modality import Evidence
 from pcnav.perception.outline_belief import OutlineBelief
 from pcnav.perception.outline_scatter import OutlineScatter
@@ -20,6 +21,7 @@ class NoiseBelief:
     outline: OutlineBelief
     scatter: OutlineScatter
     faces: FaceErrors
+    memory: FaceMemory
     offsets: FrameErrors
     frames: int = 0
     """Learnt from, but for offsets of frames."""
@@ -32,13 +34,18 @@ class NoiseBelief:
             OutlineBelief(),
             OutlineScatter(lever_m),
             FaceErrors(lever_m),
+            FaceMemory(lever_m),
             FrameErrors.before_any_frame(lever_m),
         )
 
     def followed(self, time_s: float, comparison: Comparison, together: Evidence) -> "NoiseBelief":
         """Take in how the distance goes on; ``together``: of the faces used, as in `with_frame`."""
         pose, noise = comparison.T_cam_model, comparison.seen.sensor_noise
-        return replace(self, offsets=self.offsets.with_frame(time_s, pose, together, noise))
+        return replace(
+            self,
+            offsets=self.offsets.with_frame(time_s, pose, together, noise),
+            memory=self.memory.with_frame(comparison.seen),
+        )
 
     def with_frame(
         self, comparison: Comparison, together: Evidence, lever_m: float
@@ -63,6 +70,7 @@ class NoiseBelief:
             noise = part.applied(noise)
         if self.offsets.shows_exact_outline(noise):
             noise = self.faces.applied(noise)
+            noise = replace(noise, face_correlation=round(self.memory.correlation, 2))
         else:
             # With faces that err, the outline would hold the pose. A rough one errs by sides.
             noise = replace(noise, face_sd_m=0.0, face_tilt_sd_m=0.0)

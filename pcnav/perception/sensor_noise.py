@@ -38,6 +38,8 @@ class SensorNoise:
     and frame."""
     face_tilt_sd_m: float = 0.0
     """That of each of its two tilts, at one standard deviation of its pixels."""
+    face_correlation: float = 1.0
+    """Of the errors of a face in successive frames."""
     frame_sd_m: float = 0.0
     """Standard deviation of an offset along the rays that a whole frame shares."""
     outline_offset_px: Offsets = (0.0, 0.0, 0.0, 0.0)

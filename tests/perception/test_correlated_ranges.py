@@ -34,7 +34,7 @@ def test_evidence_of_two_faces_is_that_of_the_dense_covariance(frame_sd: float) 
         # Moved along its normal by one, a face is seen farther by the inverse cosine.
         H[:, :3] /= cosine * np.linalg.norm(H[:, :3], axis=1, keepdims=True)
         B = face_field(rng.uniform(0, 9, n), rng.uniform(0, 9, n))
-        parts.append(range_evidence(H, r, B, SIGMA**2, noise))
+        parts.append(range_evidence(H, r, B, SIGMA**2, noise).evidence)
         jacobians.append(H)
         residuals.append(r)
         B = B * np.array([FACE_SD, TILT_SD, TILT_SD]) / cosine

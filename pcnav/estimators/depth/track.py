@@ -6,6 +6,7 @@ import numpy as np
 
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
+from pcnav.estimators.depth.lasting_errors import LastingErrors
 from pcnav.estimators.depth.lock_monitor import LockMonitor
 from pcnav.estimators.depth.measured_again import RecentFrames
 from pcnav.estimators.depth.target_odds import TrackOdds
@@ -20,6 +21,7 @@ class Track:
     lock_monitor: LockMonitor
     evidence: Evidence
     recent: RecentFrames
+    lasting: LastingErrors
     symmetric: bool
     """Whether the target's own symmetry leaves equivalent attitudes."""
     open_question: bool

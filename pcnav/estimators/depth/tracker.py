@@ -15,6 +15,7 @@ from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.lasting_errors import LastingErrors
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import MassBelief, prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
@@ -231,6 +232,7 @@ class Tracker(Estimator):
             LockMonitor(self._target, self._reader),
             Evidence(),
             RecentFrames(self._reader, outcome.start),
+            LastingErrors(len(outcome.start)),
             symmetric=self._target.is_symmetric,
             open_question=outcome.undecided,
             odds=TrackOdds(outcome.odds),
@@ -244,6 +246,7 @@ class Tracker(Estimator):
         self, frame: Frame, observer: ObserverPose, track: Track
     ) -> tuple[Estimate, FrameView]:
         track.motion.predict(frame.time_s)
+        track.lasting.predict(track.motion.kalman)
         if track.motion.is_lost:
             view = silent_view(frame)
             estimate = self._estimate(view, None, Status.LOST, observer)
@@ -276,6 +279,9 @@ class Tracker(Estimator):
         self, track: Track, observer: ObserverPose, view: FrameView, result: UpdateResult
     ) -> None:
         """Learn of the sensor's noise and of the target from a frame that was taken in."""
+        if view.comparison is not None:
+            seen = view.comparison, result.accepted
+            track.lasting.take_in(track.motion.kalman, observer, *seen)
         pose = pose_of(track.motion.kalman, observer)
         self._noise.learn(view, result.accepted, pose)
         track.recent.add(view, observer)
@@ -385,7 +391,9 @@ class Tracker(Estimator):
         """Whether the pose is known in all directions but those of which the target shows no trace:
         of two faces and no edge it is not."""
         assert self._track is not None, "there is something to know"
-        pose, covariance = predicted_pose(self._track.motion.kalman, observer)
+        kalman, lasting = self._track.motion.kalman, self._track.lasting
+        pose, covariance = predicted_pose(kalman, observer)
+        covariance = covariance + lasting.of_pose(kalman.state, observer)
         if self._target.roundness is not None:
             without_turns = self._target.roundness.without_turns(pose[:3, :3])
             covariance = without_turns @ covariance @ without_turns.T
@@ -422,7 +430,9 @@ class Tracker(Estimator):
         return replace(
             estimate,
             values=kalman.state.values,
-            covariance=ratio_covariance(kalman.state, track.motion.reported_covariance),
+            covariance=ratio_covariance(
+                kalman.state, track.motion.reported_covariance + track.lasting.covariance
+            ),
             T_cam_target=pose_of(kalman, observer) if seen is None else seen,
         )
 

@@ -25,11 +25,11 @@ def target(repository: Path) -> Target:
     return load_target(repository / "meshes" / "boxsat.obj")
 
 
-def simulated(target: Target, **noise: object) -> Scene:
+def simulated(target: Target, seed: int = 5, **noise: object) -> Scene:
     """A recording with what a sensor does, here known."""
     pipeline = Pipeline.model_validate(
         {
-            "seed": 5,
+            "seed": seed,
             "scenario": {"frames": FRAMES, "frame_rate_hz": 1.0},
             "orbit": {"r_hill_m": [20.0, 0.2, -0.1]},
             "body": {
@@ -43,9 +43,9 @@ def simulated(target: Target, **noise: object) -> Scene:
     return Scene.showing(target, pipeline)
 
 
-def learnt(target: Target, stated_m: float | None, **noise: object) -> SensorNoise:
+def learnt(target: Target, stated_m: float | None, seed: int = 5, **noise: object) -> SensorNoise:
     """By a tracker that has seen a simulated recording."""
-    scene = simulated(target, **noise)
+    scene = simulated(target, seed, **noise)
     pipeline = scene.pipeline
     info = SequenceInfo("test", pipeline.orbit.mean_motion_rad_s, stated_m, None)
     tracker = Tracker(target, info, PerceptionTable(), pipeline.filter, 1)
@@ -83,6 +83,23 @@ def test_errors_that_pixels_share_are_known_from_the_first_claim_on(
     # Before they were: thousands, in the first frames of an offset and in all of uneven faces.
     squared = run.pose_nees[run.claims] / 6.0
     assert np.mean(squared) < 2.0 and np.max(squared) < 6.0
+
+
+LASTING = UNEVEN | {"face_correlation_s": 1e6}
+
+
+@pytest.mark.parametrize("seed", [5, 7])
+def test_what_errors_that_last_make_of_a_pose_is_stated(target: Target, seed: int) -> None:
+    run = follow(simulated(target, seed, **LASTING), target)
+    known = run.pose_nees[6:] / 6.0
+    # Taken for new in every frame, and for another size of the target: 80, and 168 mm.
+    assert 0.1 < np.mean(known) < 1.5 and np.max(known) < 3.0
+    assert np.max(run.position_m[6:]) < SIGMA_M
+
+
+def test_whether_errors_of_faces_last_is_learnt(target: Target) -> None:
+    assert learnt(target, SIGMA_M, **LASTING).face_correlation > 0.8
+    assert learnt(target, SIGMA_M, **UNEVEN).face_correlation < 0.4
 
 
 def test_pixels_that_return_from_any_of_their_area_show_a_larger_outline(target: Target) -> None:
