@@ -26,10 +26,17 @@ from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
 from pcnav.target.mesh_files.reading import MeshOrigin, read_mesh_file
 from pcnav.target.rival_turns import rival_turns
+from pcnav.target.round_mesh import rounded
 from pcnav.target.roundness import Roundness
 from pcnav.target.self_matches import SelfMatch, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
-from pcnav.target.symmetry import Resolution, find_symmetry, half_turns, symmetry_name
+from pcnav.target.symmetry import (
+    Resolution,
+    Symmetry,
+    find_symmetry,
+    half_turns,
+    symmetry_name,
+)
 from pcnav.target.visible_shell import visible_shell
 
 __all__ = [
@@ -193,14 +200,15 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
 
     A mesh without a true rectangle is catalogued by the equivalent rectangles (named
     equivalent_1, ...) of the faces that are rectangles to 15 %: equal in centroid, axes and second
-    moments. One without any is found and followed by the whole of its surface. Raises `InputError`
-    when either file is unusable.
+    moments. One without any is found and followed by the whole of its surface. A body that is round
+    to a sensor is round, however few sides its mesh has (`rounded`). Raises `InputError` when
+    either file is unusable.
     """
     mesh_path = Path(mesh_path)
     sidecar_path, sidecar = _sidecar_of(mesh_path)
     mesh_file = read_mesh_file(mesh_path, mesh_unit or sidecar.mesh_unit)
     com, ratios = _mass_properties(mesh_file.mesh, sidecar.mass, sidecar_path)
-    mesh = visible_shell(mesh_file.mesh)
+    mesh, symmetry = _as_it_is_round(visible_shell(mesh_file.mesh))
     diameter = mesh_diameter(mesh)
     minimum_side = MINIMUM_SIDE_FRACTION * diameter
     faces = planar_faces(mesh, 0.8 * minimum_side**2)
@@ -208,7 +216,6 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
     rectangles = rectangles or rectangles_among(
         faces, minimum_side, EQUIVALENT_TOLERANCE, "equivalent"
     )
-    symmetry = find_symmetry(mesh)
     return Target(
         name=sidecar.name or mesh_path.stem,
         mesh_path=mesh_path,
@@ -227,6 +234,16 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
 def target_mesh_of(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> trimesh.Trimesh:
     """The mesh alone of what `load_target` reads. Raises `InputError`."""
     return read_mesh_file(mesh_path, mesh_unit or _sidecar_of(mesh_path)[1].mesh_unit).mesh
+
+
+def _as_it_is_round(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Symmetry]:
+    """The mesh, with finer facets where it draws a round body with few, and its symmetry."""
+    symmetry = find_symmetry(mesh)
+    if symmetry.roundness is None:
+        return mesh, symmetry
+    finer = rounded(mesh, symmetry.roundness)
+    again = symmetry if finer is mesh else find_symmetry(finer)
+    return (mesh, symmetry) if again.roundness is None else (finer, again)
 
 
 def _sidecar_of(mesh_path: Path) -> tuple[Path, Sidecar]:

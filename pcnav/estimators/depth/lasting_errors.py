@@ -12,13 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY
 from pcnav.estimators.depth.measuring import Kalman
-from pcnav.estimators.depth.pose_measurement import (
-    ObserverPose,
-    pose_covariance,
-    pose_jacobian,
-)
+from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_jacobian
 from pcnav.perception.lasting_errors import lasting_part
 from pcnav.perception.modality import POSE_SIZE, Evidence
 from pcnav.perception.render_compare import Comparison
@@ -68,12 +64,6 @@ class LastingErrors:
     def covariance(self) -> FloatArray:
         """(20, 20) beyond the filter's own."""
         return self._considered.added
-
-    def of_pose(self, state: NavigationState, observer: ObserverPose) -> FloatArray:
-        """(6, 6) of the pose, beyond the filter's own."""
-        if self._kalman is None:
-            return np.zeros((POSE_SIZE, POSE_SIZE))
-        return pose_covariance(state, self.covariance, observer)
 
     def predict(self, kalman: Kalman) -> None:
         """Follow a filter that was just moved to the time of a frame."""

@@ -391,9 +391,7 @@ class Tracker(Estimator):
         """Whether the pose is known in all directions but those of which the target shows no trace:
         of two faces and no edge it is not."""
         assert self._track is not None, "there is something to know"
-        kalman, lasting = self._track.motion.kalman, self._track.lasting
-        pose, covariance = predicted_pose(kalman, observer)
-        covariance = covariance + lasting.of_pose(kalman.state, observer)
+        pose, covariance = predicted_pose(self._track.motion.kalman, observer)
         if self._target.roundness is not None:
             without_turns = self._target.roundness.without_turns(pose[:3, :3])
             covariance = without_turns @ covariance @ without_turns.T
