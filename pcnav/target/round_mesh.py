@@ -12,8 +12,8 @@ import trimesh
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.target.roundness import Roundness
 
-_FINE_RAD = np.radians(7.0)
-"""A side that turns by no more lies within 0.2 % of the radius of the surface."""
+_FINE_RAD = np.radians(3.0)
+"""A side that turns by no more lies within 0.04 % of the radius of the surface."""
 _MAX_FACES = 100_000
 _END_COSINE = 0.99
 """Faces so near to perpendicular to the axis are ends: what divides them is no curve."""

@@ -28,11 +28,11 @@ def test_the_volume_is_that_of_the_round_body() -> None:
     drawn, body = stage(16), np.pi * RADIUS**2 * HEIGHT + np.pi * 0.7**2 * 1.2 / 3.0
     round_mesh = rounded(drawn, AXIS)
     assert drawn.volume < 0.98 * body
-    assert round_mesh.volume == pytest.approx(body, rel=3e-3)
+    assert round_mesh.volume == pytest.approx(body, rel=1e-3)
     # Closed as before, its ends flat, and no larger than the drawing.
     assert round_mesh.is_watertight and round_mesh.is_winding_consistent
     assert np.allclose(round_mesh.bounds[:, 2], drawn.bounds[:, 2])
-    assert len(round_mesh.faces) < 12 * len(drawn.faces)
+    assert len(round_mesh.faces) < 20 * len(drawn.faces)
 
 
 def test_all_vertices_lie_on_the_surface() -> None:
@@ -62,7 +62,7 @@ def test_a_ball_and_a_mesh_that_is_fine_already() -> None:
     mesh = rounded(trimesh.creation.icosphere(1), ball)
     assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(1.0, abs=1e-9)
     assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi, rel=0.01) and mesh.is_watertight
-    fine = stage(64)
+    fine = stage(128)
     assert rounded(fine, AXIS) is fine
 
 
