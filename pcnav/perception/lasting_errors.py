@@ -94,7 +94,9 @@ def lasting_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
     seen, noise = comparison.seen, comparison.seen.noise
     size = POSE_SIZE + noise.n_shared
     covariance, mean = np.zeros((size, size)), np.zeros(size)
-    for fit, ok in zip(seen.ranges.values(), used, strict=False):
+    # Where faces were left out before, it is not known here which.
+    of_ranges = used if len(used) >= len(seen.ranges) else [True] * len(seen.ranges)
+    for fit, ok in zip(seen.ranges.values(), of_ranges, strict=False):
         if ok and fit.by_field is not None:
             covariance += fit.by_field.T @ fit.by_field
             mean += fit.by_field[0]
