@@ -6,12 +6,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.target.mesh import mesh_diameter
 
 _SAMPLES = 2_000
 _PLANES = 100
 _COSINE = float(np.cos(np.radians(20.0)))
+_SAME_FRACTION = 1e-6
 _APART_FRACTION = 0.1
 """Parts of one plane further apart than this share of the diameter are two."""
 
@@ -33,24 +34,30 @@ def flat_extent(mesh: trimesh.Trimesh, tolerance_fraction: float = 0.04) -> floa
     for k in range(0, _SAMPLES, _SAMPLES // _PLANES):
         near = np.abs((points - points[k]) @ normals[k]) < tolerance_fraction * diameter
         near &= np.abs(normals @ normals[k]) > _COSINE
-        on_plane = points[near]
-        bound = float(np.linalg.norm(np.ptp(on_plane, axis=0)))
+        on_plane = np.flatnonzero(near)
+        bound = float(np.linalg.norm(np.ptp(points[on_plane], axis=0)))
         planes.append((bound, k, on_plane))
-    largest = 0.0
+    largest, done = 0.0, np.zeros(len(points), dtype=np.bool_)
     for bound, k, on_plane in sorted(planes, key=lambda plane: -plane[0]):
         if bound <= largest:
             break
-        part = _about(on_plane, points[k], _APART_FRACTION * diameter)
+        if done[k]:
+            continue
+        own = on_plane[_about(points[on_plane], points[k], _APART_FRACTION * diameter)]
+        part = points[own]
         far = part[np.argmax(np.linalg.norm(part - part.mean(axis=0), axis=1))]
         largest = max(largest, float(np.linalg.norm(part - far, axis=1).max()))
+        # The plane of any other point of the same face has the same part.
+        same = np.abs((part - points[k]) @ normals[k]) < _SAME_FRACTION * diameter
+        done[own[same & (np.abs(normals[own] @ normals[k]) > 1.0 - _SAME_FRACTION)]] = True
     return largest
 
 
-def _about(points: FloatArray, centre: FloatArray, apart_m: float) -> FloatArray:
-    """The points (n, 3) that a chain of short steps connects with a centre (3,)."""
+def _about(points: FloatArray, centre: FloatArray, apart_m: float) -> BoolArray:
+    """(n,) which of points (n, 3) a chain of short steps connects with a centre (3,)."""
     tree = cKDTree(points)
     pairs = tree.query_pairs(apart_m, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
     _, label = connected_components(graph, directed=False)
     _, nearest = tree.query(centre)
-    return np.asarray(points[label == label[nearest]])
+    return np.asarray(label == label[nearest])

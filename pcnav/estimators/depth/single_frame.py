@@ -9,6 +9,7 @@ origin and whose camera is the world.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.pose_hypotheses import PoseHypothesis
 from pcnav.perception.reading import FrameReader, Trust, View
+from pcnav.perception.render_compare import RenderComparer
 from pcnav.perception.view_hypotheses import SearchReport, evidence_weights
 from pcnav.recordings.sequence import Frame
 
@@ -223,14 +225,11 @@ def compared_poses(
         moved = (reader.moved_px(T_cam_model, other.T_cam_model, frame) for other in others)
         return all(px > _SAME_PX for px in moved)
 
-    def is_beaten(agreement: Agreement) -> bool:
-        return _is_beaten(agreement, beating)
-
     for T_cam_model in hypotheses:
         fit = fit_pose(
             *(frame.depth_m, T_cam_model, np.diag(sd**2), rough),
             goes_on=is_another,
-            is_beaten=is_beaten,
+            is_beaten=partial(_is_beaten, beating),
         )
         if fit is None:
             # Of a small target the coarse grid leaves nothing to compare.
@@ -238,16 +237,35 @@ def compared_poses(
         if fit is not None and is_another(fit.T_cam_model):
             coarse.append(fit)
             beating.append(fit.agreement)
-    # The frame is used once: the coarse pass says where to start, not what is known.
-    found = (
-        fit_pose(frame.depth_m, at.T_cam_model, np.diag(sd**2), comparer, spread=at.covariance)
-        for at in coarse
-        if not is_beaten(at.agreement)
-    )
-    return [pose for pose in found if pose is not None]
+    left = best_first(fit for fit in coarse if not _is_beaten(beating, fit.agreement))
+    return _refined(left, frame, comparer, np.diag(sd**2), known)
 
 
-def _is_beaten(agreement: Agreement, others: Sequence[Agreement]) -> bool:
+def _refined(
+    coarse: Sequence[SingleFramePose],
+    frame: Frame,
+    comparer: RenderComparer,
+    covariance: FloatArray,
+    known: Sequence[SingleFramePose],
+) -> list[SingleFramePose]:
+    """Poses fitted on a coarse grid, the best first, fitted to all pixels."""
+    found: list[SingleFramePose] = []
+    beating = [pose.agreement for pose in known[:1]]
+    for at in coarse:
+        # The frame is used once: the coarse pass says where to start, not what is known. What is
+        # beaten is not brought any nearer, but it is told how much worse it is.
+        fit = fit_pose(
+            *(frame.depth_m, at.T_cam_model, covariance, comparer),
+            spread=at.covariance,
+            is_beaten=partial(_is_beaten, beating),
+        )
+        if fit is not None:
+            found.append(fit)
+            beating.append(fit.agreement)
+    return found
+
+
+def _is_beaten(others: Sequence[Agreement], agreement: Agreement) -> bool:
     """Whether a pose explains clearly fewer pixels of a frame than the best of others."""
     if not others:
         return False
