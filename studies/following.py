@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -44,6 +44,8 @@ class JudgedRun:
     filter_nees: FloatArray
     """(n,) squared normalised error of the whole state in the coordinates that the filter works in:
     those of `NavigationState.local`, which the ratios are a curved function of."""
+    changed_parts: tuple[str, ...] = ()
+    """That the tracker found not to be as in the mesh, after the last frame."""
 
     def __len__(self) -> int:
         return len(self.said)
@@ -135,7 +137,8 @@ def follow(
         if until_lock and estimates[-1].status in CLAIMS:
             break
     said = collected("depth", tracker.output, estimates)
-    return _judged(scene, target, said, np.array(seconds))
+    judged = _judged(scene, target, said, np.array(seconds))
+    return replace(judged, changed_parts=tracker.changed_parts)
 
 
 def status_sequence(status: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from ..folder import Study
 from ..tables import verdict
 from ..text import study_of
 from ..work import Work
-from . import abroad, any_shape, blackouts, consistency, faults, few_returns, starts
+from . import abroad, another_cad, any_shape, blackouts, consistency, faults, few_returns, starts
 from .blackouts import Phases
 
 RUNS = 100
@@ -23,6 +23,7 @@ _STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD, _RUNS_PE
     5,
 )
 _RUNS_PER_FEW = 3
+_RUNS_PER_CAD = 20
 _QUICK_RUNS = 5
 
 
@@ -33,10 +34,13 @@ class Lengths:
     consistency: int = consistency.FRAMES
     faults: int = faults.FRAMES
     abroad: int = abroad.FRAMES
+    another_cad: int = another_cad.FRAMES
     blackout: Phases = field(default_factory=Phases)
 
 
-_QUICK = Lengths(consistency=16, faults=8, abroad=5, blackout=Phases(before=8, after=6))
+_QUICK = Lengths(
+    consistency=16, faults=8, abroad=5, another_cad=12, blackout=Phases(before=8, after=6)
+)
 """With fewer runs than `_QUICK_RUNS`: a look at the machinery."""
 _CUT = (
     "Because of the few runs asked for, sequences were cut to a few frames: this shows that the "
@@ -78,6 +82,10 @@ def study(runs: int, work: Work) -> Study:
         *(few_returns.NAME, few_cases),
         *(max(2, runs // _RUNS_PER_FEW), few_returns.FRAMES),
     )
+    differ = partial(another_cad.run_other, frames=lengths.another_cad)
+    differences = another_cad.QUICK_CASES if lengths == _QUICK else another_cad.CASES
+    several = max(2, runs // _RUNS_PER_CAD)
+    other = work.repeat(differ, another_cad.NAME, differences, several, lengths.another_cad)
     work.run()
     judged = consistency.Judged.of(repeated.results)
     claims = [
@@ -88,6 +96,7 @@ def study(runs: int, work: Work) -> Study:
         *abroad.claims(away.by_case),
         *any_shape.claims(shaped.results),
         *few_returns.claims(small.results),
+        *another_cad.claims(other.by_case),
     ]
     relocked = [each.relocked for each in dark.results]
     missed = relocked.count(None)
@@ -106,6 +115,7 @@ def study(runs: int, work: Work) -> Study:
             *abroad.tables(away.by_case),
             *any_shape.tables(shaped.by_case),
             *few_returns.tables(small.by_case),
+            *another_cad.tables(other.by_case),
         ],
         [
             *starts.start_figures(cold.by_case),

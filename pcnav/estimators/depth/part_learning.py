@@ -40,6 +40,7 @@ class PartLearner:
         self._changes = PartChanges()
         self._known: Parts | None = None
         self._has_parts: bool | None = None
+        self._scale = 1.0
         self._begin()
 
     def _begin(self) -> None:
@@ -66,6 +67,10 @@ class PartLearner:
         much larger than its mesh; whether that has changed what is looked for."""
         if self._has_parts is None:
             self._has_parts = has_several_bodies(self._target.mesh)
+        if mesh_scale != self._scale:
+            # Poses of a target that was taken for larger or smaller were bent as well.
+            self._scale = mesh_scale
+            self._begin()
         if not self._has_parts or not self._is_new(T_cam_model):
             return False
         self._fit.add(view.frame, T_cam_model, self._reader.noise, mesh_scale)
