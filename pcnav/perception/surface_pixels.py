@@ -25,7 +25,7 @@ _WHOLE_SHARE, _MIN_WHOLE = 0.5, 300
 """While it is not known what a pixel sees, those beside an edge are left out of a view of which
 this share and so many pixels remain."""
 
-FEW_PIXELS = 250
+FEW_PIXELS = 500
 """Of a view that covers no more, on the sensor's own grid, those beside creases take part as well:
 hardly any others are left. Where they show the neighbour's face, gates tell."""
 

@@ -15,6 +15,9 @@ _MAX_DROP = 0.02
 """So is one whose ratio falls by so much: by more than noise moves it."""
 _MEMORY_FRAMES = 20
 """Over about so many frames a track's usual ratio is taken."""
+_PREDICTED_SHARE = 0.08
+"""What a filter leads to explains at most so much less of a frame than poses fitted to each of the
+frames that it was begun with; a filter that is led astray at once explains less."""
 _STRAINED = 0.5
 """Share of a frame's measured components that is accepted."""
 _NIS_PROBABILITY = 1e-6
@@ -24,10 +27,12 @@ _NIS_PROBABILITY = 1e-6
 class Evidence:
     """What the last frames say for and against a track."""
 
-    def __init__(self) -> None:
+    def __init__(self, start_inlier_ratio: float = float("nan")) -> None:
+        """``start_inlier_ratio``: of the frames that the track was begun with, if they tell what
+        share of the next ones is explained."""
         self._inlier_ratios: deque[float] = deque(maxlen=_WINDOW_FRAMES)
         self._innovations = NisWindow()
-        self._usual = float("nan")
+        self._usual = start_inlier_ratio - _PREDICTED_SHARE
         self._usual_accepted = 0.0
         self._fell = False
 

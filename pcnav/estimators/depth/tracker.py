@@ -230,7 +230,7 @@ class Tracker(Estimator):
         track = Track(
             outcome.motion,
             LockMonitor(self._target, self._reader),
-            Evidence(),
+            Evidence(_usual_at_start(outcome, frame)),
             RecentFrames(self._reader, outcome.start),
             LastingErrors(len(outcome.start)),
             symmetric=self._target.is_symmetric,
@@ -437,3 +437,12 @@ class Tracker(Estimator):
 
 def _rectangles_used(estimate: Estimate) -> int:
     return int(estimate.notes["n_rectangles"] or 0)
+
+
+def _usual_at_start(begun: Initialised, frame: Frame) -> float:
+    """Mean inlier ratio of the frames of a start; nan where they were looked at on a coarser grid,
+    on which other shares are explained."""
+    views = [view for view, _ in begun.start]
+    if not views or any(view.frame.camera != frame.camera for view in views):
+        return float("nan")
+    return float(np.mean([view.inlier_ratio for view in views]))

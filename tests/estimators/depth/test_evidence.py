@@ -38,6 +38,13 @@ def test_a_new_track_has_no_evidence_against_it() -> None:
     assert not doubtful(evidence)
 
 
+def test_a_filter_that_explains_much_less_than_its_start_is_doubtful_at_once() -> None:
+    for start, doubted in ((float("nan"), False), (0.99, True), (0.86, False)):
+        evidence = Evidence(start)
+        evidence.add(0.82, update(6.0))
+        assert doubtful(evidence) is doubted
+
+
 def test_window_nis_is_of_the_last_frames_by_their_degrees_of_freedom() -> None:
     evidence = Evidence()
     evidence.add(1.0, update(12.0, 6))
