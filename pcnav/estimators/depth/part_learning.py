@@ -23,7 +23,7 @@ _log = logging.getLogger("pcnav")
 
 _MIN_FRAMES, _MAX_FRAMES = 5, 24
 """A part is judged from so many frames on, and anew after as many as these."""
-_NEW_VIEW_RAD, _MAX_WAIT = 0.05, 10
+_NEW_VIEW_RAD, _MAX_WAIT = 0.1, 10
 """A frame is taken in where it shows the target turned by so much, or after so many frames."""
 _FITS = 0.985
 """A part of which more is explained lies where the mesh has it."""
