@@ -4,7 +4,7 @@ Each face shows its offset and its tilts in the image, to its white noise. One p
 all; what is left has a spread that the white noise does not explain. Levels of it on a grid are
 weighed by the likelihood of all faces together, the pose and the offsets that they share being
 anything (restricted maximum likelihood, Patterson and Thompson 1971): neither an error of the pose
-nor one of the filter, the outline or the size of the mesh is taken for one of the faces.
+nor one of the filter or the outline is taken for one of the faces.
 """
 
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,6 @@ from scipy.special import logsumexp
 
 from pcnav.core.arrays import FloatArray
 from pcnav.perception.correlated_ranges import face_field, steepness_of
-from pcnav.perception.mesh_scale import ranges_by_scale
 from pcnav.perception.modality import POSE_SIZE, Evidence, SeenFrame
 from pcnav.perception.sensor_noise import SensorNoise
 
@@ -22,8 +21,6 @@ _LEVELS = np.concatenate([[0.0], np.geomspace(3e-5, 0.1, 13)])
 """Deviations of offset and tilt, over half the target's diameter."""
 _LOOSE = 0.05
 """A pose found is off by less than this share of the target, or rad."""
-_SCALE_SD = 0.01
-"""So far may the mesh be from the size of the target: faces that are off by that do not err."""
 _PRIOR_ODDS = np.log(1.0 / 30.0)
 """Most faces are as the model has them."""
 _FRAMES_ALIKE = 2.0
@@ -45,7 +42,7 @@ class FaceErrors:
         """Take in a compared frame."""
         if len(seen.ranges) < 2:
             return self
-        H, y, white_m2, steepness = face_terms(seen, by_scale=True)
+        H, y, white_m2, steepness = face_terms(seen)
         levels_m2 = (_LEVELS * self.lever_m) ** 2
         offset, tilt = (part.ravel() for part in np.meshgrid(levels_m2, levels_m2, indexing="ij"))
         spread = np.stack([offset, tilt, tilt], axis=1)
@@ -55,8 +52,7 @@ class FaceErrors:
         products = np.einsum("kti,ktj->ktij", H, H).reshape(-1, size * size)
         flat = weight.reshape(len(weight), -1)
         information = (flat @ products).reshape(-1, size, size)
-        known = known_beforehand(size - 1, self.lever_m, seen.noise)
-        information += np.diag(np.append(known, _SCALE_SD**-2.0))
+        information += np.diag(known_beforehand(size, self.lever_m, seen.noise))
         vector = flat @ (H * y[..., None]).reshape(-1, size)
         solved = np.linalg.solve(information, vector[..., None])[..., 0]
         squares = flat @ np.square(y).ravel() - np.sum(vector * solved, axis=1)
@@ -94,13 +90,10 @@ class FaceErrors:
         return self.lever_m * float(np.exp(weights[1:] @ np.log(_LEVELS[1:]) / weights[1:].sum()))
 
 
-def face_terms(
-    seen: SeenFrame, *, by_scale: bool = False
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def face_terms(seen: SeenFrame) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Of the k faces that have ranges: derivatives (k, 3, 6 + s) of their offsets and tilts by the
     pose and the shared errors, what they measure (k, 3), the variance (k,) of each by white noise
-    and the facets of a round mesh, and how steep they are. The last of the derivatives is that by
-    the scale of the mesh, where it is asked for."""
+    and the facets of a round mesh, and how steep they are."""
     residuals, noise = seen.residuals, seen.noise
     facets_m2 = noise.face_sd_m**2 - seen.sensor_noise.face_sd_m**2
     rows, values, variances, steepness = [], [], [], []
@@ -109,10 +102,7 @@ def face_terms(
         basis = face_field(residuals.u[chosen], residuals.v[chosen]).T / fit.n_pixels
         shared = np.zeros((_TERMS, noise.n_shared))
         shared[:1, :1] = noise.frame_unit_m
-        derivatives = [basis @ residuals.jacobian[chosen], shared]
-        if by_scale:
-            derivatives.append((basis @ ranges_by_scale(seen, chosen))[:, None])
-        rows.append(np.hstack(derivatives))
+        rows.append(np.hstack([basis @ residuals.jacobian[chosen], shared]))
         values.append(basis @ residuals.residual_m[chosen])
         steep = steepness_of(residuals.jacobian[chosen])
         variances.append(fit.variance_m2 / fit.n_pixels + facets_m2 * steep**2)

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import pixel_rays
-from pcnav.perception.correlated_ranges import face_field, field_deviations
 from pcnav.perception.modality import POSE_SIZE, SeenFrame
 from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX
 
@@ -80,8 +79,11 @@ class ScaleBelief:
 
 def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     """(12, 12) products of what ranges say by pose, offsets, scale, and their residuals."""
-    residuals = seen.residuals
+    residuals, rendered = seen.residuals, seen.rendered
     chosen = residuals.agrees & np.isin(residuals.face, list(faces))
+    window, inside = rendered.window, residuals.inside
+    rays = pixel_rays(rendered.camera)[window][inside][chosen]
+    p_cam = rays * rendered.depth_m[window][inside][chosen].astype(np.float64)[:, None]
     jacobian = residuals.jacobian[chosen]
     sigma_m = np.broadcast_to(residuals.sigma_m, residuals.agrees.shape)[chosen]
     misfit = {face: max(fit.chi_square_per_dof, 1.0) for face, fit in seen.ranges.items()}
@@ -90,33 +92,12 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
         [
             jacobian,
             np.zeros((len(jacobian), _N_OFFSETS)),
-            ranges_by_scale(seen, chosen),
+            seen.doubt.by_scale(jacobian, p_cam),
             residuals.residual_m[chosen],
         ]
     )
     weighted = rows / (sigma_m**2 * loosened)[:, None]
-    products = np.asarray(rows.T @ weighted)
-    if not seen.noise.has_face_errors:
-        return products
-    # What faces are off by, each as it happens, is no sign of another size.
-    u, v, face = residuals.u[chosen], residuals.v[chosen], residuals.face[chosen]
-    for each in np.unique(face).tolist():
-        own = face == each
-        error = face_field(u[own], v[own]) * field_deviations(jacobian[own], seen.noise)
-        across = error.T @ weighted[own]
-        inner = np.eye(3) + error.T @ (error / (sigma_m[own] ** 2 * loosened[own])[:, None])
-        products -= across.T @ np.linalg.solve(inner, across)
-    return products
-
-
-def ranges_by_scale(seen: SeenFrame, chosen: BoolArray) -> FloatArray:
-    """(m,) derivative of the ranges of chosen pixels, of (n,), by the share by which the target is
-    larger than its mesh."""
-    residuals, rendered = seen.residuals, seen.rendered
-    window, inside = rendered.window, residuals.inside
-    rays = pixel_rays(rendered.camera)[window][inside][chosen]
-    p_cam = rays * rendered.depth_m[window][inside][chosen].astype(np.float64)[:, None]
-    return seen.doubt.by_scale(residuals.jacobian[chosen], p_cam)
+    return np.asarray(rows.T @ weighted)
 
 
 def _of_outline(seen: SeenFrame) -> FloatArray:

@@ -19,7 +19,6 @@ class ScaleLearner:
         self._reader, self._belief = reader, ScaleBelief(sd)
         self._faces: dict[str | None, int] = {None: NO_FACE}
         self._faces.update((each.name, k) for k, each in enumerate(target.rectangles))
-        self._faces_err = False
         self.factor = 1.0
         """By which the target is taken to be larger now."""
 
@@ -34,10 +33,6 @@ class ScaleLearner:
             if ok
         }
         lever_m = 0.5 * self._reader.diameter_m
-        if comparison.seen.noise.has_face_errors is not self._faces_err:
-            # What faces err by was taken for another size, or the other way round.
-            self._faces_err = not self._faces_err
-            self._belief = ScaleBelief(self._belief.sd)
         self._belief = self._belief.with_frame(comparison.seen, used, lever_m)
         change = self._belief.factor
         if change == 1.0:

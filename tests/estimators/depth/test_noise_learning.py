@@ -1,6 +1,7 @@
 """The sensor's noise, learnt by a tracker from frames whose noise is known here and not stated."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,9 +91,12 @@ LASTING = UNEVEN | {"face_correlation_s": 1e6}
 
 @pytest.mark.parametrize("seed", [5, 7])
 def test_what_errors_that_last_make_of_a_pose_is_stated(target: Target, seed: int) -> None:
-    run = follow(simulated(target, seed, **LASTING), target)
+    scene = simulated(target, seed, **LASTING)
+    # Of a mesh that is taken for right: such errors look like another size, too.
+    perception = scene.pipeline.perception.model_copy(update={"mesh_scale_sd": 0.0})
+    pipeline = scene.pipeline.model_copy(update={"perception": perception})
+    run = follow(replace(scene, pipeline=pipeline), target)
     known = run.pose_nees[6:] / 6.0
-    # Taken for new in every frame, and for another size of the target: 80, and 168 mm.
     assert 0.1 < np.mean(known) < 1.5 and np.max(known) < 3.0
     assert np.max(run.position_m[6:]) < SIGMA_M
 
