@@ -98,16 +98,10 @@ class FrameErrors:
     def applied(self, noise: SensorNoise) -> SensorNoise:
         """The noise with what is believed of an offset of a frame."""
         log_likelihood = self.log_likelihood + self._of_recent()
-        # Few frames have little but their outline against them, be that exact or not; the first
-        # have nothing else. The odds are even for those: with no offset assumed a claim would be
-        # far too sure of the distance.
-        is_first_window = not self.log_likelihood.any()
-        shows_motion = not is_first_window or len(self.recent) >= _MIN_FRAMES
-        prior_odds = _PRIOR_ODDS if shows_motion else 0.0
-        if is_first_window or self.shows_exact_outline(noise):
+        if self.shows_exact_outline(noise):
             log_likelihood = log_likelihood + self.against_outline.log_likelihood
         of_levels = log_likelihood[1:] - np.log(len(_LEVELS))
-        if float(logsumexp(of_levels)) + prior_odds < log_likelihood[0]:
+        if float(logsumexp(of_levels)) + _PRIOR_ODDS < log_likelihood[0]:
             return replace(noise, frame_sd_m=0.0)
         weights = np.exp(of_levels - logsumexp(of_levels))
         # The middle of what is likely: few frames leave a long tail of levels.

@@ -148,7 +148,9 @@ def test_flat_extents() -> None:
     # A plane that is fitted between two plates lies within 2 % of the diameter of both.
     low, high = trimesh.creation.box([1.0, 1.0, 0.01]), trimesh.creation.box([1.0, 1.0, 0.01])
     high.apply_translation([1.0, 0.0, 0.07])
-    assert flat_extent(trimesh.util.concatenate(low, high)) == pytest.approx(2.2, abs=0.1)
+    both = trimesh.util.concatenate(low, high)
+    assert isinstance(both, trimesh.Trimesh)
+    assert flat_extent(both) == pytest.approx(2.2, abs=0.1)
     # A sphere of radius 1 lies within 4 % of its bounding box's diagonal of a plane over a cap.
     cap = 2.0 * np.sqrt(2.0 * 0.04 * np.sqrt(12.0))
     assert 0.4 * cap < flat_extent(trimesh.creation.icosphere(4)) < 1.1 * cap

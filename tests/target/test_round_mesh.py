@@ -20,6 +20,7 @@ def stage(sides: int) -> trimesh.Trimesh:
     nozzle = trimesh.creation.cone(0.7, 1.2, sections=sides)
     nozzle.apply_translation((0.0, 0.0, 1.6))
     mesh = trimesh.util.concatenate([tank, nozzle])
+    assert isinstance(mesh, trimesh.Trimesh)
     mesh.apply_translation(AXIS.point_model)
     return mesh
 

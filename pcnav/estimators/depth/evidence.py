@@ -32,14 +32,19 @@ class Evidence:
         share of the next ones is explained."""
         self._inlier_ratios: deque[float] = deque(maxlen=_WINDOW_FRAMES)
         self._innovations = NisWindow()
-        self._usual = start_inlier_ratio - _PREDICTED_SHARE
+        self._least_at_first = start_inlier_ratio - _PREDICTED_SHARE
+        self._usual = float("nan")
         self._usual_accepted = 0.0
         self._fell = False
 
     def add(self, inlier_ratio: float, result: UpdateResult) -> None:
         """Take in an update: inlier ratio of the frame, and innovations."""
         self._inlier_ratios.append(inlier_ratio)
-        self._fell = bool(inlier_ratio < self._usual - _MAX_DROP)
+        # Of the first frames nothing is usual yet but what the start explained.
+        least = self._usual - _MAX_DROP
+        if len(self._inlier_ratios) < _WINDOW_FRAMES:
+            least = float(np.fmax(least, self._least_at_first))
+        self._fell = bool(inlier_ratio < least)
         if np.isnan(self._usual):
             self._usual = inlier_ratio
         self._usual += (inlier_ratio - self._usual) / _MEMORY_FRAMES

@@ -3,6 +3,7 @@
 import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,8 +63,8 @@ def test_an_exact_sensor_is_found_to_be_one(target: Target) -> None:
     assert noise.outline_sd_px == noise.face_sd_m == noise.frame_sd_m == 0.0
 
 
-UNEVEN = {"face_offset_sd_m": SIGMA_M, "face_tilt_sd_deg": 0.3}
-OFFSET = {"frame_offset_sd_m": 5.0 * SIGMA_M}
+UNEVEN: dict[str, Any] = {"face_offset_sd_m": SIGMA_M, "face_tilt_sd_deg": 0.3}
+OFFSET: dict[str, Any] = {"frame_offset_sd_m": 5.0 * SIGMA_M}
 
 
 def test_offsets_of_faces_are_learnt_with_their_size(target: Target) -> None:
@@ -77,7 +78,7 @@ def test_offsets_of_faces_are_learnt_with_their_size(target: Target) -> None:
 
 @pytest.mark.parametrize("error", [UNEVEN, OFFSET])
 def test_errors_that_pixels_share_are_known_from_the_first_claim_on(
-    target: Target, error: dict[str, float]
+    target: Target, error: dict[str, Any]
 ) -> None:
     run = follow(simulated(target, **error), target)
     assert run.lock is not None and run.lock <= 3
@@ -86,7 +87,7 @@ def test_errors_that_pixels_share_are_known_from_the_first_claim_on(
     assert np.mean(squared) < 2.0 and np.max(squared) < 6.0
 
 
-LASTING = UNEVEN | {"face_correlation_s": 1e6}
+LASTING: dict[str, Any] = UNEVEN | {"face_correlation_s": 1e6}
 
 
 @pytest.mark.parametrize("seed", [5, 7])
