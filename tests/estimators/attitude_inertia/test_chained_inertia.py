@@ -141,6 +141,7 @@ def _error(truth, frames: list[ChainFrame], k: int, state: RotationState) -> np.
     return state.local(true)[0]
 
 
+@pytest.mark.study
 def test_inertia_from_images_is_as_good_as_stated() -> None:
     normalised = []
     for seed in range(3, 9):
