@@ -83,7 +83,7 @@ def test_a_mesh_without_rectangles_is_simulated_and_run(tmp_path):
     egg.apply_scale([1000.0, 1400.0, 2000.0])
     egg.export(tmp_path / "egg.ply")
     (tmp_path / "egg.toml").write_text('mesh_unit = "mm"')
-    scene = {"scenario": {"frames": 3}, "camera": {"width_px": 64, "height_px": 64}}
+    scene = {"scenario": {"frames": 6}, "camera": {"width_px": 64, "height_px": 64}}
     target = load_target(tmp_path / "egg.ply")
     assert target.rectangles == ()
     Scene.showing(target, Pipeline.model_validate(scene)).write(tmp_path / "recording")
