@@ -93,3 +93,9 @@ def test_a_jolt_that_leaves_a_direction_open_does_not_stop_the_claims() -> None:
     found again."""
     run = abroad.run_abroad("impulse", False, 405, frames=40)
     assert run.run.claims[2:].all() and not run.wrong.any()
+
+
+def test_the_frame_after_a_first_pose_is_not_claimed_beside_the_target() -> None:
+    """Its prediction knows no rate: this target turns by 7 deg in between."""
+    run = abroad.run_abroad("fast", True, 403, frames=2)
+    assert run.run.claims.all() and not run.wrong.any()

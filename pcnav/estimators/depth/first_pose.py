@@ -1,6 +1,6 @@
 """A start from where the target is said to be in the first frame, if the frame does not object."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.pose_fit import SingleFramePose, fit_pose
-from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
+from pcnav.estimators.depth.pose_measurement import pose_error, poses_about
 from pcnav.estimators.depth.single_frame import refined_hypotheses, refitted
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds, lead
 from pcnav.filtering.error_state import innovation_gate
@@ -23,8 +23,6 @@ _MIN_SD_FRACTION, _MIN_SD_RAD = 0.01, 0.02
 that the frame decides however sharp the statement."""
 _GATE_PROBABILITY = 0.9999
 """Of how far the frame may move the pose, in its stated spread."""
-_AROUND_SD = 1.5
-"""So many deviations away lie the poses that are tried beside a stated one."""
 _SAME_PX = 3.0
 """Poses that show no point of the target further apart are one."""
 
@@ -48,12 +46,11 @@ def fit_first_pose(
     its spread allows, and where another pose of the same frame is clearly more likely.
     """
     pose = _fitted(stated.T_cam_model, stated, perceived, reader)
-    if not _agrees(pose):
-        # A fit from there may end beside the pose that lies within the same spread.
-        around = (_fitted(guess, stated, perceived, reader) for guess in _around(stated))
-        found = [pose, *around] if reader.measured_by is not Measurements.RECTANGLES else [pose]
+    if not _agrees(pose) and reader.measured_by is not Measurements.RECTANGLES:
+        guesses = poses_about(stated.T_cam_model, np.diag(_deviations(stated, 0.0, 0.0) ** 2))
+        found = [pose, *(_fitted(guess, stated, perceived, reader) for guess in guesses)]
         pose = max((each for each in found if each is not None), key=_odds, default=None)
-    if pose is None:
+    if pose is None or np.isnan(pose.agreement.visible_ratio):
         return FirstPoseFit(None, "nothing of the target is seen from there")
     if not _agrees(pose):
         return FirstPoseFit(None, f"it explains {pose.agreement.visible_ratio:.0%} of the frame")
@@ -78,14 +75,6 @@ def _odds(pose: SingleFramePose) -> float:
 
 def _agrees(pose: SingleFramePose | None) -> bool:
     return pose is not None and STATED_ODDS + _odds(pose) >= 0.0
-
-
-def _around(stated: FirstPosePrior) -> Iterator[FloatArray]:
-    """Poses (4, 4) on the principal axes of the stated spread."""
-    for step in np.diag(_deviations(stated, 0.0, 0.0)):
-        if step.any():
-            yield moved_pose(stated.T_cam_model, _AROUND_SD * step)
-            yield moved_pose(stated.T_cam_model, -_AROUND_SD * step)
 
 
 def _fitted(

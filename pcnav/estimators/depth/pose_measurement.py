@@ -5,7 +5,7 @@ components: a plane determines no shift within itself. The measurement keeps the
 that are known, scaled to unit variance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,8 @@ from pcnav.perception.modality import POSE_SIZE
 
 _MIN_SHARE = 1e-9
 """Combinations with less than this share of the largest information are unknown: rounding."""
+_ABOUT_SD = 1.5
+"""So many deviations away lie the poses that are tried about one."""
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,18 @@ def moved_pose(T_cam_model: FloatArray, error: FloatArray) -> FloatArray:
     moved[:3, 3] += error[:3]
     moved[:3, :3] = moved[:3, :3] @ exp_rotation(error[3:])
     return moved
+
+
+def poses_about(T_cam_model: FloatArray, covariance: FloatArray) -> Iterator[FloatArray]:
+    """Poses (4, 4) on both sides of one, on the principal axes of its spread (6, 6).
+
+    A fit from the pose itself may end beside a target that lies within the spread.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    for step in (_ABOUT_SD * np.sqrt(np.maximum(variances, 0.0)) * axes).T:
+        if step.any():
+            yield moved_pose(T_cam_model, step)
+            yield moved_pose(T_cam_model, -step)
 
 
 def pose_jacobian(state: NavigationState, observer: ObserverPose) -> FloatArray:

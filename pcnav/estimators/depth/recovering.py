@@ -22,6 +22,7 @@ from pcnav.estimators.depth.pose_measurement import (
     UncertainPose,
     moved_pose,
     pose_error,
+    poses_about,
 )
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds
 from pcnav.filtering.error_state import Snapshot, innovation_gate
@@ -31,9 +32,6 @@ from pcnav.recordings.sequence import Frame
 _USUAL_SHARE, _WELL_SHARE = 0.8, 0.95
 """A frame of which a smaller share than this of the usual is explained is not explained as it
 should be; and below the second there may be a better pose."""
-
-_AROUND_SD = 1.5
-"""So many deviations from a prediction without a rate is looked as well."""
 
 
 @dataclass(frozen=True)
@@ -141,13 +139,11 @@ class Recovery:
         best, after = updated, kalman.snapshot()
         kalman.restore(predicted)
         pose, spread = self._bridged(predicted_pose(kalman, self.observer))
-        lengths, axes = np.linalg.eigh(spread)
-        for step in (_AROUND_SD * np.sqrt(lengths) * axes).T:
-            for guess in (moved_pose(pose, step), moved_pose(pose, -step)):
-                kalman.restore(predicted)
-                found = self._about(kalman, (guess, spread))
-                if found.is_good and not found.explained <= best.explained:
-                    best, after = found, kalman.snapshot()
+        for guess in poses_about(pose, spread):
+            kalman.restore(predicted)
+            found = self._about(kalman, (guess, spread))
+            if found.is_good and not found.explained <= best.explained:
+                best, after = found, kalman.snapshot()
         kalman.restore(after)
         return best
 
