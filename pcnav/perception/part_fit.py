@@ -52,7 +52,8 @@ _SAME_PLANE = 1e-4
 _HINGE_REACH = 1.5
 """A part hangs on a hinge that is no farther from its middle than so many times its reach."""
 _TRIALS = 200
-_UNEXPLAINED = -1
+_UNEXPLAINED, _ELSEWHERE = -1, -2
+"""Returns that lie on no part of the mesh, and those that do, but not on its largest face."""
 
 
 class PartVerdict(StrEnum):
@@ -96,7 +97,7 @@ class _Seen:
     points: FloatArray
     """(m, 3) m."""
     part: IntArray
-    """(m,) part whose surface a return lies on, -1 of one that lies on none."""
+    """(m,) part on whose largest face a return lies, or one of the two marks of others."""
     eye: FloatArray
     """(m, 3) where it is seen from, m."""
 
@@ -107,6 +108,8 @@ class MeshFit:
     def __init__(self, target: Target) -> None:
         self._target = target
         self._parts: Parts | None = None
+        self._faces: list[list[_LargestFace]] = []
+        self._is_on_face = np.zeros(0, dtype=np.bool_)
         self._renderer: DepthRenderer | None = None
         self._shown: tuple[PinholeCamera, float] | None = None
         self._kept: list[_Seen] = []
@@ -127,6 +130,12 @@ class MeshFit:
             return
         if self._parts is None:
             self._parts = parts_of(self._target)
+            self._faces = [
+                _LargestFace.both(self._target, self._parts, part) for part in self._parts.each
+            ]
+            self._is_on_face = np.zeros(len(self._target.mesh.faces), dtype=np.bool_)
+            for face in (face for both in self._faces for face in both):
+                self._is_on_face[face.members] = True
         if self._renderer is None or (frame.camera, mesh_scale) != self._shown:
             self._shown = frame.camera, mesh_scale
             target = self._target if mesh_scale == 1.0 else self._target.scaled(mesh_scale)
@@ -134,7 +143,10 @@ class MeshFit:
         self._sigma_m = sigma_m = noise.sigma_in(frame.depth_m)
         rendered = self._renderer.render(T_cam_model)
         reach_m = _REACH * mesh_scale * self._target.diameter_m
-        seen = _seen(frame, T_cam_model, rendered, self._parts, sigma_m, reach_m)
+        seen = _seen(
+            *(frame, T_cam_model, rendered, self._parts, self._is_on_face),
+            *(sigma_m, reach_m),
+        )
         points, eye = seen.points / mesh_scale, seen.eye / mesh_scale
         self._kept.append(replace(seen, points=points, eye=eye))
         if len(self._kept) > _MAX_FRAMES:
@@ -163,21 +175,28 @@ class MeshFit:
         owner = np.concatenate([seen.part for seen in self._kept])
         found = []
         for k, part in enumerate(self._parts.each):
-            about = (owner == k) | (owner < 0)
+            about = (owner == k) | (owner == _UNEXPLAINED)
             fits = agree[:, k].sum() > max_explained * (agree[:, k] + through[:, k]).sum()
             near = about & (not fits)
-            found.append(self._judged(part, agree[:, k], through[:, k], points[near], eye[near]))
+            counts = agree[:, k], through[:, k]
+            found.append(self._judged(part, self._faces[k], *counts, points[near], eye[near]))
         return tuple(found)
 
     def _judged(
-        self, part: Part, agree: IntArray, through: IntArray, points: FloatArray, eye: FloatArray
+        self,
+        part: Part,
+        faces: "list[_LargestFace]",
+        agree: IntArray,
+        through: IntArray,
+        points: FloatArray,
+        eye: FloatArray,
     ) -> PartFit:
         pixels = int(agree.sum() + through.sum())
         frames = int(np.count_nonzero(agree + through))
         if pixels < _MIN_PIXELS or frames < _MIN_FRAMES:
             return PartFit(part.name, PartVerdict.HARDLY_SEEN, pixels, np.nan, np.nan)
         shares = float(agree.sum()) / pixels, float(through.sum()) / pixels
-        turn = self._turn(part, points, eye, _ERRORS_PER_FRAME * frames)
+        turn = self._turn(faces, points, eye, _ERRORS_PER_FRAME * frames)
         if turn is not None and turn.is_clear:
             axis = (float(turn.axis[0]), float(turn.axis[1]), float(turn.axis[2]))
             return PartFit(
@@ -192,12 +211,11 @@ class MeshFit:
         return PartFit(part.name, verdict, pixels, *shares, *found)
 
     def _turn(
-        self, part: Part, points: FloatArray, eye: FloatArray, n_errors: int
+        self, faces: "list[_LargestFace]", points: FloatArray, eye: FloatArray, n_errors: int
     ) -> "_Turn | None":
-        """By the side of its largest face that more is seen of."""
-        assert self._parts is not None, "there are frames"
+        """By the side of a part's largest face that more is seen of."""
         best: tuple[int, _LargestFace, FloatArray] | None = None
-        for face in _LargestFace.both(self._target, self._parts, part):
+        for face in faces:
             seen = np.sum((eye - face.centre) * face.normal, axis=1) > 0.0
             near = points[seen & (np.linalg.norm(points - face.centre, axis=1) < face.reach_m)]
             if best is None or len(near) > best[0]:
@@ -210,6 +228,7 @@ def _seen(
     T_cam_model: FloatArray,
     rendered: RenderedDepth,
     parts: Parts,
+    is_on_face: BoolArray,
     sigma_m: float,
     reach_m: float,
 ) -> _Seen:
@@ -226,7 +245,9 @@ def _seen(
         np.bincount(label[pixels], minlength=n_parts).astype(np.intp)
         for pixels in (inside & agrees, through)
     ]
-    owner = np.where(agrees & inside, label, _UNEXPLAINED)
+    # The wall of a ring that lies where it should would tilt the plane of the ring's face.
+    owner = np.where(is_on_face[shown], label, _ELSEWHERE)
+    owner[~(agrees & inside)] = _UNEXPLAINED
     # What agrees beside an edge may be of either side; what does not is on no part of the mesh.
     rows, columns = np.nonzero(returned & (inside | ~agrees))
     rays = pixel_rays(camera)[rows, columns]
@@ -250,6 +271,8 @@ def _inside(label: IntArray) -> BoolArray:
 class _LargestFace:
     """A side of the largest flat face of a part. Model frame, m."""
 
+    members: IntArray
+    """Triangles of the mesh."""
     centre: FloatArray
     normal: FloatArray
     reach_m: float
@@ -280,7 +303,7 @@ class _LargestFace:
         centre = np.average(mesh.triangles_center[members], axis=0, weights=weights)
         corners = mesh.triangles[members].reshape(-1, 3)
         reach = float(np.max(np.linalg.norm(corners - centre, axis=1)))
-        return _LargestFace(np.asarray(centre, dtype=np.float64), normal, reach)
+        return _LargestFace(members, np.asarray(centre, dtype=np.float64), normal, reach)
 
 
 @dataclass(frozen=True)
