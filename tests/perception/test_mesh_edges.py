@@ -38,3 +38,15 @@ def test_an_edge_of_three_faces_is_kept_with_all_its_wings() -> None:
     (seam,) = np.flatnonzero((edges.ends == [0, 1]).all(axis=1))
     assert set(edges.wings[seam].tolist()) == {2, 3, 4}
     assert len(edges.ends) == 7
+
+
+def test_long_edges_of_a_fine_mesh_are_few_and_the_right_ones() -> None:
+    body = trimesh.util.concatenate(
+        [trimesh.creation.icosphere(subdivisions=5), trimesh.creation.box((0.1, 6.0, 1.0))]
+    )
+    assert isinstance(body, trimesh.Trimesh)
+    edges = mesh_edges(body)
+    long = edges.at_least(0.5)
+    lengths = np.linalg.norm(np.diff(edges.vertices[edges.ends], axis=1)[:, 0], axis=1)
+    assert np.array_equal(long, np.flatnonzero(lengths >= 0.5))
+    assert 0 < len(long) < 30 < len(edges)
