@@ -18,7 +18,6 @@ from pcnav.runs.provenance import library_versions, pipeline_toml
 
 INDEX_FILE = "index.html"
 _TABLES, _FIGURES, _PIPELINES = "tables", "figures", "pipelines"
-_CONTENT = {INDEX_FILE, _TABLES, _FIGURES, _PIPELINES}
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Study:
 
 def study_folder(out: Path, overwrite: bool) -> AbstractContextManager[Path]:
     """A folder that takes its place when the block ends well: see `pcnav.files.new_folder`."""
-    return new_folder(out, overwrite, INDEX_FILE, _CONTENT)
+    return new_folder(out, overwrite, INDEX_FILE)
 
 
 def write_study(staging: Path, study: Study) -> None:

@@ -1,6 +1,5 @@
 """A grid as a list of verbs: check, run what is missing, tabulate."""
 
-import shutil
 from pathlib import Path
 
 from pcnav.batch.cluster import Workers
@@ -11,8 +10,9 @@ from pcnav.batch.record import RunRecord
 from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
 from pcnav.batch.store import OnBatchProgress, new_store, run_stored
 from pcnav.batch.tables import run_table
-from pcnav.batch.tabulate import TableSummary, tabulate
+from pcnav.batch.tabulate import INDEX_FILE, TABLES_FOLDER, TableSummary, tabulate
 from pcnav.core.errors import InputError
+from pcnav.files.new_folder import refuse_unless_replaceable
 
 
 def run_batch(
@@ -32,14 +32,16 @@ def run_batch(
     # What the table is asked for is looked at first: half an hour later is late to hear of a typo.
     asked_layout(wanted, run_table(plan.runs))
     plan.check()
+    # So is what stands where they will go.
+    refuse_unless_replaceable(out / TABLES_FOLDER, True, INDEX_FILE)
     is_new = not out.exists()
     store = new_store(out, plan.to_toml(), plan.runs)
     try:
         run_stored(OneRun(plan.basis), plan.runs, store, workers, plan.basis.command, on_progress)
     except InputError:
         # Workers that cannot be used leave nothing behind; finished runs are never thrown away.
-        if is_new and not any(True for _ in store.headers()):
-            shutil.rmtree(out)
+        if is_new:
+            store.discard_unused()
         raise
     return tabulate(store, wanted=wanted, window=window)
 

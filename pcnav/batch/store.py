@@ -89,6 +89,14 @@ class RunStore:
             if path.is_file():
                 yield self._own(path, read_header(path))
 
+    def discard_unused(self) -> None:
+        """Remove the folder as `new_store` made it; one that holds anything else stays."""
+        with suppress(OSError):
+            self.runs_folder.rmdir()
+            for name in (GRID_FILE, BATCH_FILE):
+                (self.folder / name).unlink()
+            self.folder.rmdir()
+
     def _own(self, path: Path, record: RunRecord) -> RunRecord:
         version, key = record.versions.get("pcnav"), record.run.key
         if version != self.version:

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Annotated, cast
 
 import typer
@@ -35,8 +35,12 @@ def main() -> None:
     # Matrices here are small: threads of the linear algebra cost more than they bring, by factors
     # when the cores are busy. NumPy reads this when it is first imported, inside the commands.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # A batch system that ends a run must leave no more behind than a user who does.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # A batch system or a lost terminal that ends a run must leave no more behind than a user does.
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # nohup has a command stay when its terminal goes.
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
     try:
         with _log_lines():
             code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
@@ -52,7 +56,9 @@ def main() -> None:
         expected = f"expected a file system that allows it ({error.strerror or error})"
         code = _failed(f"{error.filename or 'output'}: file: {expected}")
     if code == _INTERRUPTED:
-        print("interrupted: nothing is left half-written", file=sys.stderr)
+        # The terminal may be what went.
+        with suppress(OSError):
+            print("interrupted: nothing is left half-written", file=sys.stderr, flush=True)
     raise SystemExit(code)
 
 

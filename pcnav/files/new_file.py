@@ -1,10 +1,11 @@
 """A single output file: never replaced unless told to, never half-written."""
 
-import secrets
+import os
 from contextlib import suppress
 from pathlib import Path
 
 from pcnav.core.errors import InputError
+from pcnav.files.owned import collect, locked, part_name
 
 
 def refuse_existing(path: Path, overwrite: bool) -> None:
@@ -16,10 +17,12 @@ def refuse_existing(path: Path, overwrite: bool) -> None:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file that is either whole or not there. Raises `InputError` where it cannot be."""
-    part = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
+    part = path.with_name(part_name(path.name))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
+        collect(path.parent)
+        with locked(part) as descriptor, os.fdopen(descriptor, "wb", closefd=False) as file:
+            file.write(content)
         part.replace(path)
     except OSError as error:
         expected = f"expected a place that can be written ({error.strerror})"

@@ -1,66 +1,81 @@
 """A folder that is either whole or not there."""
 
+import logging
 import os
-import secrets
 import shutil
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pcnav.core.errors import InputError
+from pcnav.files.manifest import MANIFEST_FILE, first_foreign, remove_listed, write_manifest
+from pcnav.files.owned import collect, earlier_name, owned, owned_name
+
+_log = logging.getLogger(__name__)
 
 
 @contextmanager
-def new_folder(
-    out: Path, overwrite: bool, marker: str, only: Collection[str] | None = None
-) -> Iterator[Path]:
+def new_folder(out: Path, overwrite: bool, marker: str) -> Iterator[Path]:
     """A temporary sibling of a folder; it takes the folder's name when the block ends well.
 
-    An exception in the block removes all that was written and leaves an earlier folder as it was.
-    Raises `InputError`, at once and again before the name is taken, when the folder holds anything
-    and ``overwrite`` is false, or when it has no file named ``marker`` or anything besides names in
-    ``only``: being told to overwrite must not cost somebody a folder that never was of this kind.
+    The finished folder lists its files (see `pcnav.files.manifest`). An exception in the block
+    removes all that was written and leaves an earlier folder as it was; what processes that were
+    killed left beside it is collected. Raises `InputError` as `refuse_unless_replaceable` does, at
+    once and again before the name is taken.
     """
     folder = out.resolve()
-    _refuse_unless_replaceable(folder, overwrite, marker, only)
+    refuse_unless_replaceable(folder, overwrite, marker)
+    collect(folder.parent)
     # A sibling lies on the same file system, so that the final rename is atomic.
-    staging = folder.parent / f".{folder.name}-{secrets.token_hex(4)}"
+    staging = folder.parent / owned_name(folder.name)
     new_parents = [parent for parent in folder.parents if not parent.exists()]
-    try:
+    with ExitStack() as ownership:
         try:
-            staging.mkdir(parents=True)
-        except OSError as error:
-            expected = f"expected a place that can be written ({error.strerror})"
-            raise InputError(out, "folder", expected) from error
-        yield staging
-        _refuse_unless_replaceable(folder, overwrite, marker, only)
-        _move_into_place(staging, folder)
-    finally:
-        # Does nothing after a successful move.
-        shutil.rmtree(staging, ignore_errors=True)
-        for parent in new_parents:
-            with suppress(OSError):
-                parent.rmdir()
+            try:
+                staging.mkdir(parents=True)
+                ownership.enter_context(owned(staging))
+            except OSError as error:
+                expected = f"expected a place that can be written ({error.strerror})"
+                raise InputError(out, "folder", expected) from error
+            yield staging
+            write_manifest(staging)
+            refuse_unless_replaceable(folder, overwrite, marker)
+            _move_into_place(staging, folder)
+        finally:
+            # Does nothing after a successful move.
+            shutil.rmtree(staging, ignore_errors=True)
+            for parent in new_parents:
+                with suppress(OSError):
+                    parent.rmdir()
 
 
-def _refuse_unless_replaceable(
-    folder: Path, overwrite: bool, marker: str, only: Collection[str] | None
-) -> None:
+def refuse_unless_replaceable(folder: Path, overwrite: bool, marker: str) -> None:
+    """Raise `InputError` where putting a folder there would cost somebody a file.
+
+    What is there must be an empty folder, or, told to ``overwrite``, one of the same kind, which
+    has a file named ``marker``, and holds nothing but what pcnav wrote and listed in it.
+    """
     if not os.path.lexists(folder):
         return
     if not folder.is_dir():
         raise InputError(folder, "folder", "expected a folder, this is a file")
-    names = sorted(path.name for path in folder.iterdir())
-    if not names:
+    if not any(folder.iterdir()):
         return
     if not overwrite:
         raise InputError(folder, "folder", "expected an empty or new folder (or ask to overwrite)")
     if not (folder / marker).is_file():
         expected = f"expected an earlier folder of this kind to overwrite, but it has no {marker}"
         raise InputError(folder, "folder", expected)
-    foreign = [name for name in names if only is not None and name not in only]
-    if foreign:
-        expected = f"expected an earlier folder of this kind to overwrite, but it has {foreign[0]}"
+    _refuse_foreign(folder, folder)
+
+
+def _refuse_foreign(content: Path, folder: Path) -> None:
+    foreign = first_foreign(content)
+    if foreign is not None:
+        expected = (
+            f"expected only files that pcnav wrote, to overwrite them, but it has {foreign}, "
+            f"which its list {MANIFEST_FILE} does not name: move it or remove the folder yourself"
+        )
         raise InputError(folder, "folder", expected)
 
 
@@ -69,12 +84,18 @@ def _move_into_place(staging: Path, folder: Path) -> None:
     if not folder.exists():
         staging.rename(folder)
         return
-    earlier = staging.with_name(f"{staging.name}-earlier")
+    earlier = staging.with_name(earlier_name(staging.name))
     folder.rename(earlier)
     try:
+        # Whatever came between the last look and now is in there as well.
+        _refuse_foreign(earlier, folder)
         staging.rename(folder)
     except BaseException:
         if not folder.exists():
             earlier.rename(folder)
         raise
-    shutil.rmtree(earlier, ignore_errors=True)
+    try:
+        remove_listed(earlier)
+    except OSError as error:
+        # Such as the file of somebody who still works in the folder.
+        _log.warning("%s: stays, not all of it can be removed (%s)", earlier, error.strerror)

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ import viser
 from PIL import Image
 
 from pcnav.core.errors import InputError
+from pcnav.files.owned import collect, owned, owned_name
 from pcnav.viewer.server import LocalServer
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -51,10 +53,14 @@ def opened_page(server: LocalServer, width: int, height: int) -> Iterator[viser.
 
     # Chromium's sandbox does not start as root, who runs what is in a container.
     as_root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
-    with tempfile.TemporaryDirectory(prefix="pcnav-browser-", ignore_cleanup_errors=True) as home:
+    with _home() as (home, owner):
         command = [program, *_ARGUMENTS, *as_root, f"--user-data-dir={home}"]
         command += [f"--window-size={width},{height}", f"http://127.0.0.1:{server.get_port()}"]
-        page = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        # The browser owns its folder, too: it may outlive a process that is killed.
+        kept = (owner,) if os.name == "posix" else ()
+        page = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, pass_fds=kept
+        )
         try:
             if not came.wait(_PATIENCE_S):
                 raise InputError(program, "browser", f"expected a page within {_PATIENCE_S:g} s")
@@ -66,6 +72,20 @@ def opened_page(server: LocalServer, width: int, height: int) -> Iterator[viser.
             except subprocess.TimeoutExpired:
                 page.kill()
                 page.wait()
+
+
+@contextmanager
+def _home() -> Iterator[tuple[Path, int]]:
+    """A folder for what a browser keeps, and the descriptor that tells whose it is."""
+    folder = Path(tempfile.gettempdir())
+    collect(folder)
+    home = folder / owned_name("pcnav-browser")
+    home.mkdir(mode=0o700)
+    try:
+        with owned(home) as owner:
+            yield home, owner
+    finally:
+        shutil.rmtree(home, ignore_errors=True)
 
 
 def picture_png(client: viser.ClientHandle, width: int, height: int) -> bytes:

@@ -44,7 +44,8 @@ def test_an_interrupted_run_leaves_nothing(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends a process without asking it")
-def test_a_command_told_to_terminate_leaves_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_command_told_to_terminate_leaves_nothing(tmp_path: Path, name: str) -> None:
     endless = tmp_path / "endless.toml"
     endless.write_text(PIPELINE.replace("frames = 6", "frames = 2000"))
     arguments = ["simulate", str(endless), "-o", str(tmp_path / "sequence")]
@@ -53,7 +54,7 @@ def test_a_command_told_to_terminate_leaves_nothing(tmp_path: Path) -> None:
         while not list(tmp_path.glob(".sequence-*/depth/000003.png")):
             assert time.monotonic() < deadline and process.poll() is None
             time.sleep(0.02)
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(getattr(signal, name))
         _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert err.splitlines() == ["interrupted: nothing is left half-written"]

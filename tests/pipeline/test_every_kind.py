@@ -12,13 +12,16 @@ from pcnav.config.pipeline_file import read_pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.interface import Estimator
 from pcnav.estimators.registry import ESTIMATORS
+from pcnav.files.manifest import MANIFEST_FILE
 from pcnav.pipeline import run
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.reader import read_run
 from pcnav.simulation.simulate import simulate
 from tests.pipeline.made import CASES, Made, put
 
-ALWAYS = {"covariances.npz", "metrics.json", "pipeline.toml", "report.html", "states.csv"}
+ALWAYS = {"covariances.npz", "metrics.json", "pipeline.toml", "report.html", "states.csv"} | {
+    MANIFEST_FILE
+}
 STEREO = {"features.csv", "points.csv", "poses.tum"}
 FILES = {
     "depth": {"knowledge.csv", "measurements.csv", "mesh_fit.csv", "poses.tum"},

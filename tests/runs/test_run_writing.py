@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from pcnav.core.errors import InputError
+from pcnav.files.manifest import MANIFEST_FILE
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.reader import read_run
 from pcnav.runs.writer import RunWriter
@@ -71,6 +72,6 @@ def test_additions_appear_with_the_run(tmp_path: Path, frames: list[Estimate]) -
         assert not folder.exists()
     assert (folder / "note.txt").read_text(encoding="utf-8") == "1 frame of 5 °"
     assert sorted(path.name for path in folder.iterdir()) == [
-        *("covariances.npz", "measurements.csv", "metrics.json"),
+        *(MANIFEST_FILE, "covariances.npz", "measurements.csv", "metrics.json"),
         *("note.txt", "poses.tum", "states.csv"),
     ]
