@@ -45,7 +45,7 @@ $(STAMP): pyproject.toml constraints.txt
 	    $$python -m venv --clear $(VENV); \
 	fi; \
 	echo "setup 2/2: installing up to $$(grep -c '==' constraints.txt) pinned packages (300 MB to download, a minute or more the first time)"; \
-	$(BIN)/python -m pip install --quiet --editable '.[dev,bench,images,formats]'; \
+	$(BIN)/python -m pip install --quiet --editable '.[dev,bench,images,formats,bags]'; \
 	touch $@; \
 	echo "setup done: $(BIN)/pcnav --help"
 
@@ -91,7 +91,7 @@ constraints: ## Resolve constraints.txt anew from pyproject.toml, newest version
 	$(PYTHON) -m venv "$$folder/venv"; \
 	PIP_CONSTRAINT= "$$folder/venv/bin/python" -m pip install --quiet uv; \
 	printf 'hatchling\neditables\n' > "$$folder/build.txt"; \
-	"$$folder/venv/bin/uv" pip compile pyproject.toml "$$folder/build.txt" --extra dev --extra bench --extra images --extra formats \
+	"$$folder/venv/bin/uv" pip compile pyproject.toml "$$folder/build.txt" --extra dev --extra bench --extra images --extra formats --extra bags \
 	    --universal --fork-strategy fewest --python-version 3.11 \
 	    --no-annotate --no-header --quiet --output-file "$$folder/pins.txt"; \
 	{ echo '# Exact versions of everything pcnav runs on, is tested with, is measured against and is built with,'; \

@@ -20,7 +20,7 @@ from pcnav.estimators.choice import chosen
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import make_estimator
-from pcnav.evaluation.diagnosis import CLAIMED, Diagnosis, Facts, diagnosis
+from pcnav.evaluation.diagnosis import Diagnosis, Facts, diagnosis
 from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
 from pcnav.evaluation.mesh_fit import mesh_fit_csv, sentences
 from pcnav.evaluation.metrics import Metrics, evaluate
@@ -51,6 +51,7 @@ from pcnav.runs.result_files import (
     REPORT_FILE,
     SKIPPED_FRAMES_FILE,
 )
+from pcnav.runs.status import CLAIMED
 from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target, load_target

@@ -1,4 +1,4 @@
-"""The libraries of the extras `images`, `formats` and `bench`, imported when they are needed."""
+"""The libraries of the extras `images`, `formats`, `bags` and `bench`, imported when needed."""
 
 import importlib
 from types import ModuleType
@@ -19,6 +19,11 @@ def openexr(needed_for: str) -> ModuleType:
 def poselib(needed_for: str) -> ModuleType:
     """The module PoseLib. Raises `InputError` where it is not installed."""
     return _module("poselib", "PoseLib", "images", needed_for)
+
+
+def rosbags(part: str, needed_for: str) -> ModuleType:
+    """A module of rosbags, like "rosbag2". Raises `InputError` where it is not installed."""
+    return _module(f"rosbags.{part}", "rosbags", "bags", needed_for)
 
 
 def small_gicp(needed_for: str) -> ModuleType:

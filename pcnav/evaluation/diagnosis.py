@@ -17,10 +17,8 @@ from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.frame_survey import FrameSurvey
 from pcnav.runs.run import Run
-from pcnav.runs.status import Status
+from pcnav.runs.status import CLAIMED
 
-CLAIMED = (Status.LOCKED, Status.AMBIGUOUS)
-"""What an estimator calls an estimate that it stands for."""
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
 _MAX_PARTIAL_VIEW = 5.0

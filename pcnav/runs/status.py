@@ -11,3 +11,7 @@ class Status(StrEnum):
     AMBIGUOUS = "ambiguous"
     COASTING = "coasting"
     LOST = "lost"
+
+
+CLAIMED = (Status.LOCKED, Status.AMBIGUOUS)
+"""What an estimator calls an estimate that it stands for."""
