@@ -1,16 +1,17 @@
 """Many independent runs, each a task of its own, over processes or a cluster."""
 
 import time
-import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
 from secrets import token_hex
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from pcnav.batch.cluster import THIS_MACHINE, Workers, connected
+from pcnav.batch.attempt import Failure, attempt, one_line
+from pcnav.batch.cluster import Workers, connected
+from pcnav.batch.process import one_thread_each
+from pcnav.batch.processes import Processes
 from pcnav.batch.worker_check import Requirements, UnfitWorkerError, here, refuse_unfit
 from pcnav.core.errors import InputError
 
@@ -31,15 +32,6 @@ class RunError(RuntimeError):
     """A run that failed; the message names it."""
 
 
-@dataclass(frozen=True)
-class Failure:
-    """What a run raised, as text: not every exception survives the way between processes."""
-
-    summary: str
-    """One line."""
-    details: str
-
-
 def results(
     function: Callable[[Item], Result], items: Sequence[Item], workers: Workers
 ) -> Generator[tuple[int, Result], None, None]:
@@ -50,8 +42,7 @@ def results(
         items: what it is called with; ``str(item)`` names a run that fails.
         workers: what to spread over.
 
-    Processes are started afresh, not forked: a fork copies the locks of whatever threads the
-    libraries keep. Each does its linear algebra on one thread. Raises `RunError` when a run fails,
+    Each process does its linear algebra on one thread. Raises `RunError` when a run fails,
     which ends all others, and `InputError` when a cluster cannot be used.
     """
     with closing(outcomes(function, items, workers, here())) as ended:
@@ -76,22 +67,18 @@ def outcomes(
     closed, which ends what is out. Raises `InputError` for workers or a scheduler that cannot be
     used, or are gone.
     """
-    with connected(workers, len(items), requirements) as client:
-        if client is None:
-            for k, item in enumerate(items):
-                yield k, attempt(function, item)
-        else:
+    if workers.scheduler is not None:
+        with connected(workers.scheduler, requirements) as client:
             task = partial(_on_worker, function, requirements)
-            yield from _Dispatch(client, workers, task, items).results()
-
-
-def attempt(function: Callable[[Item], Result], item: Item) -> Result | Failure:
-    """The function of the item, or why there is none."""
-    try:
-        return function(item)
-    # A library that wants to end the process must not end the worker.
-    except (Exception, SystemExit) as error:
-        return Failure(_one_line(error), traceback.format_exc())
+            yield from _Dispatch(client, workers.scheduler, task, items).results()
+        return
+    jobs = min(workers.processes, len(items))
+    with one_thread_each():
+        if jobs > 1:
+            yield from Processes(function, items, jobs).results()
+            return
+        for k, item in enumerate(items):
+            yield k, attempt(function, item)
 
 
 def _on_worker(
@@ -101,22 +88,18 @@ def _on_worker(
     return attempt(function, item)
 
 
-def _one_line(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
-
-
 class _Dispatch(Generic[Item, Result]):
     """Keeps as many runs out at one time as there are workers."""
 
     def __init__(
         self,
         client: "Client",
-        workers: Workers,
+        scheduler: str,
         function: Callable[[Item], Result | Failure],
         items: Sequence[Item],
     ) -> None:
         self._client, self._function, self._items = client, function, items
-        self._where = workers.scheduler or THIS_MACHINE
+        self._where = scheduler
         self._group = f"run-{token_hex(8)}"
         self._ended: SimpleQueue[Future[Result | Failure]] = SimpleQueue()
         self._out: dict[object, int] = {}
@@ -191,7 +174,7 @@ class _Dispatch(Generic[Item, Result]):
         # The run itself raises nothing: a worker could not load it, or not send back its result.
         except Exception as error:
             item = self._items[self._out[future.key]]
-            raise RunError(f"{item}: {_one_line(error)}") from error
+            raise RunError(f"{item}: {one_line(error)}") from error
 
     def _gone(self) -> InputError:
         expected = "expected it to stay to the end, it is gone; finished runs are kept"

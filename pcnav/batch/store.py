@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import pcnav
+from pcnav.batch.attempt import Failure, attempt
 from pcnav.batch.axes import GridRun
 from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import Failure, attempt, outcomes
+from pcnav.batch.engine import outcomes
 from pcnav.batch.record import (
     FORMAT,
     SUFFIX,

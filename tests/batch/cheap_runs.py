@@ -2,6 +2,7 @@
 
 import os
 import resource
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,3 +86,8 @@ def record_of(run: GridRun) -> RunRecord:
         library_versions(),
         command_of(run),
     )
+
+
+def lock_of(_: int) -> object:
+    """What cannot be sent to another process."""
+    return threading.Lock()

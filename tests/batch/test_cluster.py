@@ -1,6 +1,7 @@
 """A scheduler and workers as users start them, on loopback: same records, whatever dies."""
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -88,16 +89,19 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def _scheduler(folder: Path, repository: Path) -> Iterator[Dask]:
+def _scheduler(
+    folder: Path, repository: Path, protocol: str = "tcp", **settings: str
+) -> Iterator[Dask]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    environment = {**os.environ, "PYTHONPATH": str(repository)}
+    environment = {**os.environ, "PYTHONPATH": str(repository), **settings}
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         environment.pop(name, None)
     words = ["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+    words += ["--protocol", protocol]
     with _dask([*words, "--dashboard-address", "127.0.0.1:0"], environment) as process:
-        yield Dask(process, f"tcp://127.0.0.1:{port}", folder, environment)
+        yield Dask(process, f"{protocol}://127.0.0.1:{port}", folder, environment)
 
 
 @pytest.fixture(scope="module")
@@ -296,3 +300,50 @@ def test_workers_that_cannot_be_used_leave_no_folder_behind(tmp_path: Path) -> N
         with pytest.raises(InputError, match="scheduler"):
             run_batch(plan, tmp_path / "out", workers)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.study
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the key")
+def test_with_tls_as_documented_only_who_has_the_key_is_let_in(
+    tmp_path: Path, repository: Path
+) -> None:
+    key, certificate = tmp_path / "key.pem", tmp_path / "cert.pem"
+    command = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "rsa:3072",
+        "-nodes",
+        "-days",
+        "30",
+        "-subj",
+        "/CN=pcnav",
+        "-keyout",
+    ]
+    subprocess.run([*command, key, "-out", certificate], check=True, capture_output=True)
+    page = (repository / "docs" / "cluster.md").read_text()
+    settings = page.split("```yaml\n")[1].split("```")[0].replace("/home/me/.pcnav-cluster", "{}")
+    (tmp_path / "tls.yaml").write_text(settings.replace("{}", str(tmp_path)))
+    with _scheduler(tmp_path, repository, "tls", DASK_CONFIG=str(tmp_path)) as safe, safe.worker():
+        probe = tmp_path / "probe.py"
+        probe.write_text(
+            "import sys\nfrom pcnav.batch.cluster import Workers\n"
+            "from pcnav.batch.engine import results\n"
+            "print(dict(results(abs, [3, -4], Workers(scheduler=sys.argv[1]))))\n"
+        )
+        for has_key in (True, False):
+            environment = dict(safe.environment)
+            if not has_key:
+                environment["DASK_CONFIG"] = str(tmp_path / "none")
+            answer = subprocess.run(
+                [sys.executable, str(probe), safe.address],
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            if has_key:
+                assert answer.stdout == "{0: 3, 1: 4}\n", answer.stderr
+            else:
+                assert "expected a dask scheduler that answers" in answer.stderr

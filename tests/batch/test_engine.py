@@ -12,11 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from pcnav.batch.attempt import Failure
 from pcnav.batch.cluster import Workers
-from pcnav.batch.engine import results
+from pcnav.batch.engine import outcomes, results
 from pcnav.batch.store import RunStore, new_store, open_store, run_stored
+from pcnav.batch.worker_check import here
 from pcnav.core.errors import InputError
-from tests.batch.cheap_runs import CheapRun, command_of, executions, planned
+from tests.batch.cheap_runs import CheapRun, command_of, executions, lock_of, planned
 from tests.commands import PATIENCE_S
 
 HERE = Workers(jobs=1)
@@ -75,6 +77,28 @@ def test_processes_work_on_one_thread_each(
     names.append("MALLOC_TRIM_THRESHOLD_")
     assert dict(results(os.getenv, names, TWO)) == {0: "1", 1: "1", 2: "1", 3: None}
     assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
+
+
+def test_no_other_user_of_the_machine_can_reach_the_processes() -> None:
+    # Whoever reaches a port of a scheduler runs code as the user who started it.
+    psutil = pytest.importorskip("psutil")
+    here = psutil.Process()
+    before = set(here.net_connections("inet"))
+    opened: list[object] = []
+    for _ in results(sum, [[k] for k in range(4)], TWO):
+        children = here.children(recursive=True)
+        opened += set(here.net_connections("inet")) - before
+        with suppress(psutil.NoSuchProcess):
+            opened += [each for child in children for each in child.net_connections("inet")]
+        assert children
+    assert not opened
+
+
+def test_what_cannot_be_sent_back_or_loaded_is_the_failure_of_its_run() -> None:
+    ended = dict(outcomes(lock_of, [0, 1], TWO, here()))
+    for each in ended.values():
+        assert isinstance(each, Failure)
+        assert "pickle" in each.summary and "\n" not in each.summary
 
 
 def test_records_are_the_same_from_one_process_and_from_two_and_failures_are_kept(
