@@ -16,10 +16,13 @@ from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.length_unit import LengthUnit
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline
 from pcnav.core.errors import InputError
+from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.estimators.choice import chosen
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import make_estimator
+from pcnav.evaluation.answer.model import Answer, RunState
+from pcnav.evaluation.answer.telling import About, answer_of
 from pcnav.evaluation.diagnosis import Diagnosis, Facts, diagnosis
 from pcnav.evaluation.information_gain import InformationGain, gain_csv, gain_of_run
 from pcnav.evaluation.mesh_fit import mesh_fit_csv, sentences
@@ -36,6 +39,7 @@ from pcnav.recordings.recording import Recording, truth_folder
 from pcnav.recordings.region_files import resolved
 from pcnav.recordings.sequence import Frame, Sequence
 from pcnav.recordings.stereo_tracks import read_truth_features
+from pcnav.recordings.tracks import StereoTracks
 from pcnav.recordings.truth import read_truth
 from pcnav.report.content import ReportContent
 from pcnav.report.overlay import frame_picture
@@ -50,6 +54,7 @@ from pcnav.runs.result_files import (
     PIPELINE_FILE,
     REPORT_FILE,
     SKIPPED_FRAMES_FILE,
+    SUMMARY_FILE,
 )
 from pcnav.runs.status import CLAIMED
 from pcnav.runs.writer import RunWriter
@@ -69,6 +74,8 @@ class RunSummary:
     """What a run leaves behind."""
 
     folder: Path
+    answer: Answer
+    """What was found, and the warnings about it."""
     metrics: Metrics
     """Errors in it only where the recording carries a truth."""
     gain: InformationGain | None
@@ -177,7 +184,9 @@ def run(
         if on_start is not None:
             on_start(inputs.as_run, running.output)
         frames = inputs.frames()
-        survey, parts = _estimate(inputs, frames, running, writer, on_estimate)
+        # An earlier result is worth more than the beginning of a new one.
+        keep = not out.exists()
+        survey, parts, state = _estimate(inputs, frames, running, writer, on_estimate, keep)
         remarks = frames.remarks if isinstance(frames, Intake) else ()
         if isinstance(frames, Intake) and frames.skipped:
             writer.write_text(SKIPPED_FRAMES_FILE, skipped_frames_csv(frames.skipped))
@@ -201,27 +210,51 @@ def run(
             writer.write_text(MESH_FIT_FILE, mesh_fit_csv(parts))
         says = diagnosis(found, _facts(inputs, running, survey))
         warnings = (*remarks, *says.warnings, *sentences(parts))
-        picture, caption = _picture(inputs.target, running)
-        content = ReportContent(
-            title=inputs.recording.name,
-            command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-            run=found,
-            metrics=metrics,
-            target=None if inputs.target is None else inputs.target.name,
-            symmetry="C1" if inputs.target is None else inputs.target.symmetry_name,
-            gain=gain,
-            parts=parts,
-            observability=tables_of_run(found, inputs.recording, inputs.target),
-            configuration=inputs.as_run.stated(of_a_run=True),
-            versions=versions,
-            picture=picture,
-            picture_caption=caption,
-            warnings=(*warnings, *says.said),
-        )
-        write_report(staging / REPORT_FILE, content)
+        about = _about(inputs, running, (*warnings, *says.said), state)
+        answer = answer_of(found, metrics, about)
+        writer.write_json(SUMMARY_FILE, answer.model_dump(mode="json"))
+        if state is RunState.FINISHED:
+            picture, caption = _picture(inputs.target, running)
+            content = ReportContent(
+                title=inputs.recording.name,
+                command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+                answer=answer,
+                run=found,
+                metrics=metrics,
+                gain=gain,
+                parts=parts,
+                observability=tables_of_run(found, inputs.recording, inputs.target),
+                configuration=inputs.as_run.stated(of_a_run=True),
+                versions=versions,
+                picture=picture,
+                picture_caption=caption,
+            )
+            write_report(staging / REPORT_FILE, content)
     for sentence in warnings:
         _LOG.warning("%s", sentence)
-    return RunSummary(out, metrics, gain, says)
+    if state is RunState.INTERRUPTED:
+        _LOG.warning("interrupted: %s holds the %d frames that were done", out, len(found))
+        raise KeyboardInterrupt
+    return RunSummary(out, answer, metrics, gain, says)
+
+
+def _about(
+    inputs: _Inputs, estimator: Estimator, warnings: tuple[str, ...], state: RunState
+) -> About:
+    recording, target = inputs.recording, inputs.target
+    orbit = recording.orbit if isinstance(recording, StereoTracks) else None
+    if isinstance(recording, Sequence):
+        orbit = KeplerOrbit(recording.info.mean_motion_rad_s)
+    return About(
+        recording=recording.name,
+        target=None if target is None else target.name,
+        symmetry="C1" if target is None else target.symmetry_name,
+        mesh_scale=estimator.mesh_scale,
+        orbit=orbit,
+        prior=estimator.prior,
+        warnings=warnings,
+        state=state,
+    )
 
 
 def _open(
@@ -287,17 +320,31 @@ def _estimate(
     estimator: Estimator,
     writer: RunWriter,
     on_estimate: OnEstimate | None,
-) -> tuple[FrameSurvey | None, tuple[PartFit, ...]]:
+    keep: bool,
+) -> tuple[FrameSurvey | None, tuple[PartFit, ...], RunState]:
     """Give the estimator every frame; the estimates go to the writer as they come.
 
-    What is returned tells what depth frames hold, and how the target's parts lie in them.
+    What is returned tells what depth frames hold, and how the target's parts lie in them. Where
+    what was done is to be kept (``keep``) when the run is interrupted, the frames end there.
     """
-    done, surveyor = 0, FrameSurveyor()
+    done, surveyor, state = 0, FrameSurveyor(), RunState.FINISHED
     fit = None if inputs.target is None else MeshFit(inputs.target)
-    for done, frame in enumerate(frames, start=1):
+    coming = iter(frames)
+    while True:
+        try:
+            frame = next(coming, None)
+            if frame is None:
+                break
+            estimate = estimator.step(frame)
+        except KeyboardInterrupt:
+            if not keep or not done:
+                raise
+            state = RunState.INTERRUPTED
+            break
+        done += 1
         if isinstance(frame, Frame):
             surveyor.add(frame)
-        estimate = writer.add(estimator.step(frame))
+        estimate = writer.add(estimate)
         noise = estimator.sensor_noise
         if fit is not None and noise is not None and estimate.status in CLAIMED:
             pose = estimate.T_cam_target
@@ -308,11 +355,12 @@ def _estimate(
             on_estimate(estimate, done, max(len(frames), done))
     if not done:
         raise InputError(inputs.path, "file", "expected at least one frame that can be read")
-    revised = estimator.finish()
+    revised = estimator.finish() if state is RunState.FINISHED else None
     if revised is not None:
         writer.revise(revised)
     parts = () if fit is None else fit.parts()
-    return surveyor.survey() if isinstance(inputs.recording, Sequence) else None, parts
+    survey = surveyor.survey() if isinstance(inputs.recording, Sequence) else None
+    return survey, parts, state
 
 
 def _facts(inputs: _Inputs, estimator: Estimator, survey: FrameSurvey | None) -> Facts:

@@ -195,7 +195,10 @@ def _tell(summary: "RunSummary") -> None:
     """Say what was found."""
     from rich.console import Console
 
+    from pcnav.report.answer import terminal_table
     from pcnav.report.summary import summary_table
 
-    Console().print(summary_table(summary.metrics, summary.gain))
+    console = Console()
+    console.print(terminal_table(summary.answer))
+    console.print(summary_table(summary.metrics, summary.gain))
     typer.echo(f"report: {summary.report}")

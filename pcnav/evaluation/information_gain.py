@@ -126,16 +126,22 @@ def information_gain(
     # The Hill frame's own turn is far slower than any rate that matters here.
     for block, by_com in ((R_HILL, R_hill_body), (V_HILL, R_hill_body @ skew(omega_body))):
         prior_covariance[block, block] = by_com @ prior.com_covariance_m2 @ by_com.T
-    from_prior = np.zeros((STATE_SIZE, STATE_SIZE))
-    for block in (COM_MODEL, INERTIA_RATIOS):
-        columns = covariance[:, block]
-        from_prior += columns @ np.linalg.solve(prior_covariance[block, block], columns.T)
-    judged = _Judge(prior_covariance, covariance, from_prior)
+    judged = _Judge(prior_covariance, covariance, part_of_prior(prior, covariance))
     return InformationGain(
         states=judged.states(),
         com_combinations=judged.combinations(COM_MODEL, _COM_TERMS, "m"),
         ratio_combinations=judged.combinations(INERTIA_RATIOS, _RATIO_TERMS, "1"),
     )
+
+
+def part_of_prior(prior: PriorMass, covariance: FloatArray) -> FloatArray:
+    """(20, 20) what errors of the prior put into a final covariance (20, 20): ``P L0 P``."""
+    part = np.zeros((STATE_SIZE, STATE_SIZE))
+    priors = (COM_MODEL, prior.com_covariance_m2), (INERTIA_RATIOS, prior.ratio_covariance)
+    for block, of_block in priors:
+        columns = covariance[:, block]
+        part += columns @ np.linalg.solve(of_block, columns.T)
+    return part
 
 
 def gain_of_run(run: Run, prior: PriorMass, mean_motion_rad_s: float) -> InformationGain | None:

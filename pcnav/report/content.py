@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from pcnav.evaluation.answer.model import Answer
 from pcnav.evaluation.information_gain import InformationGain
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable
@@ -20,6 +21,8 @@ class ReportContent:
     """Name of the recording."""
     command: str
     """How the run was started, as typed."""
+    answer: Answer
+    """What the run found, and the warnings about it."""
     run: Run
     """With its covariances when the NEES is to be drawn."""
     metrics: Metrics
@@ -27,10 +30,6 @@ class ReportContent:
     configuration: Mapping[str, object]
     """The pipeline as nested tables."""
     versions: Mapping[str, str]
-    target: str | None = None
-    """Name of the target's model; None without a model."""
-    symmetry: str = "C1"
-    """Name of the target's symmetry group; C1 is none."""
     gain: InformationGain | None = None
     """What the data told of every state; None without an estimate or without a prior."""
     parts: tuple[PartFit, ...] = ()
@@ -40,5 +39,3 @@ class ReportContent:
     picture: Figure | None = None
     """A frame drawn by `frame_picture`."""
     picture_caption: str = ""
-    warnings: tuple[str, ...] = ()
-    """What went wrong, in sentences."""

@@ -37,8 +37,9 @@ ROW_IN = 1.15
 _LEGEND_LETTERS = 90
 """In one line of a legend."""
 _LOG_FROM = 20.0
-"""A curve that many times its band, or its own least value, asks for a logarithmic axis, and so
-does a band that shrinks by this factor."""
+"""A curve that many times its band, or its own least value, asks for a logarithmic axis."""
+_DIPS_PERCENT = 2.0
+"""Of a curve of magnitudes may leave the axis below."""
 _SETTLED_FROM = 0.1
 """Share of a curve after which its start-up transient is over."""
 _LABELS_APART = 0.07
@@ -57,9 +58,9 @@ class Scale(Enum):
     LOG = auto()
     SETTLED = auto()
     """Over what happens after the first tenth, where a start-up transient would flatten it."""
-    ERROR = auto()
-    """As `SETTLED`; where the band shrinks by decades all of it, linear about zero and logarithmic
-    beyond."""
+    MAGNITUDE = auto()
+    """Logarithmic, over all but the lowest hundredths of each curve: where an error changes sign
+    its magnitude falls to nothing."""
 
 
 @dataclass(frozen=True)
@@ -256,9 +257,11 @@ def _limit(axes: Axes, panel: Panel, same: Sequence[Panel]) -> None:
     elif panel.scale is Scale.ABOUT_ZERO:
         top = float(np.abs(everything).max()) or 1.0
         axes.set_ylim(-1.1 * top, 1.1 * top)
-    elif panel.scale is Scale.ERROR and bounds and shrinks(bounds[-1]):
-        _two_sided_log(axes, _last(bounds[-1]), float(np.abs(everything).max()))
-    elif panel.scale in (Scale.SETTLED, Scale.ERROR):
+    elif panel.scale is Scale.MAGNITUDE and (everything > 0.0).any():
+        above = [values[values > 0.0] for values in map(finite, curves)]
+        ends = [float(np.percentile(each, _DIPS_PERCENT)) for each in above if each.size]
+        _one_sided_log(axes, 0.7 * min(ends), 1.5 * float(everything.max()))
+    elif panel.scale is Scale.SETTLED:
         late = finite(np.concatenate([_settled(values) for values in (*curves, *bounds)]))
         # A first tenth that takes no more room than the rest is no transient.
         fits = not late.size or np.ptp(everything) < _TRANSIENT_FROM * np.ptp(late)
@@ -283,18 +286,6 @@ def _settled(values: FloatArray) -> FloatArray:
     return values[first + int(_SETTLED_FROM * (len(values) - first)) :]
 
 
-def _last(bound: FloatArray) -> float:
-    """The typical bound in the last tenth of the run, nan without any."""
-    last = bound[int(0.9 * len(bound)) :]
-    last = last[np.isfinite(last) & (last > 0.0)]
-    return float(np.median(last)) if last.size else np.nan
-
-
-def shrinks(bound: FloatArray) -> bool:
-    """Whether a bound (n,) falls so far that its start and its end do not fit one linear axis."""
-    return bool(finite(bound).max(initial=0.0) > _LOG_FROM * _last(bound))
-
-
 def _one_sided_log(axes: Axes, low: float, high: float) -> None:
     axes.set_yscale("log")
     # Two decades may hold one power of ten alone, and one of them none.
@@ -302,26 +293,6 @@ def _one_sided_log(axes: Axes, low: float, high: float) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=6))
     _plain_numbers(axes)
     axes.set_ylim(low, high)
-
-
-def _two_sided_log(axes: Axes, settled: float, largest: float) -> None:
-    """Linear up to the power of ten below the settled bound, logarithmic beyond, all in view."""
-    linear = 10.0 ** np.floor(np.log10(settled))
-    axes.set_yscale("symlog", linthresh=linear)
-    top = max(10.0 ** np.floor(np.log10(largest)), linear)
-    axes.yaxis.set_major_locator(FixedLocator(sorted({-top, -linear, 0.0, linear, top})))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(-1.5 * largest, 1.5 * largest)
-    axes.text(
-        *(1.0, 1.01),
-        f"linear to ±{linear:g}, logarithmic beyond",
-        transform=axes.transAxes,
-        ha="right",
-        va="bottom",
-        fontsize=6.5,
-        color=MUTED,
-    )
 
 
 def _plain_numbers(axes: Axes) -> None:

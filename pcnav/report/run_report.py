@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable, number
+from pcnav.report.answer import answer_cards, answer_line, answer_table
 from pcnav.report.content import ReportContent
 from pcnav.report.evaluation import against_the_truth, consistency, information_gain
 from pcnav.report.figures import drawing
@@ -36,18 +37,18 @@ def report_html(content: ReportContent) -> str:
     """The page of a run."""
     metrics = content.metrics
     seconds = f"{metrics.frames} frames over {number(metrics.duration_s)} s"
-    names = [name for name in (content.run.estimator, content.target) if name]
+    names = [name for name in (content.run.estimator, content.answer.target) if name]
     made = [Part(title, section(content)) for title, section in SECTIONS.items()]
     parts = [part for part in made if part.pieces]
     lead = " · ".join([*names, seconds])
-    return document(content.title, lead, _headline(content), parts, content.warnings)
+    return document(content.title, lead, _headline(content), parts, content.answer.warnings)
 
 
 def _headline(content: ReportContent) -> list[tuple[str, str]]:
     """The few numbers most readers come for."""
     metrics, run = content.metrics, content.run
     share = metrics.frames_with_estimate / max(metrics.frames, 1)
-    facts = [("frames with an estimate", f"{share:.1%}")]
+    facts = [*answer_cards(content.answer), ("frames with an estimate", f"{share:.1%}")]
     if metrics.frames_with_estimate:
         after = f"{number(metrics.first_estimate_after_s)} s"
         facts.append(("until the first estimate", after))
@@ -72,6 +73,11 @@ def _medians(metrics: Metrics) -> list[tuple[str, str]]:
     ]
 
 
+def _answer(content: ReportContent) -> list[Piece]:
+    table = answer_table(content.answer)
+    return [answer_line(content.answer), *([table] if table.rows else [])]
+
+
 def _summary(content: ReportContent) -> list[Piece]:
     facts = run_facts(content.metrics, content.gain)
     table = TextTable("", "", ("", ""), tuple(facts), text_columns=2)
@@ -94,12 +100,13 @@ def _provenance(content: ReportContent) -> list[Piece]:
 
 
 SECTIONS: dict[str, Callable[[ReportContent], list[Piece]]] = {
+    "Answer": _answer,
+    "Consistency": consistency,
+    "Against the truth": against_the_truth,
     "Summary": _summary,
     "Status": status_and_evidence,
     "Frames": frames_by_outcome,
-    "Against the truth": against_the_truth,
     "States over time": states_over_time,
-    "Consistency": consistency,
     "Information gain": information_gain,
     "Observability of this motion": _observability,
     "Mesh against the frames": mesh_against_frames,
@@ -107,4 +114,4 @@ SECTIONS: dict[str, Callable[[ReportContent], list[Piece]]] = {
     "Notes of the estimator": own_notes,
     "How the run was made": _provenance,
 }
-"""In the order of the page."""
+"""In the order of the page: what was found, how far it may be believed, then the rest."""

@@ -8,9 +8,10 @@ from pcnav.core.statistics import finite
 from pcnav.dynamics.blocks import ATTITUDE, FILE_ORDER, POSITION, RATE, RATIOS, Block
 from pcnav.estimators.image_motion.rates import continuous_xyzw
 from pcnav.evaluation.errors import Errors
+from pcnav.evaluation.pose_deviations import pose_deviations
 from pcnav.files.text_table import display_unit
 from pcnav.report.content import ReportContent
-from pcnav.report.figures import LINE, drawing
+from pcnav.report.figures import BOUND, LINE, drawing
 from pcnav.report.page import Drawing, Piece
 from pcnav.report.panels import Curve, Panel, Scale, panels_figure
 from pcnav.runs.run import Run
@@ -33,8 +34,12 @@ def states_over_time(content: ReportContent) -> list[Piece]:
         return []
     figures: list[Piece] = []
     if errors is not None and errors.has_pose.any():
-        caption = "Norms of the error of the model origin and of the attitude in the camera."
-        figures.append(drawing("Pose error", caption, pose_error_figure(run.time_s, errors)))
+        caption = (
+            "Norms of the error of the model origin and of the attitude in the camera, and what "
+            "is stated of the direction known least."
+        )
+        figure = pose_error_figure(run, errors, content.answer.mean_motion_rad_s)
+        figures.append(drawing("Pose error", caption, figure))
     elif run.trajectory.T_cam_target is not None and not run.trajectory.layout.blocks:
         p_cam = run.trajectory.T_cam_target[:, :3, 3]
         figure = component_figure(run, p_cam, POSITION.components, "m")
@@ -58,9 +63,9 @@ def component_figure(
 ) -> Figure:
     """Components (n, k) over time, one row each, with their 3 sigma bounds where these are known.
 
-    Errors are drawn against bounds about zero, estimates inside bounds about themselves. Errors
-    that shrink by orders of magnitude get an axis that is linear about zero and logarithmic
-    beyond; otherwise a start-up transient may leave the axes. No line joins two segments.
+    Magnitudes of errors are drawn beside their bounds on a logarithmic axis, estimates inside
+    bounds about themselves, where a start-up transient may leave the axes. No line joins two
+    segments.
     """
     starts = np.searchsorted(run.time_s, [segment.time_s for segment in run.segments[1:]])
     time_s = np.insert(run.time_s, starts, run.time_s[starts])
@@ -73,31 +78,37 @@ def component_figure(
         bounds = 3.0 * scale * np.insert(sd, starts, np.nan, axis=0).T
     panels = []
     for name, value, bound in zip(names, columns, bounds, strict=True):
-        centre = np.zeros_like(value) if is_error else value
+        label = name if unit == "1" else f"{name}, {unit}"
+        if is_error:
+            panels.append(error_panel(label, value, bound))
+            continue
         known = bool(np.isfinite(bound).any())
-        panels.append(
-            Panel(
-                name if unit == "1" else f"{name}, {unit}",
-                [Curve("error (truth - estimate)" if is_error else "estimate", value, colour=LINE)],
-                Scale.ERROR if is_error else Scale.SETTLED,
-                bands={"3 sigma as stated": (centre - bound, centre + bound)} if known else {},
-                base=0.0 if is_error else None,
-                edges=True,
-            )
-        )
+        bands = {"3 sigma as stated": (value - bound, value + bound)} if known else {}
+        curves = [Curve("estimate", value, colour=LINE)]
+        panels.append(Panel(label, curves, Scale.SETTLED, bands=bands, edges=True))
     return panels_figure(time_s, panels)
 
 
-def pose_error_figure(time_s: FloatArray, errors: Errors) -> Figure:
-    """Error norms of the pose in the camera over time, logarithmic."""
+def error_panel(label: str, error: FloatArray, bound: FloatArray) -> Panel:
+    """The magnitude of an error (n,) beside its stated bound (n,), nan without one."""
+    curves = [Curve("|error|", np.abs(error), colour=LINE)]
+    if np.isfinite(bound).any():
+        curves.append(Curve("3 sigma as stated", bound, colour=BOUND, width=1.2))
+    return Panel(label, curves, Scale.MAGNITUDE)
+
+
+def pose_error_figure(run: Run, errors: Errors, mean_motion_rad_s: float | None) -> Figure:
+    """Error norms of the pose in the camera over time, beside 3 sigma along the direction that is
+    known least."""
     distance = np.linalg.norm(errors.p_cam_m, axis=1)
     scale, unit = display_unit("m", float(np.median(distance[errors.has_pose])))
-    angle = np.rad2deg(np.linalg.norm(errors.theta_model_rad, axis=1))
-    series = {f"position, {unit}": scale * distance, "attitude, deg": angle}
+    angle = np.linalg.norm(errors.theta_model_rad, axis=1)
+    shift_sd, turn_sd = pose_deviations(run.trajectory, mean_motion_rad_s)
     panels = [
-        Panel(label, [Curve("", norm, colour=LINE)], Scale.LOG) for label, norm in series.items()
+        error_panel(f"position, {unit}", scale * distance, 3.0 * scale * shift_sd),
+        error_panel("attitude, deg", np.rad2deg(angle), 3.0 * np.rad2deg(turn_sd)),
     ]
-    return panels_figure(time_s, panels, row_in=1.6)
+    return panels_figure(run.time_s, panels, row_in=1.6)
 
 
 def _block_figures(run: Run, errors: Errors | None, block: Block) -> list[Drawing]:
@@ -108,10 +119,7 @@ def _block_figures(run: Run, errors: Errors | None, block: Block) -> list[Drawin
         values = error = errors[block]
         caption = "True minus estimated"
         if stated:
-            caption += (
-                ", and stated 3 sigma; where the run settles by orders of magnitude, the axis is "
-                "linear between its two inner marks and logarithmic beyond"
-            )
+            caption += ", its magnitude, and stated 3 sigma"
         if run.segments:
             # The estimate has a figure, too.
             title = f"{block_title(block).split(',')[0]} error"

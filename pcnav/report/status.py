@@ -48,7 +48,7 @@ def status_and_evidence(content: ReportContent) -> list[Piece]:
     if len(changes) > _MAX_CHANGES:
         beside.append(f"{len(changes) - _MAX_CHANGES} later changes are not listed.")
     if "ambiguous" in run.status:
-        beside.append(_ambiguity(content.symmetry))
+        beside.append(_ambiguity(content.answer.symmetry))
     if any(run.words.get("motion", ())):
         beside.append(_motion(run))
     return [(figure, tuple(beside))]

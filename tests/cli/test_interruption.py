@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,9 @@ from typing import Any
 import pytest
 
 from pcnav.estimators.depth.tracker import Tracker
-from tests.cli.answers import FRAMES, PIPELINE
+from pcnav.evaluation.answer.model import Answer, RunState
+from pcnav.runs.reader import read_run
+from tests.cli.answers import FRAMES, PIPELINE, content
 from tests.commands import PATIENCE_S, Pcnav
 
 COMMAND = [sys.executable, "-c", "from pcnav.cli import main; main()"]
@@ -25,22 +28,61 @@ main()
 """
 
 
-def test_an_interrupted_run_leaves_nothing(
-    pcnav: Pcnav, sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def interrupt_at(monkeypatch: pytest.MonkeyPatch, index: int) -> None:
     step = Tracker.step
 
-    def interrupted_at_frame_4(self: Tracker, frame: Any) -> Any:
-        if frame.index == 4:
+    def interrupted(self: Tracker, frame: Any) -> Any:
+        if frame.index == index:
             raise KeyboardInterrupt
         return step(self, frame)
 
-    monkeypatch.setattr(Tracker, "step", interrupted_at_frame_4)
+    monkeypatch.setattr(Tracker, "step", interrupted)
+
+
+def test_an_interrupted_run_keeps_what_was_done(
+    pcnav: Pcnav, sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_at(monkeypatch, 4)
+    result = tmp_path / "new" / "result"
+    answer = pcnav("run", sequence, "-o", result)
+    assert answer.code == 130
+    told, line = answer.error_lines
+    assert told == f"WARNING: interrupted: {result} holds the 4 frames that were done"
+    assert line.startswith("interrupted")
+    found = Answer.model_validate_json((result / "summary.json").read_text())
+    assert (found.state, found.found, found.frames) == (RunState.INTERRUPTED, True, 4)
+    assert found.estimate is not None and found.estimate.frame == 3
+    run = read_run(result, with_covariance=True)
+    assert len(run) == 4 and run.is_finished
+    assert [path.name for path in result.parent.iterdir()] == ["result"]
+
+
+def test_a_run_interrupted_at_once_leaves_nothing(
+    pcnav: Pcnav, sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupt_at(monkeypatch, 0)
     answer = pcnav("run", sequence, "-o", tmp_path / "new" / "result")
     assert answer.code == 130
     assert len(answer.error_lines) == 1
-    assert answer.error_lines[0].startswith("interrupted")
     assert {path.name for path in tmp_path.iterdir()} == {"sequence"}
+
+
+def test_an_interrupted_run_does_not_replace_an_earlier_result(
+    pcnav: Pcnav,
+    recorded: Path,
+    sequence: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = tmp_path / "result"
+    shutil.copytree(recorded / "result", result)
+    before = content(result)
+    interrupt_at(monkeypatch, 4)
+    answer = pcnav("run", sequence, "-o", result, "--overwrite")
+    assert answer.code == 130
+    assert len(answer.error_lines) == 1
+    assert content(result) == before
+    assert {path.name for path in tmp_path.iterdir()} == {"sequence", "result"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows ends a process without asking it")

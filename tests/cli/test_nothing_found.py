@@ -1,6 +1,7 @@
 """What a run says of frames that show nothing, or too little."""
 
 import html
+import json
 import re
 from pathlib import Path
 
@@ -40,6 +41,9 @@ def test_a_sequence_without_returns_says_so_and_ends_with_its_own_code(
     assert "acquiring 100.0%" in answer.out
     assert "acquiring 100.0%" in (tmp_path / "result" / "report.html").read_text()
     assert (tmp_path / "result" / "poses.tum").read_text() == ""
+    summary = json.loads((tmp_path / "result" / "summary.json").read_text())
+    assert (summary["found"], summary["estimate"], summary["frames"]) == (False, None, FRAMES)
+    assert "no frame has any return" in summary["warnings"][0]
 
 
 @pytest.mark.usefixtures("quick_drawings")

@@ -20,7 +20,7 @@ from pcnav.simulation.simulate import simulate
 from tests.pipeline.made import CASES, Made, put
 
 ALWAYS = {"covariances.npz", "metrics.json", "pipeline.toml", "report.html", "states.csv"} | {
-    MANIFEST_FILE
+    *("summary.json", MANIFEST_FILE)
 }
 STEREO = {"features.csv", "points.csv", "poses.tum"}
 FILES = {

@@ -16,13 +16,13 @@ from pcnav.report.figures import svg_bytes
 from pcnav.report.measurements import count_figure, outcome_figure
 from pcnav.report.overlay import frame_picture, visible_pieces
 from pcnav.report.panels import Curve, Panel, Scale, panels_figure
+from pcnav.report.states import error_panel
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 
 
 def error_figure(time_s: FloatArray, error: FloatArray, sd: FloatArray) -> Figure:
     """Of an error (n,) and its stated deviations (n,)."""
-    bands = {"3 sigma": (-3.0 * sd, 3.0 * sd)}
-    return panels_figure(time_s, [Panel("x", [Curve("", error)], Scale.ERROR, bands=bands)])
+    return panels_figure(time_s, [error_panel("x", error, 3.0 * sd)])
 
 
 def test_the_same_figure_gives_the_same_bytes() -> None:
@@ -49,22 +49,24 @@ def test_thinning_keeps_every_peak_and_gap() -> None:
 
 def test_a_transient_does_not_set_the_scale() -> None:
     time_s = np.linspace(0.0, 100.0, 1001)
-    error = np.where(time_s < 5.0, 1e3, np.sin(time_s))
-    figure = error_figure(time_s, error, np.full(1001, 0.2))
+    values = np.where(time_s < 5.0, 1e3, np.sin(time_s))
+    figure = panels_figure(time_s, [Panel("x", [Curve("", values)])])
     low, high = figure.axes[0].get_ylim()
     assert -1.5 < low < -1.0 < 1.0 < high < 1.5
 
 
-def test_a_run_that_settles_by_decades_shows_both_ends() -> None:
+def test_errors_that_settle_by_decades_are_read_at_both_ends() -> None:
     time_s = np.linspace(0.0, 100.0, 1001)
     sd = 10.0 ** (1.0 - 4.0 * time_s / 100.0)
-    figure = error_figure(time_s, sd * np.sin(time_s), sd)
-    axes = figure.axes[0]
+    axes = error_figure(time_s, sd * np.sin(time_s), sd).axes[0]
     low, high = axes.get_ylim()
-    assert low < -30.0 < 30.0 < high
-    # The last bound of 3 mm stands well clear of zero: a tenth of the axis and more.
-    inside = axes.transData.transform([(0.0, 0.0), (0.0, 3.0 * sd[-1]), (0.0, high)])[:, 1]
-    assert (inside[1] - inside[0]) > 0.1 * (inside[2] - inside[0])
+    assert axes.get_yscale() == "log"
+    # Zeros of the error leave the axis below; the last bound and the first stand well within.
+    assert 1e-6 < low < 0.5 * sd[-1] and high > 30.0
+    error, bound = (y for line in axes.lines if (y := np.asarray(line.get_ydata())).size)
+    assert error.min() >= 0.0
+    heights = axes.transAxes.inverted().transform(axes.transData.transform([(0.0, bound[-1])]))
+    assert heights[0, 1] > 0.2
 
 
 def test_a_first_tenth_that_takes_no_more_room_stays_in_view() -> None:

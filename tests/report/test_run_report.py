@@ -29,7 +29,14 @@ from tests.made_runs import KINDS
 from tests.report.conftest import Contents
 
 VOID = {"meta", "img", "br", "wbr"}
-COMMON = {"Summary", "Status", "Against the truth", "States over time", "How the run was made"}
+COMMON = {
+    "Answer",
+    "Summary",
+    "Status",
+    "Against the truth",
+    "States over time",
+    "How the run was made",
+}
 OWN = {
     "depth": {"Consistency", "Measurements"},
     "inertia_bank": {"Consistency", "Measurements", "Notes of the estimator"},

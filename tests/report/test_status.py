@@ -65,7 +65,8 @@ def test_the_changes_are_listed_with_their_evidence(content: ReportContent) -> N
 def test_the_status_is_told_in_words(
     content: ReportContent, status: tuple[str, ...], symmetry: str, told: str
 ) -> None:
-    pieces = beside(replace(content, run=replace(content.run, status=status), symmetry=symmetry))
+    answer = content.answer.model_copy(update={"symmetry": symmetry})
+    pieces = beside(replace(content, run=replace(content.run, status=status), answer=answer))
     assert any(told in piece for piece in pieces if isinstance(piece, str))
 
 

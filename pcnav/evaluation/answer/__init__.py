@@ -1,0 +1,1 @@
+"""What a run found: the final estimate with its deviations, and how far it may be believed."""
