@@ -40,14 +40,14 @@ _PLACES = {
     "pcnav.estimators.depth.tracker.Tracker.step": _FILTER,
     "pcnav.runs.writer.RunWriter.add": _WRITING,
     "pcnav.runs.writer.RunWriter.finish_tables": _WRITING,
-    "pcnav.pipeline.read_run": _REPORT,
-    "pcnav.pipeline.read_truth": _REPORT,
-    "pcnav.pipeline.evaluate": _REPORT,
-    "pcnav.pipeline.gain_of_run": _REPORT,
-    "pcnav.pipeline.frame_picture": _REPORT,
-    "pcnav.pipeline.tables_of_run": _REPORT,
-    "pcnav.pipeline.library_versions": _REPORT,
-    "pcnav.pipeline.write_report": _REPORT,
+    "pcnav.navigation.read_run": _REPORT,
+    "pcnav.navigation.read_truth": _REPORT,
+    "pcnav.navigation.evaluate": _REPORT,
+    "pcnav.navigation.gain_of_run": _REPORT,
+    "pcnav.navigation.frame_picture": _REPORT,
+    "pcnav.navigation.tables_of_run": _REPORT,
+    "pcnav.navigation.library_versions": _REPORT,
+    "pcnav.navigation.write_report": _REPORT,
 }
 
 

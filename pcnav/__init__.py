@@ -8,36 +8,63 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pcnav.config.pipeline_file import Pipeline as Pipeline
-    from pcnav.config.pipeline_file import read_pipeline as read_pipeline
-    from pcnav.core.errors import InputError as InputError
-    from pcnav.estimators.interface import Given as Given
-    from pcnav.estimators.registry import ESTIMATORS as ESTIMATORS
-    from pcnav.estimators.registry import make_estimator as make_estimator
-    from pcnav.evaluation.metrics import evaluate as evaluate
-    from pcnav.pipeline import run as run
-    from pcnav.recordings.opening import open_recording as open_recording
-    from pcnav.recordings.opening import open_sequence as open_sequence
-    from pcnav.recordings.truth import read_truth as read_truth
-    from pcnav.runs.reader import read_run as read_run
-    from pcnav.target.satellite import load_target as load_target
+    from pcnav.config.pipeline_file import Pipeline, read_pipeline
+    from pcnav.core.camera import PinholeCamera
+    from pcnav.core.errors import InputError
+    from pcnav.estimators.interface import Given
+    from pcnav.estimators.registry import ESTIMATORS, make_estimator
+    from pcnav.evaluation.metrics import evaluate
+    from pcnav.pipeline import run
+    from pcnav.recordings.opening import open_recording, open_sequence
+    from pcnav.recordings.truth import read_truth
+    from pcnav.runs.estimate import Estimate
+    from pcnav.runs.reader import read_run
+    from pcnav.runs.status import Status
+    from pcnav.target.satellite import Target, load_target
+    from pcnav.tracker import Tracker
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "ESTIMATORS",
+    "Estimate",
+    "Given",
+    "InputError",
+    "PinholeCamera",
+    "Pipeline",
+    "Status",
+    "Target",
+    "Tracker",
+    "evaluate",
+    "load_target",
+    "make_estimator",
+    "open_recording",
+    "open_sequence",
+    "read_pipeline",
+    "read_run",
+    "read_truth",
+    "run",
+]
+
 _HOMES = {
-    "Pipeline": "pcnav.config.pipeline_file",
-    "read_pipeline": "pcnav.config.pipeline_file",
-    "InputError": "pcnav.core.errors",
-    "Given": "pcnav.estimators.interface",
     "ESTIMATORS": "pcnav.estimators.registry",
-    "make_estimator": "pcnav.estimators.registry",
+    "Estimate": "pcnav.runs.estimate",
+    "Given": "pcnav.estimators.interface",
+    "InputError": "pcnav.core.errors",
+    "PinholeCamera": "pcnav.core.camera",
+    "Pipeline": "pcnav.config.pipeline_file",
+    "Status": "pcnav.runs.status",
+    "Target": "pcnav.target.satellite",
+    "Tracker": "pcnav.tracker",
     "evaluate": "pcnav.evaluation.metrics",
-    "run": "pcnav.pipeline",
+    "load_target": "pcnav.target.satellite",
+    "make_estimator": "pcnav.estimators.registry",
     "open_recording": "pcnav.recordings.opening",
     "open_sequence": "pcnav.recordings.opening",
-    "read_truth": "pcnav.recordings.truth",
+    "read_pipeline": "pcnav.config.pipeline_file",
     "read_run": "pcnav.runs.reader",
-    "load_target": "pcnav.target.satellite",
+    "read_truth": "pcnav.recordings.truth",
+    "run": "pcnav.pipeline",
 }
 """Public names and the modules they stand in."""
 

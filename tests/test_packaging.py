@@ -157,6 +157,23 @@ def test_help_answers_without_the_heavy_libraries(repository: Path) -> None:
     assert run_python(code, repository).split(maxsplit=1) == ["True", "[]\n"]
 
 
+def test_the_package_itself_costs_nothing_and_names_what_programs_use(repository: Path) -> None:
+    heavy = run_python(
+        f"import sys, pcnav\nprint([name for name in {HEAVY!r} if name in sys.modules])", repository
+    )
+    assert heavy == "[]\n"
+    assert all(getattr(pcnav, name) is not None for name in pcnav.__all__)
+    assert set(pcnav.__all__) == set(pcnav._HOMES) < set(dir(pcnav))
+    tree = ast.parse(Path(pcnav.__file__).read_text(encoding="utf-8"))
+    seen_by_types = {
+        alias.name: node.module
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("pcnav.")
+        for alias in node.names
+    }
+    assert seen_by_types == pcnav._HOMES
+
+
 def test_open3d_is_imported_through_one_module(repository: Path) -> None:
     output = run_python(
         "from pcnav.core._open3d import open3d\nprint(open3d.geometry.PointCloud().is_empty())",

@@ -1,19 +1,15 @@
 """``pcnav demo``: the shipped satellite from frames to report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from pcnav.cli.options import Overwrite
-from pcnav.core.errors import InputError
-
-if TYPE_CHECKING:
-    pass
-
-
 from pcnav.cli.run import run_into
 from pcnav.cli.simulate import simulate_into
+from pcnav.files.new_folder import refuse_unless_replaceable
+from pcnav.runs.result_files import STATES_FILE
 
 
 def demo(
@@ -28,7 +24,6 @@ def demo(
     """
     sequence, result = out / "sequence", out / "result"
     # Found out before half of the work is done.
-    if result.is_dir() and any(result.iterdir()) and not overwrite:
-        raise InputError(result, "folder", "expected a new folder; --overwrite replaces this one")
+    refuse_unless_replaceable(result.resolve(), overwrite, STATES_FILE)
     simulate_into("demo", sequence, overwrite)
     run_into(sequence, None, "demo", result, overwrite)

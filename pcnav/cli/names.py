@@ -10,9 +10,10 @@ if TYPE_CHECKING:  # heavy imports sit inside the functions, so that --help answ
 
 
 def named_pipeline(name: str) -> "tuple[Path, Pipeline]":
-    """A pipeline by path or shipped name."""
+    """A pipeline by path, that of a result among them, or shipped name."""
     from pcnav.config.pipeline_file import read_pipeline
     from pcnav.config.shipped import shipped_pipeline, shipped_pipeline_names
+    from pcnav.runs.places import located
 
     path = Path(name)
     if not path.is_file():
@@ -21,7 +22,7 @@ def named_pipeline(name: str) -> "tuple[Path, Pipeline]":
             known = ", ".join(shipped_pipeline_names())
             raise InputError(path, "pipeline", f"expected a TOML file or one of: {known}")
         path = shipped
-    return path, read_pipeline(path)
+    return path, located(read_pipeline(path), path.parent)
 
 
 def named_mesh(name: str) -> Path:

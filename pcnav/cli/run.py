@@ -23,7 +23,7 @@ from pcnav.config.length_unit import LengthUnit
 if TYPE_CHECKING:
     from pcnav.config.first_pose import FirstPoseTable
     from pcnav.config.pipeline_file import Pipeline
-    from pcnav.pipeline import RunSummary
+    from pcnav.navigation import RunSummary
     from pcnav.runs.estimate import Estimate, Output
     from pcnav.viewer.live import LiveView
 

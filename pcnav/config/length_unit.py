@@ -2,6 +2,8 @@
 
 from enum import StrEnum
 
+from pcnav.core.errors import InputError
+
 
 class LengthUnit(StrEnum):
     """A unit of length, as a user writes it."""
@@ -11,6 +13,15 @@ class LengthUnit(StrEnum):
     INCH = "in"
     FOOT = "ft"
     METRE = "m"
+
+    @staticmethod
+    def named(text: str) -> "LengthUnit":
+        """The unit that a program names. Raises `InputError` for one that is none."""
+        try:
+            return LengthUnit(text)
+        except ValueError as error:
+            known = ", ".join(LengthUnit)
+            raise InputError("unit", str(text), f"expected one of {known}") from error
 
     @property
     def metres(self) -> float:

@@ -70,6 +70,7 @@ _OF_A_RUN = (
         "target_mesh",
         "mesh_unit",
         "sequence",
+        "written_to",
         "initial_pose",
         "time_zero_s",
         "skip_bad_frames",
@@ -111,7 +112,10 @@ class Pipeline(Table):
     """Unit of its coordinates; None takes the one that the TOML beside it states, else the one it
     declares, else metres."""
     sequence: str | None = None
-    """Folder the run was made from, written by `pcnav run`, ignored otherwise."""
+    """Folder the run was made from, as seen from that of this file; written by `pcnav run`, ignored
+    otherwise."""
+    written_to: str | None = None
+    """Where the result was when its run wrote this file, from which what moved is looked for."""
     initial_pose: FirstPoseTable | None = None
     """Of the target in the first depth frame; replaces the one a sequence states."""
     time_zero_s: float = 0.0

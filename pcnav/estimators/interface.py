@@ -94,6 +94,12 @@ class Estimator(ABC):
     def step(self, frame: Any, /) -> Estimate:
         """The estimate at the time of the frame. Raises `InputError` for one that cannot be."""
 
+    def forecast(self, frame: Any, /) -> Estimate | None:
+        """What a frame of a later time in which nothing is seen would be answered; it is not taken
+        in. None of one that cannot tell."""
+        del frame
+        return None
+
     def finish(self) -> Sequence[Estimate] | None:
         """All estimates once more, where frames that came later change them."""
         return None

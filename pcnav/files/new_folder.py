@@ -13,6 +13,8 @@ from pcnav.files.owned import collect, earlier_name, owned, owned_name
 
 _log = logging.getLogger(__name__)
 
+_NEW = "expected an empty or new folder; --overwrite (overwrite=True) replaces this one"
+
 
 @contextmanager
 def new_folder(out: Path, overwrite: bool, marker: str) -> Iterator[Path]:
@@ -62,7 +64,7 @@ def refuse_unless_replaceable(folder: Path, overwrite: bool, marker: str) -> Non
     if not any(folder.iterdir()):
         return
     if not overwrite:
-        raise InputError(folder, "folder", "expected an empty or new folder (or ask to overwrite)")
+        raise InputError(folder, "folder", _NEW)
     if not (folder / marker).is_file():
         expected = f"expected an earlier folder of this kind to overwrite, but it has no {marker}"
         raise InputError(folder, "folder", expected)

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from pcnav.config.first_pose import FirstPoseTable
+from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, rotation_from_xyzw, xyzw_from_rotation
 from pcnav.files.toml_file import checked
 from pcnav.recordings.bop_scene import read_scene_poses
+from pcnav.recordings.frame_checks import checked_transform
 from pcnav.recordings.sequence import FirstPosePrior
 
 POSITION_SD_SHARE = 0.02
@@ -45,6 +47,23 @@ def table_of(prior: FirstPosePrior) -> FirstPoseTable:
         position_sd_m=prior.position_sd_m,
         attitude_sd_deg=math.degrees(prior.attitude_sd_rad),
     )
+
+
+def first_pose_table(
+    T_cam_model: FloatArray, sd: tuple[float, float] | None = None
+) -> FirstPoseTable:
+    """A first pose (4, 4) as a program states it; ``sd`` as in `parsed_first_pose`.
+
+    Raises `InputError` for what is no pose.
+    """
+    T = checked_transform("Tracker", "initial_pose", T_cam_model)
+    found: dict[str, Any] = {
+        "position_cam_m": T[:3, 3].tolist(),
+        "quaternion_cam_model_xyzw": xyzw_from_rotation(T[:3, :3]).tolist(),
+    }
+    if sd is not None:
+        found |= {"position_sd_m": sd[0], "attitude_sd_deg": sd[1]}
+    return checked("Tracker", FirstPoseTable, found, "initial_pose_sd")
 
 
 def parsed_first_pose(text: str, sd: tuple[float, float] | None = None) -> FirstPoseTable:

@@ -75,7 +75,7 @@ def format_of(path: Path, kinds: Collection[RecordingKind] = ALL_KINDS) -> Recor
 
 
 def open_recording(
-    path: Path,
+    path: Path | str,
     target_mesh: Path | None = None,
     kinds: Collection[RecordingKind] = ALL_KINDS,
     skip_bad_frames: bool = False,
@@ -87,6 +87,7 @@ def open_recording(
     tell each format, when the path is missing or of no known format of these kinds; when it is
     invalid; and for a mesh where none is shown.
     """
+    path = Path(path)
     found = format_of(path, kinds)
     if found is None:
         known = (f"{form.marker} ({form.name})" for form in FORMATS if form.kind in kinds)
@@ -101,7 +102,7 @@ def open_recording(
 
 
 def open_sequence(
-    path: Path, target_mesh: Path | None = None, skip_bad_frames: bool = False
+    path: Path | str, target_mesh: Path | None = None, skip_bad_frames: bool = False
 ) -> Sequence:
     """Open a recording of depth frames: see `open_recording`."""
     found = open_recording(path, target_mesh, (RecordingKind.DEPTH,), skip_bad_frames)

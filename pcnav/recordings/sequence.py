@@ -36,7 +36,7 @@ DEFAULT_RANGE_SIGMA_M = 0.005
 """Assumed where nothing states the noise of a recording: a structured-light camera at 2 m."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Frame:
     """One depth image and where the camera was when it was taken.
 
@@ -65,6 +65,21 @@ class Frame:
         T_cam_world = checked_transform(where, "T_cam_world", self.T_cam_world)
         object.__setattr__(self, "depth_m", depth_m)
         object.__setattr__(self, "T_cam_world", T_cam_world)
+
+    @staticmethod
+    def blind(index: int, time_s: float, camera: PinholeCamera, T_cam_world: FloatArray) -> "Frame":
+        """A frame of which nothing is known but its time and camera."""
+        shape = (camera.height, camera.width)
+        depth_m, unseen = np.zeros(shape, dtype=np.float32), np.ones(shape, dtype=np.bool_)
+        return Frame(index, time_s, depth_m, camera, T_cam_world, unseen)
+
+    def __repr__(self) -> str:
+        returns = self.depth_m[self.depth_m > 0.0]
+        size, what = f"{self.camera.width} x {self.camera.height}", "no return"
+        if returns.size:
+            reach = f"{returns.min():.4g} to {returns.max():.4g} m"
+            what = f"{returns.size:,} returns from {reach}"
+        return f"<Frame {self.index} at {self.time_s:g} s: {size}, {what}>"
 
     def strided(self, stride: int) -> "Frame":
         """Every so many pixels of it only, as a smaller camera in the same place would see them."""
@@ -148,7 +163,7 @@ def stated_or_default_sigma(info: SequenceInfo, chosen_m: float | None = None) -
     return chosen_m or info.range_sigma_m or DEFAULT_RANGE_SIGMA_M
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sequence:
     """Depth images in files, read frame by frame: memory does not grow with their sizes."""
 
@@ -174,6 +189,11 @@ class Sequence:
     """(n, 4, 4)"""
     form: DepthForm = PLAIN
     """What a stored pixel means."""
+
+    def __repr__(self) -> str:
+        lasts = f"{self.times_s[0]:g} to {self.times_s[-1]:g} s" if len(self) else "no time"
+        frames = f"{len(self)} depth frames of {self.size.width} x {self.size.height}"
+        return f"<Sequence {self.name}: {frames}, {lasts}>"
 
     @property
     def name(self) -> str:
@@ -202,9 +222,7 @@ class Sequence:
     def blind_frame(self, index: int) -> Frame:
         """A frame of which nothing is known but its time and camera."""
         camera, time_s = self.camera(index), float(self.times_s[index])
-        shape = (camera.height, camera.width)
-        depth_m, unseen = np.zeros(shape, dtype=np.float32), np.ones(shape, dtype=np.bool_)
-        return Frame(index, time_s, depth_m, camera, self.T_cam_world[index], unseen)
+        return Frame.blind(index, time_s, camera, self.T_cam_world[index])
 
     def read_depth(self, path: Path, index: int) -> DepthImage:
         """(height, width) z-depth, m, of an image in the form that the one of a frame has.

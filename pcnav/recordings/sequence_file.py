@@ -108,7 +108,9 @@ def stated_time_zero(path: Path) -> float | None:
 
 def write_sequence_file(path: Path, info: SequenceInfo, form: DepthForm = PLAIN) -> None:
     """Write sequence.toml; the target's mesh becomes a path relative to its folder."""
-    sequence = {"name": info.name}
+    sequence: dict[str, object] = {"name": info.name}
+    if info.time_zero_s:
+        sequence["time_zero_s"] = info.time_zero_s
     if info.target_mesh is not None:
         sequence["target_mesh"] = _relative(info.target_mesh, path.parent)
     if info.mesh_unit is not None:

@@ -1,6 +1,7 @@
 """Writer of our own sequence format: a BOP scene, sequence.toml and, for simulations, truth."""
 
 import json
+import math
 import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -21,6 +22,9 @@ from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, write_sequence_file
 from pcnav.recordings.truth import write_truth
 from pcnav.target.mesh_files.reading import companion_files
+
+_MIN_STEP_M = 1e-4
+"""Finer than the noise of any depth camera."""
 
 
 def write_sequence(
@@ -53,7 +57,7 @@ def write_sequence(
                 write_depth_png(folder / DEPTH_FOLDER / depth_file_name(frame.index), units)
                 numbers.append(frame.index)
                 lenses.add(frame.camera.distortion)
-                yield frame.index, _camera_entry(frame, depth_step_m)
+                yield frame.index, _camera_entry(frame, depth_step_m, info.time_zero_s)
 
         _write_json(folder / SCENE_CAMERA_FILE, entries())
         if not numbers:
@@ -65,6 +69,13 @@ def write_sequence(
             poses = zip(numbers, truth.poses, strict=True)
             _write_json(folder / SCENE_GT_FILE, ((k, [_pose_entry(T)]) for k, T in poses))
             write_truth(folder, truth)
+
+
+def depth_step(frames: Iterable[Frame]) -> float:
+    """A step, m, in whose 16 bits the depths of all frames fit."""
+    far_m = max(float(frame.depth_m.max()) for frame in frames)
+    steps = max(1, math.ceil(far_m / (_MIN_STEP_M * (MAXIMUM_UNITS - 1))))
+    return steps * _MIN_STEP_M
 
 
 def _units(frame: Frame, depth_step_m: float, out: Path) -> RawDepth:
@@ -99,11 +110,11 @@ def _write_json(path: Path, entries: Iterable[tuple[int, object]]) -> None:
         file.write("\n}\n")
 
 
-def _camera_entry(frame: Frame, depth_step_m: float) -> dict[str, object]:
+def _camera_entry(frame: Frame, depth_step_m: float, time_zero_s: float) -> dict[str, object]:
     return {
         "cam_K": frame.camera.matrix.ravel().tolist(),
         "depth_scale": depth_step_m * 1000.0,
-        "timestamp_s": frame.time_s,
+        "timestamp_s": time_zero_s + frame.time_s,
         "cam_R_w2c": frame.T_cam_world[:3, :3].ravel().tolist(),
         "cam_t_w2c": (1000.0 * frame.T_cam_world[:3, 3]).tolist(),
     }

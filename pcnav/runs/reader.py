@@ -29,6 +29,7 @@ from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.csv_table import CsvTable, read_csv, read_header
 from pcnav.runs.estimate import Output
 from pcnav.runs.nis_window import window_nis
+from pcnav.runs.places import located
 from pcnav.runs.records import (
     MEASUREMENT_COLUMNS,
     POSE_COLUMNS,
@@ -78,13 +79,14 @@ _TUM_FIELDS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _NORM_TOLERANCE = 1e-3
 
 
-def read_run(folder: Path, *, with_covariance: bool = False) -> Run:
+def read_run(folder: Path | str, *, with_covariance: bool = False) -> Run:
     """The run stored in a result folder: finished, going on or killed.
 
     ``with_covariance`` also loads the covariances where the run is finished, 3 kB a frame of 20
     states; without it only their diagonals, as standard deviations. Raises `InputError` when a
     file is missing or damaged.
     """
+    folder = Path(folder)
     is_finished = not (folder / RAW_COVARIANCES_FILE).is_file()
     path = folder / STATES_FILE
     header = read_header(path)
@@ -194,7 +196,7 @@ def _run_of(folder: Path, table: CsvTable, output: Output, is_finished: bool) ->
     stated = "window_nis" in table.values
     window = table.numbers(("window_nis",))[:, 0] if stated else None
     pipeline = folder / PIPELINE_FILE
-    as_run = read_pipeline(pipeline) if pipeline.is_file() else None
+    as_run = located(read_pipeline(pipeline), folder) if pipeline.is_file() else None
     header = {*table.values, *table.texts}
     told = next((name for column, name in _TOLD_BY.items() if column in header), "")
     notes = {_RENAMED.get(name, name): name for name in output.notes if name in table.values}

@@ -1,5 +1,6 @@
 """A result folder as loaded: one type for every estimator, finished or not."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ class Segment:
     """(3, 3) the attitude there, which defines the axes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """All of a run that its tables tell, one row per frame."""
 
@@ -45,6 +46,12 @@ class Run:
     segments: tuple[Segment, ...] = ()
     """Empty where the body axes are given and stay."""
     is_finished: bool = True
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{n} {word}" for word, n in Counter(self.status).items())
+        state = "" if self.is_finished else ", unfinished"
+        told = f" ({counts})" if counts else ""
+        return f"<Run {self.name}: {len(self)} frames of {self.estimator}{told}{state}>"
 
     def __len__(self) -> int:
         return len(self.trajectory)

@@ -60,6 +60,7 @@ class RunWriter:
     """
 
     def __init__(self, folder: Path, output: Output, overwrite: bool = False) -> None:
+        self.folder = folder
         self._place = new_folder(folder, overwrite, STATES_FILE)
         self._output = output
         self._tables: _Tables | None = None
@@ -80,6 +81,11 @@ class RunWriter:
         if kind is None:
             self.finish_tables()
         self._begun.__exit__(kind, error, trace)
+
+    @property
+    def staging(self) -> Path:
+        """Where the files are while it is written; its name is the folder's in the end."""
+        return self._staging
 
     def add(self, estimate: Estimate) -> Estimate:
         """Append one frame; what is returned has the NIS of its window, too.

@@ -10,6 +10,7 @@ import trimesh
 from rich.table import Table
 
 from pcnav.config.length_unit import LengthUnit
+from pcnav.config.shipped import shipped_mesh
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
@@ -24,7 +25,14 @@ from pcnav.target.catalogue import (
 from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
 from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
-from pcnav.target.mesh_files.reading import MeshOrigin, read_mesh_file
+from pcnav.target.mesh_files.reading import (
+    Geometry,
+    MeshFile,
+    MeshOrigin,
+    mesh_of_program,
+    read_mesh_file,
+)
+from pcnav.target.mesh_files.units import length_text
 from pcnav.target.rival_turns import rival_turns
 from pcnav.target.round_mesh import rounded
 from pcnav.target.roundness import Roundness
@@ -59,12 +67,13 @@ _NAME_POSITION_FRACTION = 0.01
 _NAME_COSINE = np.cos(np.radians(5.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Target:
     """All that is known of a satellite before it is seen. Metres, model frame."""
 
     name: str
     mesh_path: Path
+    """Of one whose mesh a program had in memory no file: its name."""
     mesh: trimesh.Trimesh
     rectangles: tuple[Rectangle, ...]
     """Largest area first."""
@@ -83,6 +92,36 @@ class Target:
     """What the mesh comes from."""
     roundness: Roundness | None = None
     """About which axes it can be turned without a trace; None for a target that is not round."""
+    as_given: trimesh.Trimesh | None = None
+    """The whole mesh, m, of one that a program had in memory."""
+
+    def __repr__(self) -> str:
+        size = f"{length_text(self.diameter_m)} across ({self.mesh_origin.unit_text})"
+        symmetry = f"symmetry {self.symmetry_name}"
+        return f"<Target {self.name}: {size}, {len(self.mesh.faces)} faces, {symmetry}>"
+
+    @staticmethod
+    def from_mesh(
+        mesh: Geometry | Path | str, unit: LengthUnit | str | None = None, name: str = "target"
+    ) -> "Target":
+        """The target of a mesh.
+
+        Args:
+            mesh: path of a file, name of a shipped satellite, a ``trimesh.Trimesh`` or ``Scene``,
+                or a tuple of vertices (n, 3) and faces (m, 3).
+            unit: of its coordinates: "mm", "cm", "in", "ft" or "m"; without it the one that the
+                mesh, or the TOML file beside it, states, else metres.
+            name: of a mesh that is no file.
+
+        Raises `InputError` for what is no mesh, and for an unknown unit.
+        """
+        stated = None if unit is None else LengthUnit.named(unit)
+        if isinstance(mesh, Path | str):
+            shipped = None if Path(mesh).is_file() else shipped_mesh(str(mesh))
+            return load_target(shipped or Path(mesh), stated)
+        mesh_file = mesh_of_program(mesh, name, stated)
+        found = _target_of(Path(name), mesh_file, Path(name), Sidecar())
+        return replace(found, as_given=mesh_file.mesh)
 
     @cached_property
     def diameter_m(self) -> float:
@@ -207,6 +246,12 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
     mesh_path = Path(mesh_path)
     sidecar_path, sidecar = _sidecar_of(mesh_path)
     mesh_file = read_mesh_file(mesh_path, mesh_unit or sidecar.mesh_unit)
+    return _target_of(mesh_path, mesh_file, sidecar_path, sidecar)
+
+
+def _target_of(
+    mesh_path: Path, mesh_file: MeshFile, sidecar_path: Path, sidecar: Sidecar
+) -> Target:
     com, ratios = _mass_properties(mesh_file.mesh, sidecar.mass, sidecar_path)
     mesh, symmetry = _as_it_is_round(visible_shell(mesh_file.mesh))
     diameter = mesh_diameter(mesh)

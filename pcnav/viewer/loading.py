@@ -95,8 +95,10 @@ def _with_frames(loaded: LoadedRun, pipeline: Pipeline) -> LoadedRun:
         raise InputError(path, "target_mesh", "expected the mesh of the run")
     loaded = replace(loaded, target=load_target(Path(pipeline.target_mesh), pipeline.mesh_unit))
     assert loaded.target is not None
+    if pipeline.sequence is None:
+        return replace(loaded, notes=(*loaded.notes, "its depth frames were not kept: states only"))
     try:
-        mesh, path = Path(pipeline.target_mesh), Path(pipeline.sequence or "")
+        mesh, path = Path(pipeline.target_mesh), Path(pipeline.sequence)
         sequence = open_sequence(path, mesh, pipeline.skip_bad_frames)
     except InputError:
         gone = f"the depth frames are not at {pipeline.sequence}: states only"

@@ -15,7 +15,8 @@ from pcnav.config.sensors import CameraTable, FeaturesTable, ImageCameraTable, S
 from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.estimators.registry import ESTIMATORS
-from pcnav.pipeline import RunSummary, run
+from pcnav.navigation import RunSummary
+from pcnav.pipeline import run
 from pcnav.runs.estimate import Estimate
 from pcnav.simulation.simulate import simulate
 

@@ -126,14 +126,16 @@ def test_the_mesh_is_the_sequences_before_the_pipelines(
     other = shipped_mesh("twinwing")
     assert other is not None
     run(scene, tmp_path / "one", Pipeline(target_mesh=str(made.mesh)))
-    assert tomllib.loads((tmp_path / "one" / "pipeline.toml").read_text())["target_mesh"] == str(
-        made.mesh.resolve()
-    )
+    as_run = read_run(tmp_path / "one").pipeline
+    assert as_run is not None
+    assert as_run.target_mesh == str(made.mesh.resolve())
     caplog.clear()
     stated = f'[sequence]\ntarget_mesh = "{made.mesh.as_posix()}"\n[sensor]\nrange_sigma_m = 0.01\n'
     (scene / "sequence.toml").write_text(stated)
     run(scene, tmp_path / "two", Pipeline(target_mesh=str(other)))
-    assert read_pipeline(tmp_path / "two" / "pipeline.toml").target_mesh == str(made.mesh.resolve())
+    as_run = read_run(tmp_path / "two").pipeline
+    assert as_run is not None
+    assert as_run.target_mesh == str(made.mesh.resolve())
     assert any("twinwing" in record.getMessage() for record in caplog.records)
 
 
@@ -156,6 +158,7 @@ def test_peers_run_like_any_estimator(
     # Poses alone have no observability, which is nothing to warn about.
     assert "observability" not in caplog.text
     names = {"metrics.json", "pipeline.toml", "poses.tum", "report.html", "states.csv"}
+    names.add("summary.json")
     assert {path.name for path in (tmp_path / "one").iterdir()} == names | {MANIFEST_FILE}
     quantities = {each.key: each for each in summary.metrics.quantities}
     assert set(quantities) == {"position_cam", "attitude"}

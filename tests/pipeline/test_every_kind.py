@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcnav.config.pipeline_file import read_pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.interface import Estimator
 from pcnav.estimators.registry import ESTIMATORS
@@ -109,15 +108,16 @@ def test_the_truth_never_enters_an_estimate(made: Made, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_saved_pipeline_repeats_the_run(name: str, made: Made, tmp_path: Path) -> None:
-    saved = read_pipeline(made.result / "pipeline.toml")
+    saved = read_run(made.result).pipeline
+    assert saved is not None
     assert saved.seed == made.pipeline.seed
     assert saved.estimator.kind == name
     assert saved.sequence == str(made.recording.resolve())
     result = tmp_path / "result"
     run(Path(saved.sequence), result, saved)
     assert same_estimates(made, result)
-    for file in ("metrics.json", "pipeline.toml"):
-        assert (result / file).read_bytes() == (made.result / file).read_bytes()
+    assert (result / "metrics.json").read_bytes() == (made.result / "metrics.json").read_bytes()
+    assert read_run(result).pipeline == saved
 
 
 def test_the_same_pipeline_writes_the_same_recording(made: Made, tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from pcnav.estimators.features.answer import Motion, Used, stereo_estimate, ster
 from pcnav.estimators.interface import Estimator
 from pcnav.evaluation.errors import principal_rotation
 from pcnav.files.csv_table import read_csv
-from pcnav.pipeline import RunSummary, run
+from pcnav.navigation import RunSummary
+from pcnav.pipeline import run
 from pcnav.recordings.stereo_tracks import read_stereo_tracks, read_truth_features
 from pcnav.recordings.tracks import TrackFrame
 from pcnav.recordings.truth import read_truth

@@ -251,7 +251,7 @@ def test_truth_faults(tmp_path: Path, line: int, column: int, value: str, words:
 def test_existing_folder_is_kept_unless_told(tmp_path: Path) -> None:
     path = tmp_path / "seq"
     write(path, frames=3)
-    with pytest.raises(InputError, match="or ask to overwrite"):
+    with pytest.raises(InputError, match="--overwrite"):
         write(path)
     assert len(read_bop(path)) == 3
     write(path, frames=2, overwrite=True)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
+from pcnav.config.region import OWN_MASKS, RegionTable
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.blocks import (
     ATTITUDE,
@@ -25,6 +26,7 @@ from pcnav.dynamics.blocks import (
 from pcnav.runs.collector import collected
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
+from pcnav.runs.places import located, relocatable
 from pcnav.runs.provenance import library_versions, pipeline_toml
 from pcnav.runs.reader import count_outcomes, read_features, read_points, read_records, read_run
 from pcnav.runs.run import Run
@@ -296,3 +298,27 @@ def test_versions_are_in_the_stored_pipeline() -> None:
     assert {"pcnav", "python", "scipy", "open3d", "trimesh", "filterpy"} <= set(versions)
     assert "not installed" not in versions.values()
     assert f"# numpy {np.__version__}" in pipeline_toml(Pipeline(), versions)
+
+
+def test_a_result_names_its_files_from_where_it_is(tmp_path: Path) -> None:
+    """Moved together they are found; moved alone, what stayed is; lost, where it should be."""
+    recording, home = tmp_path / "data" / "recording", tmp_path / "results" / "one"
+    for folder in (recording, home):
+        folder.mkdir(parents=True)
+    pipeline = Pipeline(sequence=str(recording), region=RegionTable(masks=str(recording)))
+    stored = relocatable(pipeline, home)
+    assert (stored.sequence, stored.region.masks) == ("../../data/recording",) * 2
+    assert located(stored, home) == pipeline
+    alone = tmp_path / "one"
+    home.rename(alone)
+    assert located(stored, alone) == pipeline
+    together = tmp_path / "moved"
+    (together / "results").mkdir(parents=True)
+    alone.rename(together / "results" / "one")
+    (tmp_path / "data").rename(together / "data")
+    moved = str(together / "data" / "recording")
+    assert located(stored, together / "results" / "one").sequence == moved
+    (together / "data").rename(tmp_path / "gone")
+    assert located(stored, together / "results" / "one").sequence == moved
+    own = Pipeline(region=RegionTable(masks=OWN_MASKS))
+    assert located(relocatable(own, home), home) == own

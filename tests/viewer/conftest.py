@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from pcnav.config.pipeline_file import Pipeline
-from pcnav.pipeline import RunSummary, run
+from pcnav.navigation import RunSummary
+from pcnav.pipeline import run
 from pcnav.runs.estimate import Estimate
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import load_target

@@ -1,5 +1,6 @@
 """The tracker: acquires a target, follows it frame by frame, says what its estimate is worth."""
 
+import copy
 import logging
 from collections import deque
 from dataclasses import replace
@@ -164,6 +165,22 @@ class Tracker(Estimator):
         if best is None or _rectangles_used(estimate) >= _rectangles_used(best[0]):
             self._best_view = estimate, view
         return estimate
+
+    def forecast(self, frame: Frame, /) -> Estimate:
+        """See `Estimator.forecast`."""
+        view, observer, track = silent_view(frame), self._observer(frame), self._track
+        if track is None:
+            return self._estimate(view, None, Status.ACQUIRING, observer)
+        # Both follow one filter.
+        motion, lasting = copy.deepcopy((track.motion, track.lasting))
+        motion.predict(frame.time_s)
+        lasting.predict(motion.kalman)
+        self._track = replace(track, motion=motion, lasting=lasting)
+        try:
+            status = Status.LOST if motion.is_lost else Status.COASTING
+            return self._estimate(view, None, status, observer)
+        finally:
+            self._track = track
 
     def _shown_again(self, frame: Frame, observer: ObserverPose) -> Estimate:
         """A frame that brings the image of the one before: nothing is measured.

@@ -30,6 +30,7 @@ from pcnav.evaluation.observability.subjects import (
     principal_subject,
 )
 from pcnav.files.text_table import TextTable
+from pcnav.recordings.given_frames import DepthRecording
 from pcnav.recordings.opening import open_recording
 from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Sequence, stated_or_default_sigma
@@ -166,7 +167,8 @@ def _subject_of_run(
         found = np.isfinite(features.p_body).all(axis=1)
         rows = zip(features.feature[found].tolist(), features.p_body[found], strict=True)
         return _stereo_subject(title, pipeline, recording, replace(motion, points=dict(rows)))
-    if not isinstance(recording, Sequence) or target is None or POSITION not in run.trajectory:
+    has_place = POSITION in run.trajectory
+    if not isinstance(recording, DepthRecording) or target is None or not has_place:
         raise ValueError(f"expected motion and inertia of a target, {run.estimator} reports none")
     info = recording.info
     hill = R_hill_world(motion.time_s, info.mean_motion_rad_s)

@@ -1,11 +1,13 @@
 """Reading a mesh file of any common format."""
 
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from pcnav.config.length_unit import LengthUnit
@@ -25,6 +27,9 @@ _MAX_REASON = 120
 """Characters of what a loader says that a message repeats."""
 _GLTF = ("glb", "gltf")
 _TAKES_SKIP_MATERIALS = (*_GLTF, "obj")
+
+Geometry: TypeAlias = trimesh.Trimesh | trimesh.Scene | tuple[npt.ArrayLike, npt.ArrayLike]
+"""A mesh in memory; of two arrays vertices (n, 3) and faces (m, 3)."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,33 @@ def read_mesh_file(path: Path, unit: LengthUnit | None = None) -> MeshFile:
     """
     if not path.is_file():
         raise InputError(path, "file", "expected a mesh file, found none")
-    parts = _parts(path, mesh_format(path))
+    return _assembled(path, _parts(path, mesh_format(path)), unit)
+
+
+def mesh_of_program(geometry: Geometry, name: str, unit: LengthUnit | None = None) -> MeshFile:
+    """The surface that a program has in memory, read as `read_mesh_file` reads one of a file.
+
+    ``name`` is what an `InputError` calls it, which is raised for what holds no triangles.
+    """
+    where = Path(name)
+    if isinstance(geometry, tuple):
+        vertices, faces = (np.asarray(array) for array in geometry)
+        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or faces.dtype.kind not in "iu":
+            got = f"got {vertices.dtype} {vertices.shape} and {faces.dtype} {faces.shape}"
+            expected = "expected vertices (n, 3) and faces (m, 3), which are indices"
+            raise InputError(where, "mesh", f"{expected}; {got}")
+        corners = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.intp)
+        parts = [_Part(*corners, None)] if len(faces) else []
+    else:
+        scene = geometry if isinstance(geometry, trimesh.Scene) else trimesh.Scene([geometry])
+        parts = [part for part in _parts_of_scene(where, scene) if len(part.faces)]
+    if not parts:
+        raise InputError(where, "mesh", "expected at least one triangle, found none")
+    return _assembled(where, parts, unit)
+
+
+def _assembled(path: Path, parts: Sequence[_Part], unit: LengthUnit | None) -> MeshFile:
+    """One clean mesh, m, of the bodies of a file."""
     scales = [1.0 if part.declared is None else part.declared for part in parts]
     source = "assumed" if all(part.declared is None for part in parts) else "declared"
     if unit is not None:
