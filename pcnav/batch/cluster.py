@@ -26,6 +26,8 @@ _ANSWER_WITHIN_S = 5.0
 _TELL_AFTER_S = 3.0
 WORKERS_WITHIN_S = 30.0
 """How long a scheduler without workers is waited for at the beginning."""
+_LIBRARIES = ("distributed", "tornado", "asyncio")
+
 _log = logging.getLogger(__name__)
 
 
@@ -99,8 +101,12 @@ def connected(address: str, requirements: Requirements) -> "Iterator[Client]":
             expected = f"expected a dask scheduler that answers within {_ANSWER_WITHIN_S:g} s"
             raise InputError(address, "scheduler", expected) from error
         with client:
-            _wait_for_workers(client, address)
-            check_workers(client, requirements)
+            try:
+                _wait_for_workers(client, address)
+                check_workers(client, requirements)
+            except OSError as error:
+                expected = "expected it to stay while its workers are asked, it is gone"
+                raise InputError(address, "scheduler", expected) from error
             yield client
 
 
@@ -145,7 +151,9 @@ def _quiet() -> Iterator[None]:
 
     Whatever matters comes back as a result or an exception, and is said in a line of ours.
     """
-    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
+    # Dask gives some of its own loggers levels of their own.
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in _LIBRARIES]
+    loggers = [logging.getLogger(name) for name in (*_LIBRARIES, *names)]
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)

@@ -25,7 +25,7 @@ _LOOK_EVERY_S = 1.0
 """How often the workers are counted; they come and go."""
 _ANSWER_WITHIN_S = 5.0
 _ALONE_FOR_S = 180.0
-"""How long a batch waits for a worker when the last one is gone."""
+"""How long a batch waits for a worker when the last one is gone, or for a silent scheduler."""
 
 
 class RunError(RuntimeError):
@@ -104,11 +104,11 @@ class _Dispatch(Generic[Item, Result]):
         self._ended: SimpleQueue[Future[Result | Failure]] = SimpleQueue()
         self._out: dict[object, int] = {}
         self._room = 1
-        self._looked = self._manned = -float("inf")
+        self._looked = self._manned = self._answered = -float("inf")
 
     def results(self) -> Iterator[tuple[int, Result | Failure]]:
         """Index and outcome, as they end."""
-        self._manned = time.monotonic()
+        self._manned = self._answered = time.monotonic()
         begun = 0
         while begun < len(self._items) or self._out:
             self._look()
@@ -141,11 +141,15 @@ class _Dispatch(Generic[Item, Result]):
             if self._client.status != "running":
                 raise self._gone()
             self._room = len(self._client.nthreads(callback_timeout=_ANSWER_WITHIN_S))
-        except TimeoutError:
-            # A scheduler may be busy; one that is gone is noticed by the client.
+        except TimeoutError as error:
+            # A scheduler may be busy; one that is gone is noticed by the client, one that hangs
+            # or whose machine does is not.
+            if now - self._answered > _ALONE_FOR_S:
+                raise self._gone() from error
             return
         except OSError as error:
             raise self._gone() from error
+        self._answered = now
         if self._room:
             self._manned = now
         elif now - self._manned > _ALONE_FOR_S:
