@@ -119,9 +119,13 @@ def tell_address(server: "LocalServer", host: str, asked_port: int) -> None:
     """Say where the view is, and to whom it is open."""
     if server.get_port() != asked_port:
         typer.echo(f"port {asked_port} is taken: {server.get_port()} instead")
+    _tell_open_host(host)
+    typer.echo(f"view: http://{host}:{server.get_port()}  (Ctrl-C ends it)")
+
+
+def _tell_open_host(host: str) -> None:
     if host != _LOOPBACK:
         typer.echo(f"open to every machine that reaches {host}: anyone there can look at this run")
-    typer.echo(f"view: http://{host}:{server.get_port()}  (Ctrl-C ends it)")
 
 
 def serve_until_interrupted(server: "LocalServer") -> None:
@@ -159,9 +163,12 @@ def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwri
 
 def _play(recording: Path, host: str, port: int) -> None:
     """Show a recording."""
-    from pcnav.viewer.server import serve_recording
+    from pcnav.viewer.playback import serve_recording
 
     server = serve_recording(recording, host, port)
+    if port and server.server_port != port:
+        typer.echo(f"port {port} is taken: {server.server_port} instead")
+    _tell_open_host(host)
     typer.echo(f"view: http://{host}:{server.server_port}  (Ctrl-C ends it)")
     with suppress(KeyboardInterrupt):
         server.serve_forever()

@@ -1,19 +1,13 @@
 """The server: this machine alone unless told otherwise, and nobody else's pages."""
 
-import base64
 import io
 import logging
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import viser
-
-from pcnav.core.errors import InputError
 
 LOOPBACK = "127.0.0.1"
 UP = (0.0, -1.0, 0.0)
@@ -22,7 +16,6 @@ _LOOPBACK = {LOOPBACK, "localhost", "::1"}
 _PRINTING = threading.Lock()
 _REFUSED = 1008
 """WebSocket close code: policy violation."""
-_PORTS_TRIED = 100
 
 
 class LocalServer(viser.ViserServer):
@@ -79,15 +72,26 @@ def is_own_origin(origin: str | None, host: str | None, serving: str) -> bool:
     """Whether a connection comes from this server's own page, or from no page at all.
 
     ``origin`` and ``host`` are the headers of the request, ``serving`` the address that is served
-    on. On loopback the host must be a loopback name: a foreign name that was made to point here
-    (DNS rebinding) is refused.
+    on. The host must be this server's, see `is_own_host`.
     """
     if origin is None:
         return True
-    named = urlsplit(f"//{host or ''}").hostname
-    if serving in _LOOPBACK and named not in _LOOPBACK:
+    try:
+        return is_own_host(host, serving) and urlsplit(origin).netloc == host
+    except ValueError:
         return False
-    return urlsplit(origin).netloc == host
+
+
+def is_own_host(host: str | None, serving: str) -> bool:
+    """Whether a request names this server: on loopback it must name loopback.
+
+    A foreign name that was made to point here (DNS rebinding) is refused.
+    """
+    try:
+        named = urlsplit(f"//{host or ''}").hostname
+    except ValueError:
+        return False
+    return serving not in _LOOPBACK or named in _LOOPBACK
 
 
 def label_of(names: Sequence[str]) -> str:
@@ -118,48 +122,3 @@ def has_shown_all(client: viser.ClientHandle, patience_s: float) -> bool:
         # It left, or forbids its storage: then it has answered at least, or will be closed.
         return True
     return True
-
-
-def recording_page(recording: bytes) -> bytes:
-    """A page of its own that plays a .viser recording."""
-    page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-    html = page.read_text(encoding="utf-8")
-    # As viser's own pages of a scene are made: the player looks for these two.
-    data = base64.b64encode(recording).decode("ascii")
-    script = (
-        f'<script>window.__VISER_EMBED_DATA__="{data}";'
-        "window.__VISER_EMBED_CONFIG__={darkMode:true};</script>"
-    )
-    end = html.index("</head>")
-    return (html[:end] + script + html[end:]).encode("utf-8")
-
-
-def serve_recording(path: Path, host: str, port: int) -> ThreadingHTTPServer:
-    """A server of that page alone; a taken port moves up. Raises `InputError`."""
-    try:
-        page = recording_page(path.read_bytes())
-    except OSError as error:
-        raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
-
-    class Handler(BaseHTTPRequestHandler):
-        """Answers every request but for the page with: not found."""
-
-        def do_GET(self) -> None:
-            if self.path != "/":
-                self.send_error(HTTPStatus.NOT_FOUND)
-                return
-            self.send_response(HTTPStatus.OK)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(page)))
-            self.end_headers()
-            self.wfile.write(page)
-
-        def log_message(self, format: str, *args: object) -> None:
-            """Say nothing of every request."""
-
-    for tried in range(port, port + _PORTS_TRIED):
-        try:
-            return ThreadingHTTPServer((host, tried), Handler)
-        except OSError:
-            continue
-    raise InputError("pcnav view", "--port", f"expected a free port from {port} on")

@@ -16,8 +16,8 @@ from pcnav.viewer.export import (
     shown_frame,
 )
 from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.playback import read_recording, recording_page
 from pcnav.viewer.render_options import RenderOptions
-from pcnav.viewer.server import recording_page
 from tests.viewer.conftest import FRAMES
 
 
@@ -28,12 +28,17 @@ def test_the_page_of_a_frame_holds_all_it_needs(loaded: LoadedRun) -> None:
     assert tags == []
 
 
-def test_a_recording_grows_with_its_frames_and_plays_in_a_page(loaded: LoadedRun) -> None:
+def test_a_recording_grows_with_its_frames_and_plays_in_a_page(
+    loaded: LoadedRun, tmp_path: Path
+) -> None:
     told: list[tuple[int, int]] = []
     content = recording((loaded,), RenderOptions(), lambda done, total: told.append((done, total)))
     assert told[-1] == (FRAMES, FRAMES)
     assert len(content) > 10_000
-    page = recording_page(content).decode()
+    file = tmp_path / "a.viser"
+    file.write_bytes(content)
+    assert read_recording(file) == content
+    page = recording_page(content, "number").decode()
     assert page.count("__VISER_EMBED_DATA__=") == 1
 
 
