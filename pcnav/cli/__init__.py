@@ -3,6 +3,7 @@
 from pcnav.cli.application import app, main
 from pcnav.cli.demo import demo
 from pcnav.cli.export import export
+from pcnav.cli.forecast import forecast
 from pcnav.cli.observability import observability
 from pcnav.cli.run import run
 from pcnav.cli.simulate import simulate
@@ -12,7 +13,7 @@ from pcnav.cli.target import target
 from pcnav.cli.view import view
 
 # In the order in which the help lists them.
-for _command in (demo, simulate, run, view, export, target, table, study, observability):
+for _command in (demo, simulate, run, view, forecast, export, target, table, study, observability):
     app.command()(_command)
 
 __all__ = ["app", "main"]

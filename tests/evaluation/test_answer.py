@@ -98,11 +98,13 @@ def test_deviations_are_those_of_sampled_states() -> None:
     direction = told["momentum_direction_world"]
     sampled["momentum_direction_world"] = widest_deg(momentum, np.array(direction.value))
     for key, sd in sampled.items():
-        np.testing.assert_allclose(told[key].sd, np.atleast_1d(sd), rtol=0.06, err_msg=key)
+        np.testing.assert_allclose(
+            np.array(told[key].sd), np.atleast_1d(sd), rtol=0.06, err_msg=key
+        )
     attitude = told["attitude_cam_xyzw"]
     R_told = rotation_from_xyzw(np.array(attitude.value))
     assert np.linalg.norm(log_rotation(R_told.T @ STATE["theta_body"])) < 1e-9
-    np.testing.assert_allclose(attitude.sd, np.rad2deg(np.sqrt(np.diagonal(P)[9:12])))
+    np.testing.assert_allclose(np.array(attitude.sd), np.rad2deg(np.sqrt(np.diagonal(P)[9:12])))
 
 
 def test_a_number_that_only_repeats_the_prior_is_called_so() -> None:
