@@ -35,7 +35,7 @@ from pcnav.recordings.recording import Recording, truth_folder
 from pcnav.recordings.sequence import Frame, Sequence
 from pcnav.recordings.stereo_tracks import read_truth_features
 from pcnav.recordings.tracks import StereoTracks
-from pcnav.recordings.truth import read_truth
+from pcnav.recordings.truth import truth_of
 from pcnav.report.content import ReportContent
 from pcnav.report.overlay import frame_picture
 from pcnav.report.run_report import write_report
@@ -137,10 +137,12 @@ class Truth:
     points: Mapping[int, FloatArray] | None = None
 
     @staticmethod
-    def of(recording: Path) -> "Truth":
+    def of(recording: Recording) -> "Truth":
         """As far as a recording has one. Raises `InputError` for a fault in it."""
-        folder = truth_folder(recording)
-        return Truth(read_truth(folder), read_truth_features(folder))
+        if recording.path is None:
+            return Truth()
+        points = read_truth_features(truth_folder(recording.path))
+        return Truth(truth_of(recording), points)
 
 
 class Navigation:

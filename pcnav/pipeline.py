@@ -82,7 +82,7 @@ def run(
     if initial_pose is not None:
         inputs = inputs.beginning_at(initial_pose)
     # Read now, so that a fault in it costs no run.
-    truth = Truth.of(inputs.path)
+    truth = Truth.of(inputs.recording)
     navigation = Navigation(inputs)
     output = navigation.estimator.output
     with RunWriter(out, output, overwrite) as writer:
@@ -156,9 +156,11 @@ def _open(
 ) -> Inputs:
     choice = chosen(path, pipeline, estimator, source)
     skip_bad_frames = pipeline is not None and pipeline.skip_bad_frames
-    recording = open_recording(path, target_mesh, (choice.kind,), skip_bad_frames)
+    pipeline = pipeline or Pipeline()
+    table = pipeline.recording
+    recording = open_recording(path, target_mesh, (choice.kind,), skip_bad_frames, table)
     assert recording.path is not None, "it was read from a file"
-    pipeline, inputs, target = pipeline or Pipeline(), [recording.path], None
+    inputs, target = [recording.path], None
     as_run: dict[str, object] = {"sequence": str(recording.path.resolve())}
     if str(pipeline.estimator.kind) != choice.estimator:
         as_run["estimator"] = EstimatorTable(kind=choice.estimator)

@@ -18,6 +18,18 @@ from pcnav.cli.frame_options import (
 from pcnav.cli.names import mesh_of_pipeline, named_mesh, named_pipeline
 from pcnav.cli.options import MeshUnit, Overwrite, Port
 from pcnav.cli.progress import progress
+from pcnav.cli.recording_options import (
+    Camera,
+    CameraTopic,
+    Every,
+    Frames,
+    Object,
+    Rate,
+    Start,
+    Topic,
+    Unit,
+    with_recording_options,
+)
 from pcnav.config.length_unit import LengthUnit
 
 if TYPE_CHECKING:
@@ -36,8 +48,8 @@ def run(
     sequence: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a depth sequence, of feature tracks or of images of one camera; "
-            "or a video."
+            help="Folder of a depth sequence, of depth images, of feature tracks or of images of "
+            "one camera; a bag, an array file or a video: see docs/formats.md."
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Result folder.")],
@@ -81,6 +93,15 @@ def run(
     box: Box = None,
     background: Background = None,
     skip_bad_frames: SkipBadFrames = False,
+    camera: Camera = None,
+    unit: Unit = None,
+    rate: Rate = None,
+    topic: Topic = None,
+    camera_topic: CameraTopic = None,
+    object_: Object = None,
+    start: Start = 0,
+    frames: Frames = None,
+    every: Every = 1,
     overwrite: Overwrite = False,
     view: Annotated[
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
@@ -109,9 +130,15 @@ def run(
         **{"masks": masks, "min_range": min_range, "max_range": max_range, "box": box},
         **{"background": background, "skip_bad_frames": skip_bad_frames},
     }
+    recording_options = {
+        **{"camera_px": camera, "unit_m": unit, "frame_rate_hz": rate, "topic": topic},
+        **{"camera_topic": camera_topic, "object": object_},
+        **{"start": start, "frames": frames, "every": every},
+    }
     run_into(
         *(sequence, target, pipeline, out, overwrite, port if view else None, estimator, first),
         frame_options=frame_options,
+        recording_options=recording_options,
         mesh_unit=mesh_unit,
     )
 
@@ -127,6 +154,7 @@ def run_into(
     initial_pose: "FirstPoseTable | None" = None,
     *,
     frame_options: Mapping[str, Any] | None = None,
+    recording_options: Mapping[str, Any] | None = None,
     mesh_unit: LengthUnit | None = None,
 ) -> None:
     """Run, show how far it is, and say what was found."""
@@ -136,6 +164,7 @@ def run_into(
 
     path, content = (Path("pipeline"), None) if pipeline is None else named_pipeline(pipeline)
     content = with_frame_options(content, path, **(frame_options or {}))
+    content = with_recording_options(content, **(recording_options or {}))
     choice = chosen(sequence, content, estimator, path)
     if target_mesh is not None:
         refuse_mesh(sequence, choice)

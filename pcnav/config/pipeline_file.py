@@ -20,6 +20,7 @@ from pcnav.config.inertia_bank import InertiaBankTable
 from pcnav.config.length_unit import LengthUnit
 from pcnav.config.motion import MotionTable
 from pcnav.config.principal_axes import PrincipalAxesTable
+from pcnav.config.recording import RecordingTable
 from pcnav.config.region import RegionTable
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.config.sensors import (
@@ -54,7 +55,7 @@ class EstimatorKind(StrEnum):
 
 
 SETTINGS: Mapping[str, tuple[str, ...]] = {
-    EstimatorKind.DEPTH: ("perception", "filter", "region"),
+    EstimatorKind.DEPTH: ("perception", "filter", "region", "recording"),
     EstimatorKind.PRINCIPAL_AXES: ("principal_axes", "orbit"),
     EstimatorKind.INERTIA_BANK: ("inertia_bank", "orbit"),
     EstimatorKind.IMAGE_MOTION: ("image_motion", "feature_tracker", "attitude_inertia"),
@@ -62,7 +63,7 @@ SETTINGS: Mapping[str, tuple[str, ...]] = {
 }
 """The tables that a run with an estimator reads, beside [estimator]. The view turns stereo tracks
 without their recording by the orbit."""
-_UNSAID = ("time_zero_s", "skip_bad_frames", "region")
+_UNSAID = ("time_zero_s", "skip_bad_frames", "region", "recording")
 """What a run states only where it was asked for."""
 _OF_A_RUN = (
     *(
@@ -139,6 +140,7 @@ class Pipeline(Table):
     perception: PerceptionTable = PerceptionTable()
     filter: FilterTable = FilterTable()
     region: RegionTable = RegionTable()
+    recording: RecordingTable = RecordingTable()
     principal_axes: PrincipalAxesTable = PrincipalAxesTable()
     inertia_bank: InertiaBankTable = InertiaBankTable()
     image_motion: ImageMotionTable = ImageMotionTable()

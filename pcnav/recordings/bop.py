@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from pcnav.config.recording import AS_IT_IS, RecordingTable
 from pcnav.core.errors import InputError
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, SceneCamera, read_scene_camera
 from pcnav.recordings.depth_form import PLAIN
@@ -24,7 +25,10 @@ def depth_file_name(number: int) -> str:
 
 
 def read_bop(
-    path: Path, target_mesh: Path | None = None, skip_bad_frames: bool = False
+    path: Path,
+    target_mesh: Path | None = None,
+    skip_bad_frames: bool = False,
+    table: RecordingTable = AS_IT_IS,
 ) -> Sequence:
     """A BOP scene folder; sequence.toml is read where there is one.
 

@@ -1,7 +1,7 @@
 """What a depth sequence gives, whatever format it is stored in."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -17,7 +17,12 @@ from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixels_without_ray
 from pcnav.core.errors import InputError
 from pcnav.recordings.depth_form import PLAIN, DepthForm
-from pcnav.recordings.depth_image import ImageSize, read_depth_image, require_size
+from pcnav.recordings.depth_image import (
+    ImageSize,
+    StoredDepth,
+    read_depth_image,
+    require_size,
+)
 from pcnav.recordings.depth_units import depth_in_metres
 from pcnav.recordings.frame_checks import (
     checked_camera,
@@ -189,6 +194,10 @@ class Sequence:
     """(n, 4, 4)"""
     form: DepthForm = PLAIN
     """What a stored pixel means."""
+    read_image: Callable[[Path], StoredDepth] = read_depth_image
+    """Reads one of the images, which need not be a file of its own. Raises `InputError`."""
+    object_id: int | None = None
+    """Which of the objects of a BOP scene is the target; None where that was not asked."""
 
     def __repr__(self) -> str:
         lasts = f"{self.times_s[0]:g} to {self.times_s[-1]:g} s" if len(self) else "no time"
@@ -212,7 +221,8 @@ class Sequence:
         """Read one frame. Raises `InputError` when its file is missing or damaged."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
-        depth_m = self.read_depth(self.images / self.files[index], index)
+        path = self.images / self.files[index]
+        depth_m = self._in_metres(path, self.read_image(path), index)
         camera, time_s = self.camera(index), float(self.times_s[index])
         unseen = pixels_without_ray(camera)
         if unseen is not None:
@@ -229,7 +239,27 @@ class Sequence:
 
         Raises `InputError`.
         """
-        stored = read_depth_image(path)
+        return self._in_metres(path, read_depth_image(path), index)
+
+    def taken(self, rows: slice) -> "Sequence":
+        """Some of the frames, numbered anew. Raises `InputError` where none is left."""
+        files = self.files[rows]
+        if not files:
+            expected = f"expected frames among its {len(self)}, got none from {rows.start} on"
+            raise InputError(self.path, "--start", expected)
+        # What is believed of the first frame holds for no other.
+        first = self.info.first_pose if rows.start == 0 else None
+        return replace(
+            self,
+            info=replace(self.info, first_pose=first),
+            files=files,
+            times_s=self.times_s[rows],
+            intrinsics=self.intrinsics[rows],
+            depth_step_m=self.depth_step_m[rows],
+            T_cam_world=self.T_cam_world[rows],
+        )
+
+    def _in_metres(self, path: Path, stored: StoredDepth, index: int) -> DepthImage:
         require_size(path, stored, self.size)
         step_m = float(self.depth_step_m[index])
         if math.isnan(step_m):

@@ -23,7 +23,11 @@ from pcnav.recordings.bop_scene import (
     read_scene_camera,
     read_scene_poses,
 )
+from pcnav.recordings.depth_stack import is_depth_stack, read_stack_truth
+from pcnav.recordings.recording import Recording, truth_folder
+from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.time_line import time_line
+from pcnav.recordings.tum_rgbd import is_tum_rgbd, read_tum_truth
 
 TRUTH_FILE = "truth.csv"
 STATE_COLUMNS = ("time_s", *MASS_CENTRE_LAYOUT.columns)
@@ -31,6 +35,25 @@ STATE_COLUMNS = ("time_s", *MASS_CENTRE_LAYOUT.columns)
 
 _NORM_TOLERANCE = 1e-6
 _TIME_TOLERANCE_S = 1e-9
+
+
+def truth_of(recording: Recording) -> Trajectory | None:
+    """Truth stored with a recording that is open, whatever its format; None without.
+
+    Raises `InputError` for one that is invalid.
+    """
+    path = recording.path
+    if path is None:
+        return None
+    if isinstance(recording, Sequence):
+        zero_s = recording.info.time_zero_s
+        if is_tum_rgbd(path):
+            return read_tum_truth(path, zero_s)
+        if is_depth_stack(path):
+            return read_stack_truth(path, zero_s)
+        if path.is_file():
+            return None
+    return read_truth(truth_folder(path))
 
 
 def read_truth(path: Path) -> Trajectory | None:

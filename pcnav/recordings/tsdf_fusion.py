@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcnav.config.recording import AS_IT_IS, RecordingTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import (
@@ -29,7 +30,10 @@ _LOG = logging.getLogger("pcnav")
 
 
 def read_tsdf_fusion(
-    path: Path, target_mesh: Path | None = None, skip_bad_frames: bool = False
+    path: Path,
+    target_mesh: Path | None = None,
+    skip_bad_frames: bool = False,
+    table: RecordingTable = AS_IT_IS,
 ) -> Sequence:
     """frame-000000.depth.png (mm), frame-000000.pose.txt (camera to world), camera-intrinsics.txt.
 

@@ -108,7 +108,7 @@ class FrameStore:
     def __init__(
         self, sequence: Sequence, target: Target, settings: PerceptionTable, seed: int
     ) -> None:
-        self._sequence, self._target = sequence, target
+        self.recording, self._target = sequence, target
         self._settings, self._seed = settings, seed
         self.sigma_m = stated_or_default_sigma(sequence.info, settings.range_sigma_m)
         self.scale_m = residual_scale(self.sigma_m)
@@ -128,15 +128,15 @@ class FrameStore:
     def camera(self) -> PinholeCamera | None:
         """The camera of the first frame; None where that is not on disk."""
         try:
-            return self._sequence.frame(0).camera
+            return self.recording.frame(0).camera
         except InputError:
             return None
 
     def _read(self, index: int, time_s: float, pose: tuple[float, ...] | None) -> Shot | None:
-        if index >= len(self._sequence):
+        if index >= len(self.recording):
             return None
         try:
-            frame = self._sequence.frame(index)
+            frame = self.recording.frame(index)
         except InputError:
             return None
         if frame.time_s != time_s:

@@ -19,7 +19,7 @@ from pcnav.recordings.attitudes import has_camera_attitudes, read_camera_attitud
 from pcnav.recordings.opening import format_of, open_sequence
 from pcnav.recordings.recording import RecordingKind, truth_folder
 from pcnav.recordings.stereo_tracks import read_stereo_tracks
-from pcnav.recordings.truth import read_truth
+from pcnav.recordings.truth import read_truth, truth_of
 from pcnav.runs.reader import read_features, read_records, read_run
 from pcnav.runs.records import RectangleRecord
 from pcnav.runs.result_files import KNOWLEDGE_FILE, MEASUREMENTS_FILE, PIPELINE_FILE
@@ -99,7 +99,7 @@ def _with_frames(loaded: LoadedRun, pipeline: Pipeline) -> LoadedRun:
         return replace(loaded, notes=(*loaded.notes, "its depth frames were not kept: states only"))
     try:
         mesh, path = Path(pipeline.target_mesh), Path(pipeline.sequence)
-        sequence = open_sequence(path, mesh, pipeline.skip_bad_frames)
+        sequence = open_sequence(path, mesh, pipeline.skip_bad_frames, pipeline.recording)
     except InputError:
         gone = f"the depth frames are not at {pipeline.sequence}: states only"
         return replace(loaded, notes=(*loaded.notes, gone))
@@ -137,7 +137,8 @@ def _compared(loaded: LoadedRun) -> Errors | None:
         # Up to release 0.1 the folder did not tell the frame whose camera's axes are those of the
         # body.
         return None
-    truth = read_truth(truth_folder(path))
+    frames = loaded.frames
+    truth = read_truth(truth_folder(path)) if frames is None else truth_of(frames.recording)
     if truth is None:
         return None
     symmetries = None if loaded.target is None else loaded.target.symmetry_transforms

@@ -180,6 +180,9 @@ def test_every_number_carries_its_unit() -> None:
         "footprint",  # a word, whose type has the letters of int
         "footprint_rays",
         "mask_object",
+        "object",
+        "start",
+        "every",
         "mesh_scale_sd",
     }
     checked = 0

@@ -15,7 +15,7 @@ from pcnav.recordings.opening import open_sequence
 from pcnav.recordings.recording import truth_folder
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.time_line import EPOCH_S
-from pcnav.recordings.truth import read_truth
+from pcnav.recordings.truth import read_truth, truth_of
 from pcnav.runs.reader import read_run
 from pcnav.runs.run import Run
 from pcnav.runs.status import CLAIMED
@@ -118,8 +118,8 @@ def exported(
         where = "not named in it" if path is None else f"not at {path}"
         return found, (f"the recording of {folder} is {where}: no truth and no camera poses",)
     try:
-        truth = read_truth(truth_folder(path))
         sequence = _sequence_of(path, run)
+        truth = read_truth(truth_folder(path)) if sequence is None else truth_of(sequence)
     except InputError as error:
         if recording is not None:
             raise
@@ -136,4 +136,5 @@ def _sequence_of(path: Path, run: Run) -> Sequence | None:
     """The depth frames of a run; None of a run on anything else."""
     if run.pipeline is None or run.pipeline.target_mesh is None:
         return None
-    return open_sequence(path, Path(run.pipeline.target_mesh), run.pipeline.skip_bad_frames)
+    mesh, skip = Path(run.pipeline.target_mesh), run.pipeline.skip_bad_frames
+    return open_sequence(path, mesh, skip, run.pipeline.recording)

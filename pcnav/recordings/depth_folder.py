@@ -1,0 +1,98 @@
+"""A folder of depth images with a camera beside them, or given: PNG, TIFF, NPY, NPZ, EXR.
+
+depth_camera.toml     see `pcnav.recordings.depth_camera`; or --camera FX FY CX CY
+*.png ...             in it or in depth/, in the order of their numbers
+times.csv             optional: time_s, one row an image; else names that are time stamps
+poses.tum             optional: T_world_cam of every image, at its time stamp
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from pcnav.config.recording import AS_IT_IS, RecordingTable
+from pcnav.core.arrays import FloatArray
+from pcnav.core.errors import InputError
+from pcnav.files.csv_table import read_csv
+from pcnav.recordings.assembling import Parts, assembled
+from pcnav.recordings.depth_camera import camera_file, depth_camera
+from pcnav.recordings.depth_image import SUFFIXES
+from pcnav.recordings.images import TIMES_FILE
+from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.timed_poses import poses_at, read_timed_poses
+
+POSES_FILE = "poses.tum"
+_DEPTH_FOLDER = "depth"
+_NUMBERS = re.compile(r"\d+")
+_DECIMAL = re.compile(r"\d+\.\d+")
+_PER_SECOND = {13: 1e3, 16: 1e6, 19: 1e9}
+"""Units of an epoch's stamps by the digits that they have in this century."""
+
+
+def is_depth_folder(path: Path) -> bool:
+    """Whether a folder, or its folder depth, holds files that may be depth images."""
+    return path.is_dir() and bool(_files(path)[1])
+
+
+def read_depth_folder(
+    path: Path,
+    target_mesh: Path | None = None,
+    skip_bad_frames: bool = False,
+    table: RecordingTable = AS_IT_IS,
+) -> Sequence:
+    """The images of a folder, in order. Raises `InputError`."""
+    images, names = _files(path)
+    files = tuple(sorted(names, key=_number))
+    stems = [Path(file).stem for file in files]
+    if len(set(stems)) < len(stems):
+        twice = next(stem for stem in stems if stems.count(stem) > 1)
+        raise InputError(images, twice, "expected one depth image of each name")
+    camera = depth_camera(images if camera_file(images) else path, table, path)
+    stamp_s = _stamps(path, stems)
+    parts = Parts(path, images, files, camera, stamp_s, _poses(path, stamp_s))
+    return assembled(parts, target_mesh, table, skip_bad_frames)
+
+
+def _files(path: Path) -> tuple[Path, list[str]]:
+    """The folder of the images, and their names."""
+    for folder in (path / _DEPTH_FOLDER, path):
+        if folder.is_dir():
+            names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES]
+            if names:
+                return folder, names
+    return path, []
+
+
+def _number(name: str) -> tuple[list[int], str]:
+    return [int(digits) for digits in _NUMBERS.findall(name)], name
+
+
+def _stamps(path: Path, stems: list[str]) -> FloatArray | None:
+    table = path / TIMES_FILE
+    if table.is_file():
+        time_s = read_csv(table, ("time_s",)).times()
+        if len(time_s) != len(stems):
+            raise InputError(table, "rows", f"expected one for each of {len(stems)} images")
+        return time_s
+    if all(_DECIMAL.fullmatch(stem) for stem in stems):
+        return np.array([float(stem) for stem in stems])
+    digits = len(stems[0])
+    if digits in _PER_SECOND and all(re.fullmatch(rf"\d{{{digits}}}", stem) for stem in stems):
+        return np.array([int(stem) / _PER_SECOND[digits] for stem in stems])
+    return None
+
+
+def _poses(path: Path, stamp_s: FloatArray | None) -> FloatArray | None:
+    """(n, 4, 4) T_cam_world of the images; None where they are not recorded."""
+    file = path / POSES_FILE
+    if not file.is_file():
+        return None
+    if stamp_s is None:
+        raise InputError(file, "file", f"expected {TIMES_FILE}, the images' time stamps, beside it")
+    found = poses_at(read_timed_poses(file), stamp_s)
+    known = np.isfinite(found[:, 0, 0])
+    if not known.all():
+        missing = f"{stamp_s[int(np.argmin(known))]!r} s"
+        raise InputError(file, "timestamp", f"expected poses about the image at {missing}")
+    return found

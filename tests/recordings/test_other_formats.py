@@ -1,0 +1,367 @@
+"""Depth frames in the formats of other tools are those of the same scene in our own."""
+
+import logging
+import struct
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from pcnav.config.recording import RecordingTable
+from pcnav.core.camera import PinholeCamera, project
+from pcnav.core.distortion import DistortionModel
+from pcnav.core.errors import InputError
+from pcnav.recordings.opening import open_recording, open_sequence
+from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.truth import truth_of
+from tests.recordings.other_formats import (
+    EPOCH_NS,
+    TOPIC,
+    Scene,
+    as_npz,
+    as_tum,
+    image_message,
+    write_bag,
+)
+
+CAMERA = (20.0, 21.0, 3.5, 2.5)
+
+
+def folder_of(suffix: str) -> Callable[[Scene, Path], Path]:
+    """Images of a suffix in a folder, with the poses of the camera beside them."""
+
+    def write(scene: Scene, folder: Path) -> Path:
+        folder.mkdir()
+        for k, pixels in enumerate(scene.depth):
+            path = folder / f"shot{k}{suffix}"
+            metres = scene.metres(k)
+            if suffix == ".npy":
+                np.save(path, pixels)
+            elif suffix == ".tiff":
+                tifffile.imwrite(path, metres * 1000.0 / scene.unit_mm)
+            elif suffix == ".exr":
+                OpenEXR = pytest.importorskip("OpenEXR")
+                units = metres * np.float32(1000.0 / scene.unit_mm)
+                header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+                OpenEXR.File(header, {"Z": units}).write(str(path))
+            else:
+                Image.fromarray(pixels).save(path)
+        (folder / "times.csv").write_text("time_s\n" + "\n".join(map(repr, scene.time_s.tolist())))
+        (folder / "poses.tum").write_text(scene.pose_lines())
+        (folder / "depth_camera.toml").write_text(scene.camera_toml)
+        return folder
+
+    return write
+
+
+WRITERS: dict[str, Callable[[Scene, Path], Path]] = {
+    "npz": lambda scene, folder: as_npz(scene, folder.with_suffix(".npz")),
+    "tum": as_tum,
+    "bag of ROS 1": lambda scene, folder: write_bag(scene, folder.with_suffix(".bag")),
+    "mcap": lambda scene, folder: write_bag(scene, folder.with_suffix(".mcap")),
+    "bag of ROS 2": write_bag,
+    **{f"folder of {suffix}": folder_of(suffix) for suffix in (".npy", ".tiff", ".exr", ".png")},
+}
+
+
+def expect_same(found: Sequence, scene: Sequence) -> None:
+    """The same frames, cameras and times from the first frame on, to rounding."""
+    assert len(found) == len(scene)
+    for a, b in zip(found, scene, strict=True):
+        assert a.time_s - found.times_s[0] == pytest.approx(b.time_s - scene.times_s[0], abs=1e-9)
+        assert np.allclose(a.depth_m, b.depth_m, rtol=2e-7, atol=0.0)
+        assert a.camera == b.camera
+        assert np.allclose(a.T_cam_world, b.T_cam_world, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_frames_are_those_of_the_scene(name: str, scene: Path, tmp_path: Path) -> None:
+    path = WRITERS[name](Scene(scene), tmp_path / "other")
+    found, ours = open_sequence(path), open_sequence(scene)
+    expect_same(found, ours)
+    # Also out of order, and again.
+    for k in (2, 0, 1, 1):
+        assert np.array_equal(found.frame(k).depth_m, list(found)[k].depth_m)
+    assert path == found.path
+
+
+def test_frames_are_chosen_by_start_number_and_step(make_scene: Any, tmp_path: Path) -> None:
+    scene = make_scene(tmp_path / "scene", numbers=tuple(range(10)))
+    path = as_npz(Scene(scene), tmp_path / "a.npz")
+    table = RecordingTable(start=1, every=3, frames=2)
+    for each in (path, scene):
+        taken, whole = open_sequence(each, table=table), open_sequence(each)
+        assert [frame.index for frame in taken] == [0, 1]
+        assert taken.times_s.tolist() == [0.5, 2.0]
+        assert np.array_equal(taken.frame(1).depth_m, whole.frame(4).depth_m)
+    with pytest.raises(InputError, match=r"--start: expected frames among its 10"):
+        open_sequence(path, table=RecordingTable(start=10))
+
+
+def test_an_option_that_is_of_no_use_is_refused(scene: Path) -> None:
+    with pytest.raises(InputError, match="--topic: expected none: of no use for a BOP scene"):
+        open_sequence(scene, table=RecordingTable(topic="/depth"))
+
+
+def test_options_say_what_arrays_do_not(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    depth = np.arange(2 * 6 * 8, dtype=np.uint16).reshape(2, 6, 8)
+    np.save(tmp_path / "a.npy", depth)
+    with pytest.raises(InputError, match=r"a.npy: camera: expected --camera FX FY CX CY"):
+        open_sequence(tmp_path / "a.npy")
+    table = RecordingTable(camera_px=CAMERA, unit_m=0.0005, frame_rate_hz=4.0)
+    found = open_sequence(tmp_path / "a.npy", table=table)
+    frame = found.frame(1)
+    assert (frame.time_s, frame.camera) == (0.25, PinholeCamera(8, 6, *CAMERA))
+    assert np.allclose(frame.depth_m, depth[1] * 0.0005)
+    caplog.clear()
+    with caplog.at_level(logging.WARNING, logger="pcnav"):
+        plain = open_sequence(tmp_path / "a.npy", table=RecordingTable(camera_px=CAMERA))
+    (said,) = caplog.messages
+    assert "0, 1, 2, ... s assumed" in said
+    assert "taken as millimetres" in said
+    assert "camera at rest" in said
+    assert plain.frame(1).depth_m[5, 7] == pytest.approx(0.095)
+    tifffile.imwrite(tmp_path / "a.tif", depth)
+    pages = open_sequence(tmp_path / "a.tif", table=table)
+    assert np.array_equal(pages.frame(1).depth_m, frame.depth_m)
+
+
+def test_names_that_are_time_stamps_are_taken_as_such(tmp_path: Path) -> None:
+    for name in ("1700000000250000000", "1700000000500000000", "1700000001000000000"):
+        np.save(tmp_path / f"{name}.npy", np.ones((6, 8), dtype=np.float32))
+    found = open_sequence(tmp_path, table=RecordingTable(camera_px=CAMERA))
+    assert np.allclose(found.times_s, [0.0, 0.25, 0.75], atol=1e-6)
+    assert found.info.time_zero_s == pytest.approx(1.70000000025e9)
+
+
+def test_a_settings_file_beside_a_bag_or_array_says_the_rest(scene: Path, tmp_path: Path) -> None:
+    path = as_npz(Scene(scene), tmp_path / "a.npz")
+    text = (
+        '[orbit]\nmean_motion_rad_s = 0.001\n[sensor]\nrange_sigma_m = 0.03\ndepth_is = "range"\n'
+    )
+    (tmp_path / "a.toml").write_text(text)
+    found, ours = open_sequence(path), open_sequence(scene)
+    assert (found.info.mean_motion_rad_s, found.info.range_sigma_m) == (0.001, 0.03)
+    nearer = found.frame(0).depth_m[5, 7] / ours.frame(0).depth_m[5, 7]
+    x, y = (7 - 3.5) / 20.0, (5 - 2.5) / 21.0
+    assert nearer == pytest.approx(1.0 / np.sqrt(1.0 + x**2 + y**2))
+
+
+def test_truth_of_tum_and_npz_is_read_for_the_evaluation_alone(scene: Path, tmp_path: Path) -> None:
+    content = Scene(scene)
+    tum = as_tum(content, tmp_path / "tum")
+    assert truth_of(open_sequence(tum)) is None
+    (tum / "target.tum").write_text(content.pose_lines())
+    truth = truth_of(open_sequence(tum))
+    assert truth is not None
+    assert content.T_cam_world is not None
+    assert np.allclose(truth.poses, np.linalg.inv(content.T_cam_world), atol=1e-12)
+    path = as_npz(content, tmp_path / "a.npz")
+    assert truth_of(open_sequence(path)) is None
+    with np.load(path) as arrays:
+        stored = {**arrays, "true_T_cam_model": content.T_cam_world}
+        np.savez(tmp_path / "b.npz", allow_pickle=False, **stored)
+    also = truth_of(open_sequence(tmp_path / "b.npz"))
+    assert also is not None
+    assert np.array_equal(also.poses, content.T_cam_world)
+    assert also.time_s.tolist() == [0.0, 0.5, 1.0]
+
+
+def test_associations_and_poses_between_the_images(scene: Path, tmp_path: Path) -> None:
+    tum = as_tum(Scene(scene), tmp_path / "tum")
+    (tum / "depth.txt").unlink()
+    lines = "0.01 rgb/a.png 0.0 depth/0.000000.png\n1.0 depth/1.000000.png 1.01 rgb/b.png\n"
+    (tum / "associations.txt").write_text(lines)
+    (tum / "groundtruth.txt").write_text(
+        "-0.5 0 0 0 0 0 0 1\n0.5 1 0 0 0 0 1 0\n1.5 2 0 0 0 0 0 1\n"
+    )
+    found = open_sequence(tum)
+    assert found.times_s.tolist() == [0.0, 1.0]
+    T_world_cam = np.linalg.inv(found.T_cam_world)
+    assert np.allclose(T_world_cam[:, 0, 3], [0.5, 1.5])
+    # Halfway between no turn and a half turn about z: a quarter turn either way.
+    assert np.allclose(np.abs(T_world_cam[:, 1, 0]), 1.0)
+
+
+def compressed_message(bag: Any, header: Any, pixels: np.ndarray) -> tuple[str, Any]:
+    """As the plugin of compressed depth quantises floats: inverse depth in 16 bits."""
+    quantum, reach = 100.0, 10.0
+    a = quantum * (quantum + 1.0)
+    b = 1.0 - a / reach
+    with np.errstate(divide="ignore"):
+        units = np.where(pixels > 0.0, np.floor(a / pixels + b), 0.0).astype(np.uint16)
+    png = BytesIO()
+    Image.fromarray(units).save(png, "PNG")
+    data = struct.pack("<iff", 0, a, b) + png.getvalue()
+    fields = (header, "32FC1; compressedDepth png", np.frombuffer(data, dtype=np.uint8))
+    return "sensor_msgs/CompressedImage", bag.make("sensor_msgs/CompressedImage", *fields)
+
+
+def test_compressed_depth_is_the_depth_to_its_quantum(scene: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write_bag(Scene(scene), path, compressed_message, f"{TOPIC}/compressedDepth")
+    ours = open_sequence(scene).frame(1).depth_m
+    found = open_sequence(path).frame(1).depth_m
+    seen = (ours > 0.2) & (ours < 10.0)
+    assert seen.sum() > 20
+    # A step of 1/10100 of inverse depth.
+    assert np.all(np.abs(found - ours)[seen] <= ours[seen] ** 2 / 10_000.0)
+    assert found[0, 0] == 0.0
+
+
+def cloud_message(bag: Any, header: Any, pixels: np.ndarray) -> tuple[str, Any]:
+    """Every pixel as a point of 20 bytes, x, y, z first; holes are nan."""
+    v, u = np.mgrid[: pixels.shape[0], : pixels.shape[1]]
+    fx, fy, cx, cy = CAMERA
+    z = np.where(pixels > 0.0, pixels, np.nan)
+    points = np.zeros((*pixels.shape, 5), dtype=np.float32)
+    points[..., 0], points[..., 1], points[..., 2] = (u - cx) / fx * z, (v - cy) / fy * z, z
+    fields = [bag.make("sensor_msgs/PointField", name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
+    data = np.frombuffer(points.tobytes(), dtype=np.uint8)
+    height, width = pixels.shape
+    rest = (False, 20, 20 * width, data, False)
+    content = bag.make("sensor_msgs/PointCloud2", header, height, width, fields, *rest)
+    return "sensor_msgs/PointCloud2", content
+
+
+def test_an_organised_cloud_is_a_depth_image_and_tells_its_camera(
+    make_scene: Any, tmp_path: Path
+) -> None:
+    content = Scene(make_scene(tmp_path / "scene"))
+    # More pixels than the small scene has, so that a camera can be fitted.
+    content.depth = np.full((3, 40, 50), 2000, dtype=np.uint16)
+    content.depth[:, 3:9, 2:7] = 0
+    path = write_bag(content, tmp_path / "a.mcap", cloud_message, "/points", with_info=False)
+    found = open_sequence(path)
+    assert np.allclose(found.intrinsics, [CAMERA] * 3, atol=1e-4)
+    depth_m = found.frame(2).depth_m
+    assert depth_m.shape == (40, 50)
+    assert depth_m[20, 20] == 1.0
+    assert not depth_m[3:9, 2:7].any()
+
+
+def test_the_lens_of_a_bag_is_that_of_its_camera_info(scene: Path, tmp_path: Path) -> None:
+    for name, model, coefficients in (
+        ("rational_polynomial", DistortionModel.OPENCV, (0.1, -0.02, 1e-3, 0, 0, 0, 0, 0.01)),
+        ("equidistant", DistortionModel.FISHEYE, (0.05, -0.01, 0.0, 0.0)),
+    ):
+        path = tmp_path / f"{name}.mcap"
+        write_bag(Scene(scene), path, distortion=(name, coefficients))
+        camera = open_sequence(path).camera(0)
+        assert camera.distortion is not None
+        assert camera.distortion.model is model
+        assert camera.distortion.coefficients == coefficients
+        assert not np.allclose(project(camera, np.array([0.1, 0.1, 1.0])), [5.5, 4.6], atol=1e-6)
+
+
+def test_what_was_taken_of_a_bag_is_said(
+    scene: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = write_bag(Scene(scene), tmp_path / "a.bag")
+    with caplog.at_level(logging.INFO, logger="pcnav"):
+        found = open_sequence(path)
+    said = " ".join(caplog.messages)
+    assert TOPIC in said
+    assert "/camera/depth/camera_info" in said
+    assert "the camera (cam_optical) in map by /tf" in said
+    assert found.info.time_zero_s == EPOCH_NS / 1e9
+    chosen = open_sequence(path, table=RecordingTable(topic=TOPIC, camera_px=(9.0, 9.0, 1.0, 1.0)))
+    assert chosen.camera(0).fx == 9.0
+
+
+def colour_message(bag: Any, header: Any, pixels: np.ndarray) -> tuple[str, Any]:
+    kind, message = image_message(bag, header, pixels)
+    message.encoding = "rgb8"
+    return kind, message
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"topic": "/elsewhere"}, ("--topic", TOPIC, "got /elsewhere")),
+        ({"camera_topic": TOPIC}, ("--camera-topic", "camera_info")),
+        ({"frame_rate_hz": 5.0}, ("--rate", "of no use for a bag")),
+    ],
+)
+def test_wrong_options_for_a_bag(
+    scene: Path, tmp_path: Path, change: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    path = write_bag(Scene(scene), tmp_path / "a.mcap")
+    with pytest.raises(InputError) as refused:
+        open_sequence(path, table=RecordingTable(**change))
+    assert all(word in str(refused.value) for word in words), refused.value
+
+
+def test_bags_that_hold_no_depth_are_refused_in_a_line(scene: Path, tmp_path: Path) -> None:
+    colour = write_bag(Scene(scene), tmp_path / "colour.mcap", colour_message)
+    with pytest.raises(InputError, match=r"expected depth \(16UC1, .*got pixels of 'rgb8'"):
+        open_sequence(colour)
+    bare = write_bag(Scene(scene), tmp_path / "bare.mcap", with_info=False)
+    with pytest.raises(InputError, match="camera: expected CameraInfo beside the images"):
+        open_sequence(bare)
+    whole = bare.read_bytes()
+    for name, content in (("cut", whole[: len(whole) // 2]), ("noise", b"\x89MCAP0\r\n" * 9)):
+        path = tmp_path / f"{name}.mcap"
+        path.write_bytes(content)
+        with pytest.raises(InputError) as refused:
+            open_sequence(path)
+        assert str(path) in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def _npz(**arrays: np.ndarray) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        np.savez(folder / "a.npz", allow_pickle=True, **arrays)
+        return folder / "a.npz"
+
+    return write
+
+
+def _text(name: str, text: str) -> Callable[[Path], Path]:
+    """A folder with one image and another file."""
+
+    def write(folder: Path) -> Path:
+        np.save(folder / "0.npy", np.ones((6, 8), dtype=np.float32))
+        (folder / name).write_text(text)
+        return folder
+
+    return write
+
+
+DEPTH = np.ones((2, 6, 8), dtype=np.float32)
+K = np.array([[20.0, 0.0, 3.5], [0.0, 21.0, 2.5], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("write", "words"),
+    [
+        (_npz(a=DEPTH, b=DEPTH), ("depth", "expected one array depth", "a (2, 6, 8)")),
+        (_npz(depth=DEPTH, K=-K), ("K", "expected K (3, 3)")),
+        (_npz(depth=DEPTH, K=K, time_s=np.zeros(3)), ("time_s", "expected 2 numbers")),
+        (_npz(depth=DEPTH, K=K, time_s=np.array([0.0, 1e15])), ("time stamp", "seconds")),
+        (_npz(depth=DEPTH, K=K, T_cam_world=np.ones((2, 4, 4))), ("T_cam_world[0]", "rigid")),
+        (_npz(depth=DEPTH.astype(object)), ("file", "undamaged NumPy arrays")),
+        (_text("depth_camera.toml", "fx = 1.0"), ("depth_camera.toml", "fy", "missing")),
+        (_text("depth_camera.json", '{"K": [1, 2]}'), ("K", "expected nine numbers")),
+        (_text("depth_camera.json", "[" * 9999), ("depth_camera.json", "JSON")),
+        (_text("depth_camera.toml", "fx=1\nfy=1\ncx=0\ncy=0\nwidth=9\nheight=6"), ("9 x 6",)),
+        (_text("depth.txt", "0.0"), ("line 1", "expected timestamp filename")),
+        (_text("depth.txt", "0.0 ../../0.npy"), ("line 1", "in the recording's folder")),
+        (_text("depth.txt", "0.0 0.npy"), ("camera", "525 525 319.5 239.5")),
+        (_text("a.md", ""), ("camera", "expected --camera FX FY CX CY")),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(
+    write: Callable[[Path], Path], words: tuple[str, ...], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as refused:
+        open_recording(write(tmp_path))
+    message = str(refused.value)
+    assert all(word in message for word in words), message
+    assert str(tmp_path) in message
+    assert "\n" not in message
