@@ -1,6 +1,7 @@
 """The command line: each command parses, calls one function and prints its summary."""
 
 from pcnav.cli.application import app, main
+from pcnav.cli.config import config
 from pcnav.cli.demo import demo
 from pcnav.cli.export import export
 from pcnav.cli.forecast import forecast
@@ -13,7 +14,10 @@ from pcnav.cli.target import target
 from pcnav.cli.view import view
 
 # In the order in which the help lists them.
-for _command in (demo, simulate, run, view, forecast, export, target, table, study, observability):
+for _command in (
+    *(demo, simulate, run, view, forecast, export, target, table, study, observability),
+    config,
+):
     app.command()(_command)
 
 __all__ = ["app", "main"]

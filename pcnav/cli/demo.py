@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pcnav.cli.options import Overwrite
-from pcnav.cli.run import run_into
+from pcnav.cli.run import NOTHING_FOUND, run_into
 from pcnav.cli.simulate import simulate_into
 from pcnav.files.new_folder import refuse_unless_replaceable
 from pcnav.runs.result_files import STATES_FILE
@@ -26,4 +26,5 @@ def demo(
     # Found out before half of the work is done.
     refuse_unless_replaceable(result.resolve(), overwrite, STATES_FILE)
     simulate_into("demo", sequence, overwrite)
-    run_into(sequence, None, "demo", result, overwrite)
+    if not run_into(sequence, None, "demo", result, overwrite):
+        raise typer.Exit(NOTHING_FOUND)

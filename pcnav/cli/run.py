@@ -1,11 +1,13 @@
 """``pcnav run``: estimate a motion from a recording."""
 
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pcnav.cli.dated_folder import dated_folder, link_latest
 from pcnav.cli.frame_options import (
     Background,
     Box,
@@ -52,7 +54,15 @@ def run(
             "one camera; a bag, an array file or a video: see docs/formats.md."
         ),
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Result folder.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            help="Result folder; without it a dated one in runs, to which runs/latest leads.",
+            show_default=False,
+        ),
+    ] = None,
     target: Annotated[
         str | None,
         typer.Option(
@@ -103,6 +113,9 @@ def run(
     frames: Frames = None,
     every: Every = 1,
     overwrite: Overwrite = False,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Whether to draw the report page.")
+    ] = True,
     view: Annotated[
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
     ] = False,
@@ -135,12 +148,17 @@ def run(
         **{"camera_topic": camera_topic, "object": object_},
         **{"start": start, "frames": frames, "every": every},
     }
-    run_into(
-        *(sequence, target, pipeline, out, overwrite, port if view else None, estimator, first),
+    folder = dated_folder(sequence, datetime.now()) if out is None else out
+    found = run_into(
+        *(sequence, target, pipeline, folder, overwrite, port if view else None, estimator, first),
         frame_options=frame_options,
         recording_options=recording_options,
         mesh_unit=mesh_unit,
+        report=report,
+        linked=out is None,
     )
+    if not found:
+        raise typer.Exit(NOTHING_FOUND)
 
 
 def run_into(
@@ -156,8 +174,13 @@ def run_into(
     frame_options: Mapping[str, Any] | None = None,
     recording_options: Mapping[str, Any] | None = None,
     mesh_unit: LengthUnit | None = None,
-) -> None:
-    """Run, show how far it is, and say what was found."""
+    report: bool = True,
+    linked: bool = False,
+) -> bool:
+    """Run, show how far it is, and say what was found; whether anything was.
+
+    ``linked``: `link_latest` to the result.
+    """
     from pcnav.estimators.choice import chosen, refuse_mesh
     from pcnav.pipeline import run as run_recording
     from pcnav.recordings.recording import RecordingKind
@@ -194,6 +217,7 @@ def run_into(
                 mesh_unit=mesh_unit,
                 initial_pose=initial_pose,
                 overwrite=overwrite,
+                report=report,
                 source=path,
                 on_start=on_start,
                 on_estimate=on_estimate,
@@ -209,6 +233,8 @@ def run_into(
             summary, server = run_live(
                 work, view_port, lambda served: tell_address(served, LOOPBACK, view_port)
             )
+    if linked:
+        link_latest(summary.folder)
     _tell(summary)
     if server is None:
         typer.echo(f"web view: pcnav view {summary.folder}")
@@ -216,8 +242,7 @@ def run_into(
         from pcnav.cli.view import serve_until_interrupted
 
         serve_until_interrupted(server)
-    if not summary.diagnosis.found:
-        raise typer.Exit(NOTHING_FOUND)
+    return summary.diagnosis.found
 
 
 def _tell(summary: "RunSummary") -> None:
@@ -230,4 +255,4 @@ def _tell(summary: "RunSummary") -> None:
     console = Console()
     console.print(terminal_table(summary.answer))
     console.print(summary_table(summary.metrics, summary.gain))
-    typer.echo(f"report: {summary.report}")
+    typer.echo(f"report: {summary.report}" if summary.has_report else f"result: {summary.folder}")

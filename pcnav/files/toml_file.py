@@ -2,8 +2,9 @@
 
 import re
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -61,7 +62,7 @@ def checked(path: Path | str, model: type[Model], found: object, within: str = "
         field = ".".join(str(part) for part in (within, *first["loc"]) if part != "") or "file"
         expected = first["msg"].removeprefix("Value error, ")
         if first["type"] == "extra_forbidden":
-            expected = "unknown key; expected one of the documented keys"
+            expected = f"unknown key; {_meant(model, first['loc'])}"
         elif first["type"] == "missing":
             expected = "missing; expected a value"
         elif first["type"] != "value_error":
@@ -69,6 +70,34 @@ def checked(path: Path | str, model: type[Model], found: object, within: str = "
             cut = shown if len(shown) <= _MAX_SHOWN else f"{shown[:_MAX_SHOWN]}..."
             expected = f"{expected}, got {cut}"
         raise InputError(path, field, expected) from error
+
+
+def tables_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
+    """The keys of a model that hold tables, and the models of these."""
+    found = {name: _model_in(field.annotation) for name, field in model.model_fields.items()}
+    return {name: table for name, table in found.items() if table is not None}
+
+
+def _meant(model: type[BaseModel], where: tuple[int | str, ...]) -> str:
+    """What a key that is unknown may have been meant for."""
+    table, key = model, str(where[-1])
+    for part in where[:-1]:
+        table = tables_of(table).get(str(part), table)
+    homes = [name for name, each in tables_of(model).items() if key in each.model_fields]
+    if homes:
+        return f"expected in {' or '.join(f'[{home}]' for home in homes)}"
+    near = get_close_matches(key, table.model_fields, n=1)
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"expected one of {', '.join(table.model_fields)}"
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """The model that a field holds, alone, or None, or in a tuple; None where it holds none."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = (_model_in(argument) for argument in get_args(annotation))
+    return next((found for found in inner if found is not None), None)
 
 
 def _is_deep(text: str) -> bool:

@@ -81,7 +81,7 @@ def test_examples_use_what_is_shipped_and_work_in_order(
     [
         (("fly",), ("fly", "pcnav --help")),
         (("run",), ("sequence", "pcnav run --help")),
-        (("run", "here"), ("--out", "pcnav run --help")),
+        (("simulate", "demo"), ("--out", "pcnav simulate --help")),
         (("simulate", "demo", "-o", "x", "--fast"), ("--fast", "pcnav simulate --help")),
         (("study", "yu2019", "-o", "x", "--runs", "many"), ("--runs", "pcnav study --help")),
         (("study", "nobody1900", "-o", "x"), ("nobody1900", "study", "expected")),

@@ -51,8 +51,10 @@ def test_what_a_file_says_replaces_the_default_and_nothing_else(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("text", "field", "word"),
     [
-        ("[noise]\nrange_sigma = 0.1\n", "noise.range_sigma", "unknown key"),
-        ("[nose]\n", "nose", "unknown key"),
+        ("[noise]\nrange_sigma = 0.1\n", "noise.range_sigma", "did you mean range_sigma_m?"),
+        ("[filter]\nransac_success_probability = 1\n", "filter", "expected in [perception]"),
+        ("[orbit]\nzzz = 1\n", "orbit.zzz", "expected one of model, mean_motion_rad_s"),
+        ("[nose]\n", "nose", "did you mean noise?"),
         ("seed = -1\n", "seed", "-1"),
         ("[noise]\nrange_sigma_m = -0.1\n", "noise.range_sigma_m", "-0.1"),
         ("[noise]\ndropout_fraction = 1.5\n", "noise.dropout_fraction", "1.5"),

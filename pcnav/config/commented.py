@@ -1,0 +1,119 @@
+"""A pipeline file with every key in it, each explained by the model that it is checked against."""
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel
+
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.files.toml_file import tables_of
+
+_WIDTH = 96
+_BOUNDS = {
+    "exclusiveMinimum": "above {:,}",
+    "minimum": "{:,} or more",
+    "exclusiveMaximum": "below {:,}",
+    "maximum": "{:,} or less",
+}
+_HEAD = """\
+# A pipeline file: every key, at {values}.
+# Keys that are commented out have no value; a file of your own needs no more than what differs.
+"""
+
+
+def commented_toml(
+    pipeline: Pipeline, table: str | None = None, values: str = "its default"
+) -> str:
+    """A pipeline as TOML with all its keys and what they mean; or one of its tables.
+
+    `read_pipeline` reads it back as it is. Raises ``KeyError`` for a table that there is not.
+    """
+    tables, schema = tables_of(Pipeline), Pipeline.model_json_schema()
+    if table is not None:
+        return "\n".join(_table(table, tables[table], getattr(pipeline, table), schema)) + "\n"
+    plain = {name: getattr(pipeline, name) for name in Pipeline.model_fields if name not in tables}
+    lines = [_HEAD.format(values=values), *_keys(Pipeline, plain, schema["properties"], schema)]
+    for name, model in tables.items():
+        lines += ["", *_table(name, model, getattr(pipeline, name), schema)]
+    return "\n".join(lines) + "\n"
+
+
+def _table(
+    name: str, model: type[BaseModel], value: BaseModel | None, schema: Mapping[str, Any]
+) -> Iterator[str]:
+    """The lines of a table; all of one that is None are comments."""
+    off = "# " if value is None else ""
+    yield from _comment(inspect.getdoc(model) or "")
+    yield f"{off}[{name}]"
+    values = {key: getattr(value, key, None) for key in model.model_fields}
+    values |= (value.model_extra or {}) if value is not None else {}
+    yield from _keys(model, values, schema["$defs"][model.__name__]["properties"], schema)
+
+
+def _keys(
+    model: type[BaseModel],
+    values: Mapping[str, Any],
+    properties: Mapping[str, Any],
+    schema: Mapping[str, Any],
+) -> Iterator[str]:
+    said = _explained(model)
+    for key, value in values.items():
+        yield from _comment(said.get(key, ""))
+        allowed = _allowed(properties.get(key, {}), schema)
+        if value is None:
+            yield f"# {key} =  # {allowed or 'text'}"
+        else:
+            yield f"{key} = {_inline(value)}{f'  # {allowed}' if allowed else ''}"
+
+
+def _inline(value: Any) -> str:
+    """A value as TOML has it, on one line."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_inline, value))}]"
+    plain = str(value) if isinstance(value, str) else value
+    return tomli_w.dumps({"key": plain}).removeprefix("key = ").rstrip()
+
+
+def _comment(text: str) -> Iterator[str]:
+    # A file has no None: a key without a value is absent.
+    for paragraph in re.sub(r"\bNone\b", "no value", text).split("\n\n"):
+        for line in textwrap.wrap(" ".join(paragraph.split()), _WIDTH):
+            yield f"# {line}"
+
+
+def _allowed(found: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    """Which values a key takes, as far as that is a list or a bound."""
+    for each in (found, *found.get("anyOf", ()), *found.get("allOf", ())):
+        name = each.get("$ref", "").rpartition("/")[2]
+        resolved = schema["$defs"][name] if name else each
+        if "enum" in resolved:
+            return " | ".join(f'"{choice}"' for choice in resolved["enum"])
+        words = [text.format(each[key]) for key, text in _BOUNDS.items() if key in each]
+        if words:
+            return ", ".join(words)
+        if "prefixItems" in each and "anyOf" in found:
+            return f"{len(each['prefixItems'])} numbers"
+    return ""
+
+
+@lru_cache
+def _explained(model: type[BaseModel]) -> Mapping[str, str]:
+    """The texts below the fields of a model, its bases' among them."""
+    texts: dict[str, str] = {}
+    for each in reversed(model.__mro__):
+        if not (issubclass(each, BaseModel) and each.__module__.startswith("pcnav.")):
+            continue
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(each))).body
+        assert isinstance(tree, ast.ClassDef), "it is a class"
+        for field, text in zip(tree.body, tree.body[1:], strict=False):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                match text:
+                    case ast.Expr(ast.Constant(str() as said)):
+                        texts[field.target.id] = said
+    return texts
