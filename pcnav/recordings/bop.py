@@ -5,8 +5,10 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from pcnav.config.length_unit import LengthUnit
 from pcnav.config.recording import AS_IT_IS, RecordingTable
 from pcnav.core.errors import InputError
+from pcnav.recordings.bop_models import model_of
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, SceneCamera, read_scene_camera
 from pcnav.recordings.depth_form import PLAIN
 from pcnav.recordings.depth_image import SUFFIXES, first_size, image_of
@@ -46,6 +48,8 @@ def read_bop(
     else:
         info = SequenceInfo(path.absolute().name, 0.0, None, target_mesh)
         assumed.append(f"no {SEQUENCE_FILE}: a laboratory assumed")
+    if info.target_mesh is None:
+        info = _with_model(path, info, table.object)
     if not form.distortion:
         form = replace(form, distortion=scene.distortion)
     if info.range_sigma_m is None:
@@ -70,7 +74,17 @@ def read_bop(
         depth_step_m=scene.depth_step_m,
         T_cam_world=scene.T_cam_world,
         form=form,
+        object_id=table.object,
     )
+
+
+def _with_model(path: Path, info: SequenceInfo, object_id: int | None) -> SequenceInfo:
+    """With the model that the data set has of the target, in its millimetres."""
+    model = model_of(path, object_id)
+    if model is None:
+        return info
+    _LOG.info("%s: the target is %s of the data set, in millimetres", path, model.name)
+    return replace(info, target_mesh=model, mesh_unit=LengthUnit.MILLIMETRE)
 
 
 def time_zero(path: Path, scene: SceneCamera) -> float:

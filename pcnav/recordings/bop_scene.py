@@ -24,6 +24,7 @@ _Nine = Annotated[list[float], Field(min_length=9, max_length=9)]
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Coefficients = Annotated[list[float], Field(min_length=4, max_length=8)]
 _MAXIMUM_KEY_DIGITS = 9
+_MAX_LISTED = 30
 
 
 class _Entry(BaseModel):
@@ -120,26 +121,48 @@ def read_scene_camera(path: Path) -> SceneCamera:
     return replace(picked(in_order, line.kept), left_out=left_out)
 
 
-def read_scene_poses(path: Path) -> tuple[IntArray, FloatArray]:
+def read_scene_poses(path: Path, object_id: int | None = None) -> tuple[IntArray, FloatArray]:
     """Numbers (n,) of the frames of scene_gt.json that show the target, and (n, 4, 4) T_cam_model.
 
-    The target is the only object of a frame, or else the one with obj_id 1. Raises `InputError`.
+    The target is the object asked for; else the only one of a frame, else the one with obj_id 1.
+    A frame in which that does not tell one object has none: n may be 0. Raises `InputError`, also
+    where an object that was asked for is in no frame.
     """
-    found = {}
+    found, seen = {}, set()
     for number, poses in _by_number(path, _read_json(path, _POSES)).items():
-        candidates = poses if len(poses) == 1 else [p for p in poses if p.obj_id == OBJECT_ID]
-        if len(candidates) > 1 or (poses and not candidates):
-            expected = f"expected one object, or exactly one with obj_id {OBJECT_ID}"
-            raise InputError(path, f"{number}.obj_id", expected)
-        if candidates:
-            found[number] = candidates[0]
-    if not found:
+        seen |= {pose.obj_id for pose in poses}
+        place = _place_of([pose.obj_id for pose in poses], object_id)
+        if place is not None:
+            found[number] = poses[place]
+    if not seen:
         raise InputError(path, "frames", "expected at least one pose")
+    if object_id is not None and object_id not in seen:
+        known = ", ".join(map(str, sorted(seen)[:_MAX_LISTED]))
+        raise InputError(path, "--object", f"expected one of the objects {known}, got {object_id}")
     numbers = list(found)
-    R = np.array([p.cam_R_m2c for p in found.values()], dtype=np.float64)
-    p_mm = np.array([p.cam_t_m2c for p in found.values()], dtype=np.float64)
+    R = np.reshape([p.cam_R_m2c for p in found.values()], (-1, 9))
+    p_mm = np.reshape([p.cam_t_m2c for p in found.values()], (-1, 3))
     T_cam_model = _poses(path, numbers, R, p_mm, "0.cam_R_m2c")
     return np.array(numbers, dtype=np.intp), T_cam_model
+
+
+def object_places(path: Path, object_id: int) -> dict[int, int]:
+    """By frame number, the place of an object among those of scene_gt.json, which masks are named
+    after; frames that show it not, or several times, are not there. Raises `InputError`."""
+    places = {}
+    for number, poses in _by_number(path, _read_json(path, _POSES)).items():
+        place = _place_of([pose.obj_id for pose in poses], object_id)
+        if place is not None:
+            places[number] = place
+    return places
+
+
+def _place_of(objects: list[int], object_id: int | None) -> int | None:
+    """Place of the target among the objects of a frame; None where that is not clear."""
+    if object_id is None and len(objects) == 1:
+        return 0
+    wanted = OBJECT_ID if object_id is None else object_id
+    return objects.index(wanted) if objects.count(wanted) == 1 else None
 
 
 def _require_seconds(path: Path, numbers: list[int], time_s: FloatArray) -> None:

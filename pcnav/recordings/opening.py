@@ -9,6 +9,7 @@ from pcnav.core.errors import InputError
 from pcnav.recordings.attitudes import ATTITUDES_FILE, is_attitude_recording, read_attitudes
 from pcnav.recordings.bag import METADATA, is_bag, read_bag
 from pcnav.recordings.bop import read_bop
+from pcnav.recordings.bop_models import refuse_data_set, scenes_of
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
 from pcnav.recordings.depth_folder import is_depth_folder, read_depth_folder
 from pcnav.recordings.depth_stack import is_depth_stack, read_depth_stack
@@ -74,6 +75,11 @@ FORMATS = (
     RecordingFormat(
         *("BOP scene", RecordingKind.DEPTH, SCENE_CAMERA_FILE),
         *(_holds(SCENE_CAMERA_FILE, SEQUENCE_FILE), read_bop),
+        frozenset({"object"}),
+    ),
+    RecordingFormat(
+        *("BOP data set", RecordingKind.DEPTH, f"scenes with {SCENE_CAMERA_FILE}"),
+        *(lambda path: bool(scenes_of(path)), refuse_data_set, frozenset({"object"})),
     ),
     RecordingFormat(
         *("tsdf-fusion recording", RecordingKind.DEPTH, INTRINSICS_FILE),

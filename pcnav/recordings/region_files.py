@@ -1,6 +1,7 @@
 """The region of [region] for every frame of a recording: its masks and background are files."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -11,6 +12,7 @@ from PIL import Image
 from pcnav.config.region import OWN_MASKS, RegionTable
 from pcnav.core.arrays import BoolArray
 from pcnav.core.errors import InputError
+from pcnav.recordings.bop_scene import SCENE_GT_FILE, object_places
 from pcnav.recordings.region import Background, Region
 from pcnav.recordings.sequence import Sequence
 
@@ -28,13 +30,21 @@ class RegionOfFrames:
     """Folder of masks."""
     mask_object: int | None
     """Place of the target among the objects of a frame."""
+    places: Mapping[int, int] | None = None
+    """The same by the number of a frame, where it differs from frame to frame; None where not."""
 
     def of(self, sequence: Sequence, index: int) -> Region:
         """The region in one frame. Raises `InputError` for its mask."""
         if self.masks is None:
             return self.region
         name = Path(sequence.files[index]).name.split(".")[0]
-        return replace(self.region, mask=_mask(self.masks, name, self.mask_object))
+        place = self.mask_object
+        if self.places is not None:
+            place = self.places.get(int(name))
+            if place is None:
+                expected = f"expected object {sequence.object_id} in the frame, once"
+                raise InputError(self.masks, name, expected)
+        return replace(self.region, mask=_mask(self.masks, name, place))
 
 
 def region_of(table: RegionTable, sequence: Sequence) -> RegionOfFrames:
@@ -49,7 +59,12 @@ def region_of(table: RegionTable, sequence: Sequence) -> RegionOfFrames:
         box_px=table.box_px,
         background=_background(table.background, sequence),
     )
-    return RegionOfFrames(region, masks, table.mask_object)
+    places = None
+    asked = sequence.object_id
+    if table.masks == OWN_MASKS and table.mask_object is None and asked is not None:
+        # The masks themselves are part of the truth; nothing but their names is taken from it here.
+        places = object_places(sequence.path / SCENE_GT_FILE, asked)
+    return RegionOfFrames(region, masks, table.mask_object, places)
 
 
 def resolved(table: RegionTable, recording: Path) -> RegionTable:

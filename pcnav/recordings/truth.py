@@ -5,6 +5,7 @@ truth.csv        time_s and the columns of all blocks: position, velocity, attit
 scene_gt.json    of a BOP scene: poses of the model in the camera
 """
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ STATE_COLUMNS = ("time_s", *MASS_CENTRE_LAYOUT.columns)
 """Names of the 22 columns in file order; q is R_world_body, scalar last."""
 
 _NORM_TOLERANCE = 1e-6
+_LOG = logging.getLogger("pcnav")
 _TIME_TOLERANCE_S = 1e-9
 
 
@@ -53,13 +55,16 @@ def truth_of(recording: Recording) -> Trajectory | None:
             return read_stack_truth(path, zero_s)
         if path.is_file():
             return None
+        return read_truth(path, recording.object_id)
     return read_truth(truth_folder(path))
 
 
-def read_truth(path: Path) -> Trajectory | None:
+def read_truth(path: Path, object_id: int | None = None) -> Trajectory | None:
     """Truth of a recording's folder, or None when it has neither truth.csv nor scene_gt.json.
 
-    Raises `InputError` when a file is invalid or the two do not speak of the same times.
+    ``object_id`` says which of the objects of scene_gt.json is the target. Where that is not clear
+    there is no truth, which is said. Raises `InputError` when a file is invalid or the two do not
+    speak of the same times.
     """
     has_states = (path / TRUTH_FILE).is_file()
     has_scene = (path / SCENE_CAMERA_FILE).is_file()
@@ -72,7 +77,13 @@ def read_truth(path: Path) -> Trajectory | None:
         return Trajectory(time_s - zero_s, MASS_CENTRE_LAYOUT, values)
     scene = read_scene_camera(path / SCENE_CAMERA_FILE)
     zero_s = time_zero(path, scene)
-    numbers, T_cam_model = read_scene_poses(path / SCENE_GT_FILE)
+    numbers, T_cam_model = read_scene_poses(path / SCENE_GT_FILE, object_id)
+    if not len(numbers):
+        _LOG.warning(
+            "%s: several objects: no truth; --object says which of them is the target",
+            path / SCENE_GT_FILE,
+        )
+        return None
     kept = ~np.isin(numbers, scene.left_out)
     numbers, T_cam_model = numbers[kept], T_cam_model[kept]
     known = np.isin(numbers, scene.numbers)

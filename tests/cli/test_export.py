@@ -295,11 +295,11 @@ def test_poses_without_a_recording_are_written_and_what_is_missing_is_said(
     result, out = tmp_path / "result", tmp_path / "x.tum"
     shutil.copytree(recorded / "result", result)
     settings = (result / "pipeline.toml").read_text()
-    gone = settings.replace((recorded / "sequence").resolve().as_posix(), "/gone")
+    gone = settings.replace('sequence = "../sequence"', 'sequence = "../gone"')
     (result / "pipeline.toml").write_text(gone)
     answer = pcnav("export", result, "--to", "tum", "-o", out)
     assert answer.code == 0
-    assert "not at /gone: no truth" in answer.err
+    assert "gone: no truth" in answer.err
     assert not out.with_name("x.truth.tum").exists()
     expect_refusal(pcnav("export", result, "--to", "oem", "-o", out), "recording", "--sequence")
     found = pcnav("export", result, "--to", "bop", "--sequence", recorded / "sequence")

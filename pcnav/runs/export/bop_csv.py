@@ -13,7 +13,8 @@ ABOUT = (
     "scene_id,im_id,obj_id,score,R,t,time a line: R the nine numbers of R_cam_model row by row, t "
     "in mm, score the share of the frame's pixels that the pose explains (1 where the estimator "
     "does not tell), time -1 (not measured). scene_id is the number that names the scene's folder, "
-    "else 1. bop_toolkit wants the name METHOD_DATASET-SPLIT.csv."
+    "else 1; obj_id the one that --object named, else 1. bop_toolkit wants the name "
+    "METHOD_DATASET-SPLIT.csv."
 )
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
 _MM = 1000.0
@@ -28,12 +29,13 @@ def write_bop_csv(export: Export) -> Files:
         raise InputError(export.source, "recording", expected)
     scores = export.run.notes.get("inlier_ratio")
     scene = scene_number(recording.path)
+    target = OBJECT_ID if recording.object_id is None else recording.object_id
     lines = [HEADER]
     for frame, T in zip(frames.tolist(), poses, strict=True):
         score = 1.0 if scores is None or np.isnan(scores[frame]) else float(scores[frame])
         R, t = (" ".join(map(repr, x.ravel().tolist())) for x in (T[:3, :3], _MM * T[:3, 3]))
         image = _number(recording.files[frame], export)
-        lines.append(f"{scene},{image},{OBJECT_ID},{score!r},{R},{t},-1")
+        lines.append(f"{scene},{image},{target},{score!r},{R},{t},-1")
     return {"": ("\n".join(lines) + "\n").encode()}
 
 
