@@ -15,6 +15,7 @@ from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.evaluation.answer.findings import Found, findings
 from pcnav.evaluation.answer.model import Answer, FinalEstimate, Finding, Verdict
 from pcnav.evaluation.answer.sources import Sources
+from pcnav.evaluation.answer.stated_priors import stated_prior_sd
 from pcnav.evaluation.answer.telling import About, answer_of
 from pcnav.evaluation.metrics import run_metrics
 from tests.made_runs import KINDS, made_run
@@ -117,10 +118,24 @@ def test_a_number_that_only_repeats_the_prior_is_called_so() -> None:
     P[7, 7] = PRIOR.com_covariance_m2[1, 1]
     told = findings(found_of(P, PRIOR))
     assert told["mass_centre_model_m"].verdicts == (Verdict.DATA, Verdict.PRIOR, Verdict.DATA)
-    of_inertia = ("inertia_ratios", "principal_moments", "principal_axis_1_body")
-    for key in (*of_inertia, "momentum_direction_world"):
+    for key in ("inertia_ratios", "principal_moments", "momentum_direction_world"):
         assert told[key].verdict is Verdict.PRIOR, key
+    # A wide prior says nothing of the axes of a body whose moments are not far apart.
+    assert told["principal_axis_1_body"].verdict is Verdict.NOT
     assert told["rate_body_deg_s"].verdict is told["attitude_cam_xyzw"].verdict is Verdict.DATA
+
+
+def test_what_a_bank_of_filters_was_told_is_no_finding() -> None:
+    """Segal 2011's filters begin about an attitude, which features do not show without a model."""
+    told = stated_prior_sd("inertia_bank", None, MASS_CENTRE_LAYOUT)
+    assert np.isinf(told[6:9]).all() and np.isfinite(np.delete(told, [6, 7, 8])).all()
+    P = np.diag(SD**2)
+    P[9:12, 9:12] = np.deg2rad(4.9) ** 2 * np.eye(3)
+    sources = Sources.of(STATE, P, None, HILL, True, told)
+    found = findings(replace(found_of(P), sources=sources))
+    assert found["attitude_cam_xyzw"].verdict is Verdict.PRIOR
+    assert found["rate_body_deg_s"].verdict is Verdict.DATA
+    assert np.isinf(stated_prior_sd("principal_axes", None, MASS_CENTRE_LAYOUT)).all()
 
 
 def test_what_says_nothing_is_not_known() -> None:
@@ -150,7 +165,9 @@ def test_every_kind_of_run_has_an_answer(kind: str, frames: int, tmp_path: Path)
     assert (at.frame, at.age_s) == (claimed[-1], run.time_s[-1] - run.time_s[claimed[-1]])
     assert ("range_m" in at.findings) == (run.trajectory.T_cam_target is not None)
     assert ("inertia_ratios" in at.findings) == (RATIOS in run.trajectory)
-    assert all(each.verdict is Verdict.DATA for each in at.findings.values())
+    # The bank alone was told of the motion, and these made-up deviations are hardly smaller.
+    verdicts = {each.verdict for each in at.findings.values()}
+    assert verdicts == ({*Verdict} - {Verdict.NOT} if kind == "inertia_bank" else {Verdict.DATA})
 
 
 def test_the_page_on_the_file_names_every_field(repository: Path) -> None:

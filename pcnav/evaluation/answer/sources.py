@@ -11,7 +11,7 @@ from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, R_HILL, V_HILL
 from pcnav.evaluation.answer.derived import Values
 from pcnav.evaluation.answer.model import Verdict
-from pcnav.evaluation.information_gain import StateGain, part_of_prior
+from pcnav.evaluation.information_gain import MAX_PRIOR_SHARE, StateGain, part_of_prior
 
 MAX_ANGLE_SD_RAD = np.deg2rad(30.0)
 """A direction that uncertain says hardly more than none: one drawn at random has 57 deg."""
@@ -30,6 +30,8 @@ class Sources:
     """(n, n) of the state's error; None of an estimator that states none."""
     prior: PriorMass | None
     """Of the mass, before the first frame; None of an estimator without."""
+    prior_sd: FloatArray | None = None
+    """(n,) of one without: deviations that it was told; infinite where it was told nothing."""
     R_hill_body: FloatArray | None = None
     """(3, 3), of one with a prior."""
     omega_body: FloatArray | None = None
@@ -42,12 +44,13 @@ class Sources:
         prior: PriorMass | None,
         R_hill_world: FloatArray | None,
         is_claimed: bool,
+        prior_sd: FloatArray | None = None,
     ) -> "Sources":
         """Of the values of an estimate, at whose time the Hill frame stands so."""
         if prior is None or R_hill_world is None:
-            return Sources(is_claimed, covariance, None)
+            return Sources(is_claimed, covariance, None, prior_sd)
         R_hill_body = R_hill_world @ values[ATTITUDE.name]
-        return Sources(is_claimed, covariance, prior, R_hill_body, values[RATE.name])
+        return Sources(is_claimed, covariance, prior, None, R_hill_body, values[RATE.name])
 
     def verdict(self, weights: FloatArray, max_sd: float = np.inf) -> Verdict:
         """Of the combination of the state's errors with weights (n,).
@@ -59,18 +62,24 @@ class Sources:
         if self.covariance is None:
             return Verdict.DATA
         variance = float(weights @ self.covariance @ weights)
-        if self._is_from_prior(weights, variance):
-            return Verdict.PRIOR
-        return Verdict.NOT if variance > max_sd**2 else Verdict.DATA
+        if variance > max_sd**2:
+            return Verdict.NOT
+        return Verdict.PRIOR if self._is_from_prior(weights, variance) else Verdict.DATA
 
     def _is_from_prior(self, weights: FloatArray, variance: float) -> bool:
         if self.prior is None or self.covariance is None:
             # What such an estimator holds fixed it was given.
-            return variance == 0.0
+            return variance == 0.0 or variance > MAX_PRIOR_SHARE * self._told_variance(weights)
         share = float(weights @ part_of_prior(self.prior, self.covariance) @ weights)
         share = min(share / max(variance, np.finfo(np.float64).tiny), 1.0)
         prior_sd = self._prior_sd(weights, self.prior)
         return not StateGain("", "", prior_sd, np.sqrt(variance), share).known
+
+    def _told_variance(self, weights: FloatArray) -> float:
+        if self.prior_sd is None:
+            return np.inf
+        told = weights != 0.0
+        return float(np.sum((weights[told] * self.prior_sd[told]) ** 2))
 
     def _prior_sd(self, weights: FloatArray, prior: PriorMass) -> float:
         """What the prior leaves when the motion of the model's origin is seen.

@@ -11,6 +11,7 @@ from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.evaluation.answer.findings import Found, findings
 from pcnav.evaluation.answer.model import Answer, FinalEstimate, RunState
 from pcnav.evaluation.answer.sources import Sources
+from pcnav.evaluation.answer.stated_priors import stated_prior_sd
 from pcnav.evaluation.consistency import finite_or_none
 from pcnav.evaluation.diagnosis import claimed_frames
 from pcnav.evaluation.metrics import Metrics
@@ -74,8 +75,9 @@ def final_estimate(run: Run, about: About) -> FinalEstimate | None:
     values = {name: array[k] for name, array in trajectory.values.items()}
     values = {name: value for name, value in values.items() if np.isfinite(value).all()}
     is_claimed = bool(claimed[k])
-    sources = Sources.of(values, covariance, about.prior, hill, is_claimed)
     layout = trajectory.layout
+    told = stated_prior_sd(run.estimator, run.pipeline, layout)
+    sources = Sources.of(values, covariance, about.prior, hill, is_claimed, told)
     motion = run.words.get("motion")
     return FinalEstimate(
         frame=k,

@@ -76,8 +76,9 @@ class Cloud:
         """After a time, as the motion of the start leads each of them, and its accelerations."""
         n, mean_motion = len(self.relative), start.mean_motion_rad_s
         orbit = hill_transition(mean_motion, step_s)
-        noise = hill_process_noise(mean_motion, step_s, start.acceleration_psd_m2_s3)
-        kicks = rng.standard_normal((n, 6)) @ _root(noise).T
+        by_translation, by_rotation = np.sqrt(start.accelerations.drawn(step_s, n, rng)).T
+        unit = _root(hill_process_noise(mean_motion, step_s, 1.0))
+        kicks = by_translation[:, None] * (rng.standard_normal((n, 6)) @ unit.T)
         if start.torque_free:
             slope = torque_free(self.inertia, np.asarray(np.linalg.inv(self.inertia)))
             done = rotate(slope, self.omega_body, step_s, 0, _MAX_TURN_RAD)
@@ -85,10 +86,10 @@ class Cloud:
         else:
             turn, omega = exp_rotation(self.omega_body * step_s), self.omega_body
         by_rate, by_place = rng.standard_normal((2, n, 3))
-        density = start.angular_acceleration_psd_rad2_s3
-        change = np.sqrt(density * step_s) * by_rate
+        density = by_rotation[:, None]
+        change = density * np.sqrt(step_s) * by_rate
         # Half of the rate's change, and what is independent of it.
-        angle = 0.5 * step_s * change + np.sqrt(density * step_s**3 / 12.0) * by_place
+        angle = 0.5 * step_s * change + density * np.sqrt(step_s**3 / 12.0) * by_place
         return replace(
             self,
             time_s=self.time_s + step_s,

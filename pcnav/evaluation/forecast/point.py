@@ -127,11 +127,14 @@ def forecast(
     n: int = _N_DRAWN,
 ) -> Forecast:
     """At increasing times (m,) from the estimate on, s, of so many drawn states."""
-    cloud, instants = Cloud.drawn(start, n, rng), []
+    cloud = begin = Cloud.drawn(start, n, rng)
+    instants = []
     for ahead in ahead_s.tolist():
-        step_s = start.time_s + ahead - cloud.time_s
+        # How strong accelerations are depends on the span: that of a free body's hardly count.
+        since = cloud if start.torque_free else begin
+        step_s = start.time_s + ahead - since.time_s
         if step_s > 0.0:
-            cloud = cloud.moved(start, step_s, rng)
+            cloud = since.moved(start, step_s, rng)
         instants.append(_instant(cloud.time_s, PointMotion.of(cloud, point, start), limits))
     return Forecast(start, point, limits, tuple(instants))
 

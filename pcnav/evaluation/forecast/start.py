@@ -22,7 +22,7 @@ from pcnav.dynamics.blocks import (
 from pcnav.dynamics.state import STATE_SIZE, NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.answer.model import Answer
-from pcnav.evaluation.forecast.accelerations import densities_of_run
+from pcnav.evaluation.forecast.accelerations import Accelerations, accelerations_of_run
 from pcnav.runs.reader import read_run
 from pcnav.runs.result_files import COVARIANCES_FILE, STATES_FILE, SUMMARY_FILE
 
@@ -40,9 +40,8 @@ class ForecastStart:
     mean_motion_rad_s: float
     torque_free: bool
     """Else pose and twist go on as they are, but for the accelerations."""
-    acceleration_psd_m2_s3: float
-    angular_acceleration_psd_rad2_s3: float
-    """White, of the motion that the run was followed as."""
+    accelerations: Accelerations
+    """That disturb the motion."""
     mesh_scale: float = 1.0
     """By which the target is larger than its mesh."""
 
@@ -68,16 +67,16 @@ def read_start(folder: Path) -> tuple[ForecastStart, Answer, Pipeline | None]:
         raise InputError(folder, "orbit", "expected a circular one")
     last, words = int(known[-1]), run.words.get("motion")
     torque_free = words is None or words[last] == MotionChoice.TORQUE_FREE
-    densities = _stated(run.pipeline)
+    accelerations = _stated(run.pipeline)
     if not torque_free:
-        densities = densities_of_run(run, answer.mean_motion_rad_s)
+        accelerations = accelerations_of_run(run, answer.mean_motion_rad_s)
     start = ForecastStart(
         float(run.time_s[last]),
         _state(trajectory, last),
         _covariance(trajectory, last),
         answer.mean_motion_rad_s,
         torque_free,
-        *densities,
+        accelerations,
         mesh_scale=answer.mesh_scale,
     )
     return start, answer, run.pipeline
@@ -97,10 +96,10 @@ def read_answer(folder: Path) -> Answer:
         raise InputError(path, field, f"expected {first['msg']}") from error
 
 
-def _stated(pipeline: Pipeline | None) -> tuple[float, float]:
+def _stated(pipeline: Pipeline | None) -> Accelerations:
     """Disturbances of a free body as the run's filter had them."""
     table = (Pipeline() if pipeline is None else pipeline).filter
-    return table.acceleration_psd_m2_s3, table.angular_acceleration_psd_rad2_s3
+    return Accelerations.known(table.acceleration_psd_m2_s3, table.angular_acceleration_psd_rad2_s3)
 
 
 def _state(trajectory: Trajectory, k: int) -> NavigationState:

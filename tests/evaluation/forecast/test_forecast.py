@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.state import NavigationState
+from pcnav.evaluation.forecast.accelerations import Accelerations
 from pcnav.evaluation.forecast.cloud import Cloud
 from pcnav.evaluation.forecast.point import Limits, TargetPoint, forecast
 from pcnav.evaluation.forecast.spread import spread_of_vectors
@@ -26,11 +27,12 @@ STATE = NavigationState(
     omega_body=np.array([0.05, -0.12, 0.08]),
     inertia_ratios=np.array([0.8, 1.3, 0.05, -0.04, 0.02]),
 )
+NONE = Accelerations.known(0.0, 0.0)
 TIP = TargetPoint("tip", np.array([1.5, 4.0, -0.7]))
 
 
 def start_of(sd: FloatArray, **changes: Any) -> ForecastStart:
-    start = ForecastStart(0.0, STATE, np.diag(sd**2), MEAN_MOTION, True, 0.0, 0.0)
+    start = ForecastStart(0.0, STATE, np.diag(sd**2), MEAN_MOTION, True, NONE)
     return replace(start, **changes)
 
 
@@ -110,8 +112,7 @@ def test_accelerations_widen_a_kinematic_motion_as_integrated_white_noise() -> N
         state=still,
         mean_motion_rad_s=0.0,
         torque_free=False,
-        acceleration_psd_m2_s3=by_place,
-        angular_acceleration_psd_rad2_s3=by_turn,
+        accelerations=Accelerations.known(by_place, by_turn),
     )
     centre = TargetPoint("centre", None)
     found = forecast(start, centre, np.arange(0.0, 41.0, 4.0), np.random.default_rng(2), n=4000)

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation
-from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT, POSITION
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.answer.telling import About, answer_of
-from pcnav.evaluation.forecast.accelerations import densities_of_run
+from pcnav.evaluation.forecast.accelerations import Accelerations, accelerations_of_run
 from pcnav.evaluation.forecast.start import read_start
 from pcnav.evaluation.metrics import run_metrics
 from pcnav.runs.run import Run
@@ -40,7 +41,7 @@ def test_a_forecast_begins_where_the_run_ended(kind: str, tmp_path: Path) -> Non
     rows = np.arange(20) if has_centre else np.r_[0:6, 9:20]
     np.testing.assert_array_equal(start.covariance[np.ix_(rows, rows)], covariance[19])
     assert has_centre or not start.covariance[6:9].any()
-    assert start.acceleration_psd_m2_s3 == 1e-14
+    assert start.accelerations.density[0].tolist() == [1e-14, 1e-16]
 
 
 def test_what_cannot_be_forecast_is_said_in_one_line(tmp_path: Path) -> None:
@@ -81,8 +82,8 @@ def carried(accelerate: float, frames: int = 400) -> Run:
         "omega_body": rates[1],
         **constant,
     }
-    sd = np.zeros((frames, 20))
-    motion = Trajectory(time_s, MASS_CENTRE_LAYOUT, values, sd)
+    exact = np.zeros((frames, 20, 20))
+    motion = Trajectory(time_s, MASS_CENTRE_LAYOUT, values, covariance=exact)
     none = np.zeros(frames)
     return Run(
         *("made", None, "depth", None, motion, ("locked",) * frames),
@@ -92,18 +93,38 @@ def carried(accelerate: float, frames: int = 400) -> Run:
 
 
 def test_accelerations_are_those_that_the_run_showed() -> None:
-    translation, rotation = densities_of_run(carried(1e-6), 0.0)
-    # The largest of a few spans, each over few independent ones, is rather too large.
-    assert 0.7e-6 < translation < 3e-6
-    assert 0.7e-6 < rotation < 3e-6
+    found = accelerations_of_run(carried(1e-6), 0.0)
+    # Those over few frames rest on many numbers, those over many on few.
+    few, many = found.degrees > 100.0, found.degrees < 20.0
+    np.testing.assert_allclose(found.density[few], 1e-6, rtol=0.4)
+    assert few.sum() > 2 and many.any()
+    assert ((found.density[many] > 1e-7) & (found.density[many] < 1e-5)).all()
     still = carried(0.0)
-    assert densities_of_run(still, 0.0) == (0.0, 0.0)
-    # What one estimate's own deviation explains is no acceleration.
-    assert still.trajectory.sd is not None
-    noisy = replace(still.trajectory, sd=still.trajectory.sd + 1e-3)
-    assert densities_of_run(replace(still, trajectory=noisy), 0.0) == (0.0, 0.0)
+    assert not accelerations_of_run(still, 0.0).density.any()
+    # What the estimates' own deviations explain is no acceleration.
+    noisy = replace(still.trajectory, covariance=1e-6 * np.tile(np.eye(20), (len(still), 1, 1)))
+    shaken = noisy[POSITION] + 1e-3 * np.random.default_rng(7).standard_normal((len(still), 3))
+    values = {**noisy.values, POSITION.name: shaken}
+    sure = replace(noisy, values=values, covariance=still.trajectory.covariance)
+    without, taken_off = (
+        accelerations_of_run(replace(still, trajectory=each), 0.0).density[0, 0]
+        for each in (sure, replace(noisy, values=values))
+    )
+    assert taken_off < 0.1 * without
+
+
+def test_a_density_is_drawn_as_it_is_known() -> None:
+    rng = np.random.default_rng(8)
+    spans, density = np.array([1.0, 2.0, 4.0]), np.array([[1.0, 8.0], [2.0, 8.0], [4.0, 8.0]])
+    known = Accelerations(spans, density, np.full(3, np.inf))
+    for ahead, translation in ((0.5, 1.0), (2.0, 2.0), (4.0, 4.0), (16.0, 16.0)):
+        np.testing.assert_allclose(known.drawn(ahead, 2, rng), [[translation, 8.0]] * 2)
+    measured = Accelerations(spans, density, np.array([500.0, 50.0, 9.0]))
+    drawn = measured.drawn(16.0, 20000, rng)[:, 1]
+    # What nine numbers of variance 8 leave possible, by inverting their chi-square distribution.
+    bounds = 72.0 / np.asarray(chi2.ppf([0.95, 0.05], 9))
+    assert np.mean((drawn > bounds[0]) & (drawn < bounds[1])) == pytest.approx(0.9, abs=0.01)
 
 
 def test_too_few_frames_show_nothing() -> None:
-    run = carried(1e-6, frames=12)
-    assert densities_of_run(run, 0.0) == (0.0, 0.0)
+    assert not accelerations_of_run(carried(1e-6, frames=13), 0.0).density.any()
