@@ -11,7 +11,7 @@ WORKERS ?= 2
 RUNS ?= runs
 STUDIES := $(patsubst studies/%/study.py,%,$(wildcard studies/*/study.py))
 TYPED := $(wildcard pcnav studies benchmarks tests)
-LINTED := $(wildcard pcnav studies benchmarks meshes tests)
+LINTED := $(wildcard pcnav studies benchmarks meshes tests docs/examples)
 STAMP := $(VENV)/.installed
 
 # Exact versions, also for the build backend that pip runs in an environment of its own (which

@@ -136,6 +136,11 @@ class Tracker:
         and they have no `Estimate.pose_covariance`."""
         return tuple(self._estimates)
 
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Those that are kept, without what was masked."""
+        return tuple(self._kept)
+
     def step(
         self,
         depth: npt.ArrayLike,
@@ -164,8 +169,9 @@ class Tracker:
         frame = Frame(
             *(index, time_s - zero_s, arrays.in_metres(where, array), arrays.camera, camera_pose)
         )
-        region = self._region if mask is None else replace(self._region, mask=np.asarray(mask))
-        estimate = self._navigation.step(restricted(frame, region))
+        if mask is not None:
+            frame = restricted(frame, Region(mask=np.asarray(mask)))
+        estimate = self._navigation.step(restricted(frame, self._region))
         # Nothing is remembered of a frame that was refused.
         self._arrays, self._zero_s = arrays, zero_s
         self._estimates.append(estimate)

@@ -1,62 +1,20 @@
 """The program interface, on frames that another ray caster renders of a mesh of its own."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
 import pcnav
-from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray
 from pcnav.viewer.loading import load_run
-
-K = np.array([[130.0, 0.0, 79.5], [0.0, 130.0, 59.5], [0.0, 0.0, 1.0]])
-WIDTH, HEIGHT, FRAMES, STEP_S, SIGMA_M = 160, 120, 6, 0.2, 0.004
-EPOCH_S = 1.7e9
-HOLES = (np.nan, np.inf, -1.0, 0.0)
-UNIT_M = np.float32(1e-4)
-"""Depths are multiples of it, which 16-bit images hold exactly."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A satellite in millimetres, and what a camera sees of it."""
-
-    mesh: trimesh.Trimesh
-    poses: FloatArray
-    """(n, 4, 4) true T_cam_model."""
-    depths: tuple[np.ndarray, ...]
-    times_s: tuple[float, ...]
+from tests.rendered import EPOCH_S, HEIGHT, WIDTH, K, Scene, rendered_scene
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    parts = [trimesh.creation.box((1200, 900, 700)), trimesh.creation.box((1800, 20, 600))]
-    parts[1].apply_translation((1500, 0, 80))
-    mesh = trimesh.util.concatenate(parts)
-    assert isinstance(mesh, trimesh.Trimesh)
-    caster, tensor = open3d.t.geometry.RaycastingScene(), open3d.core.Tensor.from_numpy
-    corners = np.asarray(1e-3 * mesh.vertices, dtype=np.float32)
-    caster.add_triangles(tensor(corners), tensor(np.asarray(mesh.faces, dtype=np.uint32)))
-    # Open3D counts pixels from their corners, pcnav from their centres.
-    from_corners = K + np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
-    rng, depths, poses = np.random.default_rng(3), [], []
-    times_s = tuple(STEP_S * k for k in range(FRAMES))
-    for k, t in enumerate(times_s):
-        pose = np.eye(4)
-        turn = Rotation.from_rotvec([0.4, -0.3, 0.2])
-        pose[:3, :3] = (turn * Rotation.from_rotvec(np.radians([3.0, -4.0, 2.0]) * t)).as_matrix()
-        pose[:3, 3] = (0.1 + 0.01 * t, -0.05, 5.0)
-        rays = caster.create_rays_pinhole(tensor(from_corners), tensor(pose), WIDTH, HEIGHT)
-        # Their directions have z = 1, so that what is returned is depth.
-        z = caster.cast_rays(rays)["t_hit"].numpy() + rng.normal(0.0, SIGMA_M, (HEIGHT, WIDTH))
-        units = np.rint(np.nan_to_num(z, posinf=0.0) / UNIT_M).astype(np.float32)
-        depths.append(np.where(np.isfinite(z), units * UNIT_M, HOLES[k % len(HOLES)]))
-        poses.append(pose)
-    return Scene(mesh, np.array(poses), tuple(d.astype(np.float32) for d in depths), times_s)
+    return rendered_scene()
 
 
 @pytest.fixture(scope="module")
@@ -255,12 +213,15 @@ def test_a_mask_leaves_nothing_else_and_ranges_become_depths(
     scene: Scene, target: pcnav.Target
 ) -> None:
     """A wall that fills the image is masked away; ranges are those of the same depths."""
-    plain, masked = pcnav.Tracker(target, K), pcnav.Tracker(target, K, depth_is="range")
+    tracker = pcnav.Tracker(target, K, depth_is="range", invalid_depth=7.0, keep_frames=True)
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)])
-    for depth, t in zip(scene.depths[:3], scene.times_s, strict=False):
-        seen = np.isfinite(depth) & (depth > 0.0)
-        ranges = np.where(seen, depth, 8.0) * np.linalg.norm(rays, axis=0)
-        found = plain.step(depth, t), masked.step(ranges, t, mask=seen)
-    assert found[0].pose is not None
-    assert found[1].pose == pytest.approx(found[0].pose, abs=1e-4)
+    seen = np.isfinite(scene.depths[0]) & (scene.depths[0] > 0.0)
+    ranges = np.where(seen, scene.depths[0], 8.0) * np.linalg.norm(rays, axis=0)
+    ranges[np.nonzero(seen)[0][0], np.nonzero(seen)[1][0]] = 7.0
+    tracker.step(np.ma.masked_array(ranges, mask=~seen & (u < 80)), 0.0, mask=seen)
+    (frame,) = tracker.frames
+    kept = frame.depth_m > 0.0
+    assert np.count_nonzero(seen & ~kept) == 1
+    assert np.array_equal(kept, kept & seen)
+    assert frame.depth_m[kept] == pytest.approx(scene.depths[0][kept], abs=1e-6)
