@@ -2,9 +2,11 @@
 
 from pcnav.cli.application import app, main
 from pcnav.cli.config import config
+from pcnav.cli.convert import convert
 from pcnav.cli.demo import demo
 from pcnav.cli.export import export
 from pcnav.cli.forecast import forecast
+from pcnav.cli.info import info
 from pcnav.cli.observability import observability
 from pcnav.cli.run import run
 from pcnav.cli.simulate import simulate
@@ -15,7 +17,20 @@ from pcnav.cli.view import view
 
 # In the order in which the help lists them.
 for _command in (
-    *(demo, simulate, run, view, forecast, export, target, table, study, observability),
+    *(
+        demo,
+        simulate,
+        info,
+        convert,
+        run,
+        view,
+        forecast,
+        export,
+        target,
+        table,
+        study,
+        observability,
+    ),
     config,
 ):
     app.command()(_command)

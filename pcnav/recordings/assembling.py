@@ -33,7 +33,7 @@ class Parts:
     """n names in it."""
     camera: DepthCamera
     stamp_s: FloatArray | None = None
-    """(n,) as stored; None without."""
+    """(n,) as stored, from ``origin_s`` on; None without."""
     T_cam_world: FloatArray | None = None
     """(n, 4, 4); None where the camera's pose is not recorded."""
     read_image: Callable[[Path], StoredDepth] = read_depth_image
@@ -41,6 +41,8 @@ class Parts:
     """Metres of a stored integer, as the format has it where nothing is stated."""
     assumed: tuple[str, ...] = ()
     """What the reader assumed, in words."""
+    origin_s: int = 0
+    """Whole second that stamps count from: those of an epoch leave floats too few digits."""
 
 
 def assembled(
@@ -56,7 +58,10 @@ def assembled(
     stamp_s = _stamps(parts, table, assumed)
     line = time_line(stamp_s, np.arange(n))
     assumed += line.remarks
-    zero_s = zero_of(float(stamp_s[line.kept[0]]), stated_zero_s)
+    first_s = float(stamp_s[line.kept[0]])
+    zero_s = zero_of(parts.origin_s + first_s, stated_zero_s)
+    # Summed once more, the first stamp of an epoch would not be exactly time 0.
+    passed_s = first_s if zero_s == parts.origin_s + first_s else zero_s - parts.origin_s
     if parts.T_cam_world is None:
         assumed.append("no poses of the camera: a camera at rest assumed")
     if info.range_sigma_m is None:
@@ -73,7 +78,7 @@ def assembled(
         images=parts.images,
         files=files,
         size=_size(parts, first),
-        times_s=stamp_s[line.kept] - zero_s,
+        times_s=stamp_s[line.kept] - passed_s,
         intrinsics=np.tile(np.array(parts.camera.intrinsics), (len(files), 1)),
         depth_step_m=np.full(len(files), step_m),
         T_cam_world=poses[line.kept],
@@ -108,7 +113,7 @@ def _stamps(parts: Parts, table: RecordingTable, assumed: list[str]) -> FloatArr
     if table.frame_rate_hz is not None:
         expected = "expected none: the frames have time stamps"
         raise InputError(parts.path, "--rate", expected)
-    finite = np.isfinite(parts.stamp_s) & (np.abs(parts.stamp_s) < MAX_STAMP_S)
+    finite = np.isfinite(parts.stamp_s) & (np.abs(parts.origin_s + parts.stamp_s) < MAX_STAMP_S)
     if not finite.all():
         k = int(np.argmin(finite))
         expected = f"expected seconds, got {parts.stamp_s[k]:g}"

@@ -74,7 +74,7 @@ def read_bag(
     found = bag.scanned(topic, info)
     images = _BagImages(bag, topic, found.bag_ns)
     camera = _camera(path, table, found, images)
-    names, stamp_s = images.names, found.origin_s + found.time_s
+    names, stamp_s = images.names, found.time_s
     T_cam_world, frame, remarks = None, found.frame, []
     seen = found.tree.camera_transforms(frame, found.time_s)
     where = "no camera poses"
@@ -95,6 +95,7 @@ def read_bag(
         read_image=images.read,
         integer_unit_m=0.001,
         assumed=tuple(remarks),
+        origin_s=found.origin_s,
     )
     return assembled(parts, target_mesh, table, skip_bad_frames)
 

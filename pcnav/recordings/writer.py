@@ -37,11 +37,12 @@ def write_sequence(
 ) -> None:
     """Write frames one by one into a folder that appears, whole, when the last is written.
 
-    The mesh of the target is copied, so that the sequence travels whole. ``truth`` has all blocks
-    and the poses of the model at every frame. An exception leaves nothing behind, see `new_folder`.
-    Raises `InputError` when the folder holds anything and ``overwrite`` is false or when it is not
-    a sequence, and when a depth does not fit 16 bits of the stored step; `ValueError` when frames
-    do not come in increasing order or not of one lens, without any, and for a truth of others.
+    The mesh of the target is copied, so that the sequence travels whole. ``truth`` has the poses of
+    the model at every frame, nan where it is not known, and maybe all blocks. An exception leaves
+    nothing behind, see `new_folder`. Raises `InputError` when the folder holds anything and
+    ``overwrite`` is false or when it is not a sequence, and when a depth does not fit 16 bits of
+    the stored step; `ValueError` when frames do not come in increasing order or not of one lens,
+    without any, and for a truth of others.
     """
     with new_folder(out, overwrite, SCENE_CAMERA_FILE) as folder:
         (folder / DEPTH_FOLDER).mkdir()
@@ -67,8 +68,10 @@ def write_sequence(
         write_sequence_file(folder / SEQUENCE_FILE, info, DepthForm.through(lenses.pop()))
         if truth is not None:
             poses = zip(numbers, truth.poses, strict=True)
-            _write_json(folder / SCENE_GT_FILE, ((k, [_pose_entry(T)]) for k, T in poses))
-            write_truth(folder, truth)
+            entries_of = ((k, [] if np.isnan(T[0, 0]) else [_pose_entry(T)]) for k, T in poses)
+            _write_json(folder / SCENE_GT_FILE, entries_of)
+            if truth.layout.blocks:
+                write_truth(folder, truth)
 
 
 def depth_step(frames: Iterable[Frame]) -> float:
