@@ -66,12 +66,18 @@ def forecast(
     import numpy as np
     from rich.console import Console
 
+    from pcnav.evaluation.forecast.hindcast import hindcast
     from pcnav.evaluation.forecast.named_point import named_point
     from pcnav.evaluation.forecast.point import Limits
     from pcnav.evaluation.forecast.point import forecast as forecast_point
     from pcnav.evaluation.forecast.start import read_start
     from pcnav.files.new_file import refuse_existing
-    from pcnav.report.forecast import forecast_table, tolerance_sentences, window_sentences
+    from pcnav.report.forecast import (
+        forecast_table,
+        hindcast_sentence,
+        tolerance_sentences,
+        window_sentences,
+    )
 
     for path in out or ():
         refuse_existing(path, overwrite)
@@ -79,7 +85,8 @@ def forecast(
             raise InputError(path, "--out", "expected a name ending in .csv, .png or .svg")
     if ahead / step > _MAX_TIMES:
         raise InputError(run, "--step", f"expected at most {_MAX_TIMES} times until --ahead")
-    start, answer, pipeline = read_start(run)
+    start, answer, found_run = read_start(run)
+    pipeline = found_run.pipeline
     at = named_point(point, normal, run, pipeline)
     if at.normal_model is None and (facing_deg is not None or turning_deg_s is not None):
         raise InputError(run, "--normal", "expected one, for the windows that it is asked for")
@@ -94,6 +101,9 @@ def forecast(
     tolerances = (tolerance_m, float(np.deg2rad(tolerance_deg)))
     for sentence in (*window_sentences(found), *tolerance_sentences(found, *tolerances)):
         typer.echo(sentence)
+    checked = hindcast(found_run, start, rng)
+    if checked is not None:
+        typer.echo(hindcast_sentence(checked))
     for text in answer.warnings:
         typer.echo(f"warning of the run: {text}")
     for path in out or ():

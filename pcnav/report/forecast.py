@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pcnav.core.arrays import FloatArray
+from pcnav.evaluation.forecast.hindcast import Hindcast
 from pcnav.evaluation.forecast.point import Forecast, Instant, Limits
 from pcnav.evaluation.forecast.windows import LIKELY, SURE, Window, stays_within, windows
 from pcnav.files.text_table import MISSING, TextTable, display_unit, number
@@ -103,6 +104,17 @@ def tolerance_sentences(forecast: Forecast, tolerance_m: float, tolerance_rad: f
             span = "at no time"
         told.append(f"{name} known to {unit} (95 %): {span}")
     return told
+
+
+def hindcast_sentence(checked: Hindcast) -> str:
+    """How well the run's earlier estimates foretold its last ones."""
+    text = (
+        f"of {checked.forecasts} forecasts over {number(checked.span_s)} s within the run, "
+        f"{checked.held} hold the later estimate in their 95 % ellipsoids"
+    )
+    if not checked.is_refuted:
+        return text
+    return f"warning: {text}: it does not move as it is followed, do not rely on this forecast"
 
 
 def _radii(forecast: Forecast) -> tuple[FloatArray, FloatArray]:

@@ -25,6 +25,7 @@ from pcnav.evaluation.answer.model import Answer
 from pcnav.evaluation.forecast.accelerations import Accelerations, accelerations_of_run
 from pcnav.runs.reader import read_run
 from pcnav.runs.result_files import COVARIANCES_FILE, STATES_FILE, SUMMARY_FILE
+from pcnav.runs.run import Run
 
 _NEEDED = (POSITION, VELOCITY, ATTITUDE, RATE, RATIOS)
 
@@ -46,8 +47,8 @@ class ForecastStart:
     """By which the target is larger than its mesh."""
 
 
-def read_start(folder: Path) -> tuple[ForecastStart, Answer, Pipeline | None]:
-    """The start of a forecast, the answer of the run, and its pipeline.
+def read_start(folder: Path) -> tuple[ForecastStart, Answer, Run]:
+    """The start of a forecast, the answer of the run, and the run with its covariances.
 
     Raises `InputError` for a folder that is missing or damaged, and for a run that does not tell
     position, velocity, attitude, rate and inertia, or found nothing.
@@ -72,14 +73,14 @@ def read_start(folder: Path) -> tuple[ForecastStart, Answer, Pipeline | None]:
         accelerations = accelerations_of_run(run, answer.mean_motion_rad_s)
     start = ForecastStart(
         float(run.time_s[last]),
-        _state(trajectory, last),
-        _covariance(trajectory, last),
+        state_at(trajectory, last),
+        covariance_at(trajectory, last),
         answer.mean_motion_rad_s,
         torque_free,
         accelerations,
         mesh_scale=answer.mesh_scale,
     )
-    return start, answer, run.pipeline
+    return start, answer, run
 
 
 def read_answer(folder: Path) -> Answer:
@@ -102,15 +103,16 @@ def _stated(pipeline: Pipeline | None) -> Accelerations:
     return Accelerations.known(table.acceleration_psd_m2_s3, table.angular_acceleration_psd_rad2_s3)
 
 
-def _state(trajectory: Trajectory, k: int) -> NavigationState:
+def state_at(trajectory: Trajectory, k: int) -> NavigationState:
+    """The state in frame k; of a run without a model the mass centre is the frame's origin."""
     if CENTRE in trajectory:
         return NavigationState.of(trajectory, k)
-    # Without a model there is no other frame than that of the mass centre.
     values = {**trajectory.values, CENTRE.name: np.zeros((len(trajectory), 3))}
     return NavigationState.of(Trajectory(trajectory.time_s, trajectory.layout, values), k)
 
 
-def _covariance(trajectory: Trajectory, k: int) -> FloatArray:
+def covariance_at(trajectory: Trajectory, k: int) -> FloatArray:
+    """(20, 20) in frame k; zero of what the run does not estimate."""
     assert trajectory.covariance is not None, "it was asked for"
     rows = np.concatenate(
         [
