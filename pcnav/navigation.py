@@ -80,8 +80,8 @@ class RunSummary:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong, in sentences; empty where nothing did."""
-        return (*self.diagnosis.warnings, *self.diagnosis.said)
+        """What is to be doubted, in sentences; empty where nothing is."""
+        return self.answer.warnings
 
     @property
     def report(self) -> Path:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from pcnav.config.length_unit import LengthUnit
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline
+from pcnav.config.scenario import OrbitTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
@@ -225,7 +226,10 @@ class Tracker:
         refuse_unless_replaceable(out.resolve(), overwrite, STATES_FILE)
         if not self._estimates:
             raise InputError(out, "frames", "expected at least one frame to be saved")
-        changes: dict[str, object] = {"time_zero_s": self._zero_s, "mesh_unit": self._mesh_unit}
+        orbit = OrbitTable(mean_motion_rad_s=self._info.mean_motion_rad_s)
+        changes: dict[str, object] = {
+            **{"time_zero_s": self._zero_s, "mesh_unit": self._mesh_unit, "orbit": orbit},
+        }
         if recording is not None:
             changes["sequence"] = str(self._record(Path(recording), overwrite))
         navigation, given = self._navigation, GivenFrames(self._info, self._arrays.camera)

@@ -225,3 +225,26 @@ def test_a_mask_leaves_nothing_else_and_ranges_become_depths(
     assert np.count_nonzero(seen & ~kept) == 1
     assert np.array_equal(kept, kept & seen)
     assert frame.depth_m[kept] == pytest.approx(scene.depths[0][kept], abs=1e-6)
+
+
+def test_a_track_that_found_nothing_is_saved_with_all_that_was_told(
+    target: pcnav.Target, tmp_path: Path
+) -> None:
+    tracker = pcnav.Tracker(
+        target, K, mean_motion_rad_s=1e-3, range_sigma_m=0.01, estimator="open3d_icp"
+    )
+    with pytest.raises(pcnav.InputError, match="at least one frame"):
+        tracker.save(tmp_path / "run")
+    tracker.step(np.zeros((HEIGHT, WIDTH)), 0.0, np.eye(4))
+    with pytest.raises(pcnav.InputError, match="keep_frames"):
+        tracker.save(tmp_path / "run", recording=tmp_path / "frames")
+    with pytest.raises(pcnav.InputError, match="open3d_icp tells poses alone"):
+        tracker.predict(1.0)
+    summary = tracker.save(tmp_path / "run", report=False)
+    assert summary.warnings
+    as_run = pcnav.read_run(tmp_path / "run").pipeline
+    assert as_run is not None
+    assert as_run.orbit.mean_motion_rad_s == 1e-3
+    assert as_run.perception.range_sigma_m == 0.01
+    assert as_run.estimator.kind == "open3d_icp"
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}

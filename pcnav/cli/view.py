@@ -23,6 +23,10 @@ def view(
     runs: Annotated[
         list[Path], typer.Argument(help="Result folder of a run; a second one is laid over it.")
     ],
+    sequence: Annotated[
+        Path | None,
+        typer.Option(help="Where the recording is, if not where the result says; of the first."),
+    ] = None,
     port: Port = 8080,
     host: Annotated[
         str, typer.Option(help="Address to serve on; the default is this machine alone.")
@@ -60,7 +64,7 @@ def view(
     for run in runs:
         refuse_what_is_no_run(run)
     if asked:
-        _export(runs, asked, frame, overwrite)
+        _export(runs, asked, frame, overwrite, sequence)
         return
     from pcnav.viewer.server import LocalServer, label_of
 
@@ -71,7 +75,7 @@ def view(
         from pcnav.viewer.app import show
         from pcnav.viewer.loaded_run import finished
 
-        show(server, finished(*_loaded(runs)), frame)
+        show(server, finished(*_loaded(runs, sequence)), frame)
     except BaseException:
         server.stop()
         raise
@@ -104,11 +108,11 @@ def _refuse_foreign(host: str) -> None:
         raise InputError("pcnav view", "--host", expected) from error
 
 
-def _loaded(runs: list[Path]) -> "tuple[LoadedRun, ...]":
+def _loaded(runs: list[Path], sequence: Path | None) -> "tuple[LoadedRun, ...]":
     """Read the runs, and say what should be known before looking at them."""
     from pcnav.viewer.loading import load_run
 
-    loaded = tuple(load_run(run) for run in runs)
+    loaded = tuple(load_run(run, sequence if run is runs[0] else None) for run in runs)
     for run in loaded:
         for note in run.notes:
             typer.echo(f"{run.name}: {note}")
@@ -136,7 +140,13 @@ def serve_until_interrupted(server: "LocalServer") -> None:
     server.stop()
 
 
-def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwrite: bool) -> None:
+def _export(
+    runs: list[Path],
+    asked: dict[str, Path],
+    frame: int | None,
+    overwrite: bool,
+    sequence: Path | None,
+) -> None:
     from pcnav.files.new_file import refuse_existing, write_whole
     from pcnav.viewer.export import (
         SUFFIXES,
@@ -151,7 +161,7 @@ def _export(runs: list[Path], asked: dict[str, Path], frame: int | None, overwri
         if path.suffix.lower() not in suffixes:
             raise InputError(path, f"--{kind}", f"expected a name ending in {suffixes[0]}")
         refuse_existing(path, overwrite)
-    loaded = _loaded(runs)
+    loaded = _loaded(runs, sequence)
     at = shown_frame(loaded[0], frame)
     with progress("view") as advance:
         for kind, path in asked.items():

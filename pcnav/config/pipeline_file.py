@@ -160,7 +160,9 @@ class Pipeline(Table):
             read = tuple(set[str]().union(*SETTINGS.values()))
             unsaid |= set(read)
         unsaid = {name for name in unsaid if getattr(self, name) == getattr(default, name)}
-        names = {*_OF_A_RUN, *read} - unsaid if of_a_run else None
+        # The orbit of a run on a recording is the recording's.
+        orbit = {"orbit"} if self.sequence is None else set()
+        names = {*_OF_A_RUN, *read, *orbit} - unsaid if of_a_run else None
         return self.model_dump(mode="json", exclude_none=True, include=names)
 
     @model_validator(mode="before")

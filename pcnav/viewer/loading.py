@@ -34,9 +34,15 @@ from pcnav.viewer.loaded_run import (
 )
 
 
-def load_run(folder: Path) -> LoadedRun:
-    """Read a result folder, finished or not. Raises `InputError` when it is none."""
+def load_run(folder: Path, sequence: Path | None = None) -> LoadedRun:
+    """Read a result folder, finished or not. Raises `InputError` when it is none.
+
+    ``sequence`` is where its recording is, where it is not where the folder says.
+    """
     run = read_run(folder, with_covariance=True)
+    if sequence is not None and run.pipeline is not None:
+        moved = run.pipeline.model_copy(update={"sequence": str(sequence.resolve())})
+        run = replace(run, pipeline=moved)
     trajectory = run.trajectory
     blocks = {block.name: trajectory.covariance_of(block) for block in STORED_COVARIANCES}
     stored = {name: P.copy() for name, P in blocks.items() if P is not None}

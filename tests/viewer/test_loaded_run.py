@@ -86,6 +86,7 @@ def test_states_are_shown_when_the_frames_are_gone(run_folder: Path, tmp_path: P
     loaded = load_run(copy)
     assert loaded.frames is None
     assert any("states only" in note for note in loaded.notes)
+    assert load_run(copy, run_folder.parent / "sequence").frames is not None
     assert shot_of(loaded, FRAMES - 1) is None
     assert "locked" in facts_html(loaded, FRAMES - 1, None)
     # Without a truth the estimates are drawn.
