@@ -249,10 +249,10 @@ def _tell(summary: "RunSummary") -> None:
     """Say what was found."""
     from rich.console import Console
 
-    from pcnav.report.answer import terminal_table
+    from pcnav.report.answer import terminal_answer
     from pcnav.report.summary import summary_table
 
     console = Console()
-    console.print(terminal_table(summary.answer))
+    console.print(terminal_answer(summary.answer))
     console.print(summary_table(summary.metrics, summary.gain))
     typer.echo(f"report: {summary.report}" if summary.has_report else f"result: {summary.folder}")

@@ -3,8 +3,10 @@
 import math
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from pcnav.evaluation.answer.model import Answer, FinalEstimate, Finding, RunState, Verdict
 from pcnav.files.text_table import MISSING, TextTable, display_unit, number
@@ -54,19 +56,16 @@ def answer_table(answer: Answer) -> TextTable:
     return TextTable("answer", "", _HEADINGS, rows, text_columns=4)
 
 
-def terminal_table(answer: Answer) -> Table:
-    """The same for a terminal, narrow enough for 80 columns; warnings stand below."""
+def terminal_answer(answer: Answer) -> Group:
+    """The same for a terminal, narrow enough for 80 columns: line, table and warnings."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.title, table.title_justify = escape(answer_line(answer)), "left"
     for heading in ("quantity", "estimate ± one standard deviation", "verdict"):
         table.add_column(heading)
     found = {} if answer.estimate is None else answer.estimate.findings
     for each in found.values():
         table.add_row(*map(escape, (each.title, _both(each), verdict_text(each))))
-    table.caption_justify = "left"
-    if answer.warnings:
-        table.caption = "\n".join(f"warning: {escape(text)}" for text in answer.warnings)
-    return table
+    warnings = [Text(f"warning: {text}") for text in answer.warnings]
+    return Group(Text(answer_line(answer)), *([table] if found else []), *warnings)
 
 
 def answer_cards(answer: Answer) -> list[tuple[str, str]]:

@@ -38,7 +38,7 @@ _GAIN_HEADINGS = ("verdict", "unit", "prior sd", "final sd", "bits", "prior's sh
 def against_the_truth(content: ReportContent) -> list[Piece]:
     """Error norms by quantity."""
     metrics = content.metrics
-    if metrics.errors is None:
+    if not metrics.quantities:
         return []
     rows = [error_row(quantity) for quantity in metrics.quantities]
     cells = tuple((row.title, row.unit, *row.numbers) for row in rows)
