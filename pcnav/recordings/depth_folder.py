@@ -16,11 +16,14 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.files.csv_table import read_csv
 from pcnav.recordings.assembling import Parts, assembled
+from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
 from pcnav.recordings.depth_camera import camera_file, depth_camera
 from pcnav.recordings.depth_image import SUFFIXES
-from pcnav.recordings.images import TIMES_FILE
+from pcnav.recordings.images import TIMES_FILE, is_image_sequence
 from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.sequence_file import SEQUENCE_FILE
 from pcnav.recordings.timed_poses import poses_at, read_timed_poses
+from pcnav.recordings.tsdf_fusion import INTRINSICS_FILE
 
 POSES_FILE = "poses.tum"
 _DEPTH_FOLDER = "depth"
@@ -31,8 +34,16 @@ _PER_SECOND = {13: 1e3, 16: 1e6, 19: 1e9}
 
 
 def is_depth_folder(path: Path) -> bool:
-    """Whether a folder, or its folder depth, holds files that may be depth images."""
-    return path.is_dir() and bool(_files(path)[1])
+    """Whether a folder, or its folder depth, holds depth images, and is no scene of our own.
+
+    One with a sequence.toml and no camera of this kind is a scene whose cameras are missing.
+    """
+    of_another = any((path / name).is_file() for name in (SCENE_CAMERA_FILE, INTRINSICS_FILE))
+    if not path.is_dir() or of_another or is_image_sequence(path):
+        return False
+    images, names = _files(path)
+    has_camera = any(camera_file(folder) is not None for folder in (images, path))
+    return bool(names) and (has_camera or not (path / SEQUENCE_FILE).is_file())
 
 
 def read_depth_folder(

@@ -73,6 +73,14 @@ FORMATS = (
         _OF_IMAGES - {"frame_rate_hz"},
     ),
     RecordingFormat(
+        *("bag", RecordingKind.DEPTH, f".bag, .mcap or {METADATA}", is_bag, read_bag),
+        frozenset({"camera_px", "unit_m", "topic", "camera_topic"}),
+    ),
+    RecordingFormat(
+        *("folder of depth images", RecordingKind.DEPTH, "depth images with their camera"),
+        *(is_depth_folder, read_depth_folder, _OF_IMAGES),
+    ),
+    RecordingFormat(
         *("BOP scene", RecordingKind.DEPTH, SCENE_CAMERA_FILE),
         *(_holds(SCENE_CAMERA_FILE, SEQUENCE_FILE), read_bop),
         frozenset({"object"}),
@@ -86,16 +94,8 @@ FORMATS = (
         *(_holds(INTRINSICS_FILE), read_tsdf_fusion),
     ),
     RecordingFormat(
-        *("bag", RecordingKind.DEPTH, f".bag, .mcap or {METADATA}", is_bag, read_bag),
-        frozenset({"camera_px", "unit_m", "topic", "camera_topic"}),
-    ),
-    RecordingFormat(
         *("one file of depth images", RecordingKind.DEPTH, ".npz, .npy or .tif"),
         *(is_depth_stack, read_depth_stack, _OF_IMAGES),
-    ),
-    RecordingFormat(
-        *("folder of depth images", RecordingKind.DEPTH, "depth images with their camera"),
-        *(is_depth_folder, read_depth_folder, _OF_IMAGES),
     ),
 )
 """Known formats; the first that fits is taken."""

@@ -152,6 +152,14 @@ def test_a_settings_file_beside_a_bag_or_array_says_the_rest(scene: Path, tmp_pa
     assert nearer == pytest.approx(1.0 / np.sqrt(1.0 + x**2 + y**2))
 
 
+@pytest.mark.parametrize("name", ["tum", "bag of ROS 2", "folder of .npy"])
+def test_a_folder_may_hold_a_settings_file(name: str, scene: Path, tmp_path: Path) -> None:
+    path = WRITERS[name](Scene(scene), tmp_path / "other")
+    (path / "sequence.toml").write_text("[sensor]\nrange_sigma_m = 0.03\n")
+    found = open_sequence(path)
+    assert (len(found), found.info.range_sigma_m) == (3, 0.03)
+
+
 def test_truth_of_tum_and_npz_is_read_for_the_evaluation_alone(scene: Path, tmp_path: Path) -> None:
     content = Scene(scene)
     tum = as_tum(content, tmp_path / "tum")
