@@ -58,8 +58,6 @@ class Satellite:
     about: str
     parts: tuple[Part, ...]
     equipment: tuple[Ball, ...]
-    com_sd_m: float
-    inertia_ratio_sd: float
 
 
 def box(
@@ -128,8 +126,6 @@ def boxsat() -> Satellite:
             Ball((0.18, 0.12, -0.45), 0.42, 260.0),
             Ball((-0.45, -0.40, 0.55), 0.22, 65.0),
         ),
-        com_sd_m=0.15,
-        inertia_ratio_sd=0.1,
     )
 
 
@@ -152,8 +148,6 @@ def twinwing() -> Satellite:
             Ball((0.0, 0.0, -0.40), 0.48, 380.0),
             Ball((0.30, -0.20, 0.60), 0.22, 70.0),
         ),
-        com_sd_m=0.10,
-        inertia_ratio_sd=0.1,
     )
 
 
@@ -173,8 +167,6 @@ def cubesat6u() -> Satellite:
         about="6U CubeSat, two deployed panels, lens. Symmetry group C2 about x.",
         parts=tuple(parts),
         equipment=(Ball((0.01, 0.02, -0.06), 0.03, 1.4),),
-        com_sd_m=0.01,
-        inertia_ratio_sd=0.1,
     )
 
 
@@ -214,12 +206,8 @@ def sidecar(satellite: Satellite) -> Sidecar:
     """The contents of the satellite's TOML file."""
     com, inertia = mass_properties(satellite)
     a, b, c, d, e = rounded(ratios_from_inertia(inertia))
-    mass = MassTable(
-        com_model_m=rounded3(com),
-        com_sd_m=satellite.com_sd_m,
-        inertia_ratios=(a, b, c, d, e),
-        inertia_ratio_sd=satellite.inertia_ratio_sd,
-    )
+    # How far a real one would be from its plans nobody states: no deviations.
+    mass = MassTable(com_model_m=rounded3(com), inertia_ratios=(a, b, c, d, e))
     names = tuple(
         RectangleName(name=name, centroid_model_m=rounded3(centroid), normal_model=rounded3(normal))
         for part in satellite.parts

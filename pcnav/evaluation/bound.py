@@ -12,7 +12,7 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import skew
-from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -24,6 +24,7 @@ from pcnav.dynamics.state import (
     NavigationState,
     ratio_covariance,
 )
+from pcnav.estimators.depth.mass import prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.filtering.error_state import MotionModel
 from pcnav.perception.render_compare import RenderComparer
@@ -101,7 +102,7 @@ class SceneBound:
     """The bound of a simulated scene, with the information that its own frames carry."""
 
     def __init__(self, scene: Scene, target: Target) -> None:
-        """``target`` as pcnav knows it; its prior of the mass properties is the bound's."""
+        """``target`` as pcnav knows it; the tracker's prior of the mass is the bound's, too."""
         pipeline, self._motion = scene.pipeline, scene.motion
         camera = pipeline.camera.pinhole
         sigma_m, modalities = stated_or_default_sigma(scene.info), pipeline.perception.modalities
@@ -111,8 +112,8 @@ class SceneBound:
             pipeline.filter.acceleration_psd_m2_s3,
             pipeline.filter.angular_acceleration_psd_rad2_s3,
         )
-        prior = prior_covariance(target, self._motion.state(0).inertia_ratios)
-        self._bound = PosteriorBound(model, self._motion, prior)
+        belief = prior_belief(target, scene.info.initial, pipeline.filter)
+        self._bound = PosteriorBound(model, self._motion, prior_covariance(belief))
 
     def step(self, frame: Frame) -> FloatArray:
         """(20, 20) after the next frame, of the error that `NavigationState.ratio_error` gives."""
@@ -133,19 +134,14 @@ class SceneBound:
         return total
 
 
-def prior_covariance(target: Target, true_ratios: FloatArray) -> FloatArray:
-    """(20, 20) of the state's error before the first frame, in the filter's own parameters.
-
-    The target's prior of its mass properties, that of the ratios taken at the true ones (5,).
-    """
+def prior_covariance(belief: MassBelief) -> FloatArray:
+    """(20, 20) of the state's error before the first frame, in the filter's own parameters."""
     sd = np.zeros(STATE_SIZE)
     for block, value in _LOOSE_SD:
         sd[block] = value
-    sd[COM_MODEL] = target.com_sd_m
     covariance = np.diag(sd**2)
-    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = parameter_covariance(
-        true_ratios, np.full(5, target.inertia_ratio_sd)
-    )
+    covariance[COM_MODEL, COM_MODEL] = belief.com_covariance_m2
+    covariance[INERTIA_RATIOS, INERTIA_RATIOS] = belief.parameter_covariance
     return covariance
 
 

@@ -12,12 +12,17 @@ from pcnav.config.shipped import shipped_mesh, shipped_pipeline
 from pcnav.config.table import Vector3, Vector5
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
-from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
+from pcnav.dynamics.inertia_parameters import (
+    MIN_SHARE,
+    parameters_from_ratios,
+    ratios_from_parameters,
+    shares,
+)
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.target.satellite import Target, load_target
 
 _CENTRAL_SHARE = 0.1
 """A target too large for the image has its centre within this share of the field about the axis."""
-_MAX_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -64,15 +69,16 @@ def random_truth(
 ) -> Pipeline:
     """The satellite's pipeline with a random motion and random mass properties.
 
-    Attitude uniform on SO(3); mass centre and inertia ratios from the normal prior that the
-    target states, drawn again until a body can have them. The middle of the target's bounding box
+    Attitude uniform on SO(3); mass centre and inertia from the normal prior of the target, drawn
+    again until a body can have them that is not too thin. The middle of the target's bounding box
     is so far off the optical axis that the target stays within the image, or close to the axis
     where it does not fit. The seed also draws the noise.
     """
     generator = np.random.default_rng(seed)
     attitude = Rotation.random(rng=generator)
-    ratios = _physical_ratios(of.target, generator)
-    com = of.target.com_model + of.target.com_sd_m * generator.standard_normal(3)
+    mass = of.target.mass
+    ratios = _physical_ratios(mass, generator)
+    com = generator.multivariate_normal(mass.com_model, mass.com_covariance_m2, method="cholesky")
     rate = generator.uniform(*spread.rate_deg_s) * _direction(generator)
     middle_cam = _placed(of, generator.uniform(*spread.range_m), generator)
     R_hill_cam = of.pipeline.camera.R_cam_hill.T
@@ -96,14 +102,13 @@ def random_truth(
     return of.pipeline.model_copy(update=changed)
 
 
-def _physical_ratios(target: Target, generator: np.random.Generator) -> FloatArray:
-    for _ in range(_MAX_DRAWS):
-        drawn = generator.standard_normal(5)
-        ratios = np.asarray(target.inertia_ratios + target.inertia_ratio_sd * drawn)
-        if is_physical_inertia(inertia_from_ratios(ratios)):
-            return ratios
-    expected = "expected a prior that holds inertia ratios a body can have"
-    raise InputError(target.mesh_path, "mass.inertia_ratios", expected)
+def _physical_ratios(mass: MassBelief, generator: np.random.Generator) -> FloatArray:
+    """(5,) of a body. A prior about one that can be holds many, however wide it is."""
+    mean = parameters_from_ratios(mass.inertia_ratios)
+    while True:
+        drawn = generator.multivariate_normal(mean, mass.parameter_covariance, method="cholesky")
+        if shares(drawn)[0][0] > MIN_SHARE:
+            return ratios_from_parameters(drawn)
 
 
 def _placed(of: Satellite, range_m: float, generator: np.random.Generator) -> FloatArray:

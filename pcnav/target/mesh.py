@@ -1,4 +1,4 @@
-"""Triangle meshes: their size, visible edges, what is seen of them, uniform mass properties."""
+"""Triangle meshes: their size, visible edges, what is seen of them."""
 
 import numpy as np
 import trimesh
@@ -75,23 +75,3 @@ def half_space_directions(count: int) -> FloatArray:
     azimuth = np.pi * (3.0 - np.sqrt(5.0)) * index
     radius = np.sqrt(1.0 - z * z)
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=1)
-
-
-def uniform_mass_properties(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
-    """Mass centre (3,), m, and inertia matrix about it (3, 3), any scale, of a uniform target.
-
-    A watertight mesh is filled with uniform density; any other is a thin shell of uniform areal
-    density.
-    """
-    if mesh.is_watertight and mesh.is_winding_consistent and abs(mesh.volume) > 0.0:
-        # A mesh turned inside out has a negative volume, and with it a negative inertia.
-        inertia = np.asarray(mesh.moment_inertia) * np.sign(mesh.volume)
-        return np.array(mesh.center_mass, dtype=np.float64), inertia
-    area = np.asarray(mesh.area_faces)
-    com = area @ mesh.triangles_center / area.sum()
-    corners = np.asarray(mesh.triangles) - com
-    total = corners.sum(axis=1)
-    # The integral of x x^T over a triangle is A/12 (sum of v v^T + s s^T), s the sum of corners.
-    second = np.einsum("n,nki,nkj->ij", area, corners, corners)
-    second = (second + np.einsum("n,ni,nj->ij", area, total, total)) / 12.0
-    return com, np.trace(second) * np.eye(3) - second

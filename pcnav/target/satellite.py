@@ -1,7 +1,7 @@
 """The target satellite: its mesh, rectangle catalogue, symmetry group and mass properties."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pcnav.config.shipped import shipped_mesh
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_angle
-from pcnav.dynamics.rigid_body import ratios_from_inertia
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.target.catalogue import (
     EQUIVALENT_TOLERANCE,
     MINIMUM_SIDE_FRACTION,
@@ -24,7 +24,7 @@ from pcnav.target.catalogue import (
 )
 from pcnav.target.facets import planar_faces
 from pcnav.target.flatness import flat_extent
-from pcnav.target.mesh import mesh_diameter, uniform_mass_properties
+from pcnav.target.mesh import mesh_diameter
 from pcnav.target.mesh_files.reading import (
     Geometry,
     MeshFile,
@@ -45,6 +45,7 @@ from pcnav.target.symmetry import (
     half_turns,
     symmetry_name,
 )
+from pcnav.target.unknown_density import unknown_density
 from pcnav.target.visible_shell import visible_shell
 
 __all__ = [
@@ -56,11 +57,6 @@ __all__ = [
     "write_target_toml",
 ]
 
-COM_SD_FRACTION = 0.05
-"""Without a stated value the mass centre is uncertain by this fraction of the diameter: a
-satellite's equipment and propellant are not where a uniform filling puts them."""
-INERTIA_RATIO_SD = 0.2
-"""Without a stated value: the ratios of a uniform filling are right to one figure only."""
 _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION = 0.05, 0.03
 """A motion so near to a symmetry is that symmetry."""
 _NAME_POSITION_FRACTION = 0.01
@@ -80,20 +76,16 @@ class Target:
     symmetry_transforms: FloatArray
     """(n, 4, 4) proper rigid motions of the model frame that map the mesh onto itself as far as a
     sensor can tell; [0] is I. Of a round target each may be followed by any turn, too."""
-    com_model: FloatArray
-    """(3,) nominal mass centre, m."""
-    com_sd_m: float
-    """How far the true mass centre may be from it, one standard deviation."""
-    inertia_ratios: FloatArray
-    """(5,) nominal Iyy, Izz, Ixy, Ixz, Iyz over Ixx about the nominal mass centre."""
-    inertia_ratio_sd: float
-    """Standard deviation of the true ratios about them."""
+    mass: MassBelief
+    """As stated, or of a density that nobody knows."""
     mesh_origin: MeshOrigin
     """What the mesh comes from."""
     roundness: Roundness | None = None
     """About which axes it can be turned without a trace; None for a target that is not round."""
     as_given: trimesh.Trimesh | None = None
     """The whole mesh, m, of one that a program had in memory."""
+    stated_mass: MassTable = field(default_factory=MassTable)
+    """What of its mass was stated."""
 
     def __repr__(self) -> str:
         size = f"{length_text(self.diameter_m)} across ({self.mesh_origin.unit_text})"
@@ -123,6 +115,16 @@ class Target:
         found = _target_of(Path(name), mesh_file, Path(name), Sidecar())
         return replace(found, as_given=mesh_file.mesh)
 
+    @property
+    def com_model(self) -> FloatArray:
+        """(3,) nominal mass centre, m."""
+        return self.mass.com_model
+
+    @property
+    def inertia_ratios(self) -> FloatArray:
+        """(5,) nominal Iyy, Izz, Ixy, Ixz, Iyz over Ixx about the nominal mass centre."""
+        return self.mass.inertia_ratios
+
     @cached_property
     def diameter_m(self) -> float:
         """Diameter of the sphere about the mesh's bounding box."""
@@ -142,7 +144,7 @@ class Target:
             mesh=mesh,
             rectangles=tuple(rectangle.scaled(factor) for rectangle in self.rectangles),
             symmetry_transforms=motions,
-            com_model=factor * self.com_model,
+            mass=self.mass.scaled(factor),
             roundness=roundness,
         )
 
@@ -233,9 +235,8 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
     Its coordinates are in ``mesh_unit``, else in the unit that the TOML file beside it states, else
     in the one the mesh declares, else in metres.
 
-    Names and mass properties come from the TOML file of the same name beside the mesh, where
-    there is one; otherwise the mesh is taken as uniform (`uniform_mass_properties`), with a mass
-    centre uncertain by 5 % of the diameter and inertia ratios uncertain by 0.2.
+    Names and mass properties come from the TOML file of the same name beside the mesh, as far as
+    it states them; otherwise the mass is any that fits into the shape (`unknown_density`).
 
     A mesh without a true rectangle is catalogued by the equivalent rectangles (named
     equivalent_1, ...) of the faces that are rectangles to 15 %: equal in centroid, axes and second
@@ -252,7 +253,6 @@ def load_target(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> Target:
 def _target_of(
     mesh_path: Path, mesh_file: MeshFile, sidecar_path: Path, sidecar: Sidecar
 ) -> Target:
-    com, ratios = _mass_properties(mesh_file.mesh, sidecar.mass, sidecar_path)
     mesh, symmetry = _as_it_is_round(visible_shell(mesh_file.mesh))
     diameter = mesh_diameter(mesh)
     minimum_side = MINIMUM_SIDE_FRACTION * diameter
@@ -267,12 +267,10 @@ def _target_of(
         mesh=mesh,
         rectangles=_named(rectangles, sidecar.rectangles.names, diameter, sidecar_path),
         symmetry_transforms=symmetry.motions,
-        com_model=com,
-        com_sd_m=sidecar.mass.com_sd_m or COM_SD_FRACTION * diameter,
-        inertia_ratios=ratios,
-        inertia_ratio_sd=sidecar.mass.inertia_ratio_sd or INERTIA_RATIO_SD,
+        mass=_mass(mesh, sidecar.mass, sidecar_path),
         mesh_origin=mesh_file.origin,
         roundness=symmetry.roundness,
+        stated_mass=sidecar.mass,
     )
 
 
@@ -297,21 +295,18 @@ def _sidecar_of(mesh_path: Path) -> tuple[Path, Sidecar]:
     return path, read_sidecar(path) if path.exists() else Sidecar()
 
 
-def _mass_properties(
-    mesh: trimesh.Trimesh, stated: MassTable, sidecar_path: Path
-) -> tuple[FloatArray, FloatArray]:
-    """Nominal mass centre (3,) and inertia ratios (5,): as stated, else of the uniform mesh."""
-    com, inertia = uniform_mass_properties(mesh)
-    ratios = ratios_from_inertia(inertia)
-    if stated.com_model_m is not None:
-        com = np.array(stated.com_model_m)
+def _mass(mesh: trimesh.Trimesh, stated: MassTable, sidecar_path: Path) -> MassBelief:
+    """As stated; what nobody stated is that of a density that nobody knows."""
+    com, ratios = (
+        None if value is None else np.array(value)
+        for value in (stated.com_model_m, stated.inertia_ratios)
+    )
+    if com is not None:
         low, high = mesh.bounds
         if np.any(com < low) or np.any(com > high):
             expected = "expected a point within the bounds of the mesh"
             raise InputError(sidecar_path, "mass.com_model_m", expected)
-    if stated.inertia_ratios is not None:
-        ratios = np.array(stated.inertia_ratios)
-    return com, ratios
+    return unknown_density(mesh).about(com, ratios).told(stated.com_sd_m, stated.inertia_ratio_sd)
 
 
 def _named(
@@ -336,12 +331,12 @@ def _named(
         distance = np.linalg.norm(centroids - entry.centroid_model_m, axis=1)
         distance[~faces_it] = np.inf
         nearest = int(np.argmin(distance))
-        field = f"rectangles.names.{k} ({entry.name})"
+        where = f"rectangles.names.{k} ({entry.name})"
         if distance[nearest] > _NAME_POSITION_FRACTION * diameter:
             expected = "no rectangle of the mesh has this centroid and normal"
-            raise InputError(sidecar_path, field, expected)
+            raise InputError(sidecar_path, where, expected)
         if nearest in taken:
-            raise InputError(sidecar_path, field, "another name already points at this rectangle")
+            raise InputError(sidecar_path, where, "another name already points at this rectangle")
         taken.add(nearest)
         named[nearest] = replace(named[nearest], name=entry.name)
     return tuple(named)
@@ -363,9 +358,9 @@ def write_target_toml(target: Target, path: Path) -> None:
     a, b, c, d, e = (float(ratio) for ratio in target.inertia_ratios)
     mass = MassTable(
         com_model_m=_vector3(target.com_model),
-        com_sd_m=target.com_sd_m,
+        com_sd_m=target.stated_mass.com_sd_m,
         inertia_ratios=(a, b, c, d, e),
-        inertia_ratio_sd=target.inertia_ratio_sd,
+        inertia_ratio_sd=target.stated_mass.inertia_ratio_sd,
     )
     write_sidecar(Sidecar.of(target.name, mass, names, target.mesh_origin.stated_unit), path)
 
@@ -391,9 +386,10 @@ def describe(target: Target) -> tuple[Table, Table]:
     facts.add_row("unit of the file", target.mesh_origin.unit_text)
     facts.add_row("symmetry group", target.symmetry_name)
     facts.add_row("mass centre (model)", f"{_numbers(target.com_model)} m")
-    facts.add_row("  standard deviation", f"{target.com_sd_m:.4f} m")
+    com_sd, ratios_sd = target.mass.prior.sd
+    facts.add_row("  standard deviation", f"{_numbers(com_sd)} m")
     facts.add_row("inertia Iyy Izz Ixy Ixz Iyz / Ixx", _numbers(target.inertia_ratios))
-    facts.add_row("  standard deviation", f"{target.inertia_ratio_sd:.3f}")
+    facts.add_row("  standard deviation", _numbers(ratios_sd))
     rows = Table(title="rectangles")
     for heading in ("name", "length m", "width m", "centroid (model) m", "normal (model)", "sides"):
         rows.add_column(heading, justify="right" if heading.endswith("h m") else "left")

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from pcnav.config.depth import FilterTable
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.core.arrays import FloatArray
@@ -14,16 +15,17 @@ from pcnav.dynamics.state import (
     INERTIA_RATIOS,
     STATE_SIZE,
     NavigationState,
-    ratio_covariance,
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.evaluation.bound import (
     PosteriorBound,
+    SceneBound,
     informed,
     pose_jacobian,
     predicted,
     prior_covariance,
 )
+from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.random_truth import satellite
 
@@ -98,7 +100,7 @@ def test_bound_of_a_motion_is_the_information_gathered_along_it(motion: TrueMoti
     """Without process noise all information can be carried back to the first frame and summed."""
     generator = np.random.default_rng(5)
     given = [1e4 * positive(6, generator, 5) for _ in range(len(motion))]
-    prior = prior_covariance(satellite("boxsat").target, motion.state(0).inertia_ratios)
+    prior = prior_covariance(satellite("boxsat").target.mass)
     model = MassCentreModel(MEAN_MOTION, 0.0, 0.0)
     bound = PosteriorBound(model, motion, prior)
     found = [bound.step(partial(lambda known, covariance: known, each)) for each in given]
@@ -119,7 +121,7 @@ def test_bound_of_a_motion_is_the_information_gathered_along_it(motion: TrueMoti
 
 
 def test_frames_are_asked_with_what_the_prediction_leaves_open(motion: TrueMotion) -> None:
-    prior = prior_covariance(satellite("boxsat").target, motion.state(0).inertia_ratios)
+    prior = prior_covariance(satellite("boxsat").target.mass)
     model = MassCentreModel(MEAN_MOTION, 1e-6, 1e-6)
     asked: list[FloatArray] = []
 
@@ -156,9 +158,22 @@ def test_a_turn_that_is_known_leaves_no_doubt_of_the_lever() -> None:
     np.testing.assert_allclose(turned, [-0.5, 0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_prior_in_the_filter_s_parameters_is_the_target_s_in_ratios(motion: TrueMotion) -> None:
-    target, state = satellite("boxsat").target, motion.state(0)
-    prior = ratio_covariance(state, prior_covariance(target, state.inertia_ratios))
-    ratios = prior[INERTIA_RATIOS, INERTIA_RATIOS]
-    np.testing.assert_allclose(ratios, target.inertia_ratio_sd**2 * np.eye(5), atol=1e-12)
-    np.testing.assert_allclose(np.diag(prior)[COM_MODEL], target.com_sd_m**2)
+def test_prior_is_the_target_s() -> None:
+    mass = satellite("boxsat").target.mass
+    prior = prior_covariance(mass)
+    np.testing.assert_array_equal(prior[INERTIA_RATIOS, INERTIA_RATIOS], mass.parameter_covariance)
+    np.testing.assert_array_equal(prior[COM_MODEL, COM_MODEL], mass.com_covariance_m2)
+
+
+def test_bound_of_a_scene_takes_the_prior_of_its_pipeline() -> None:
+    """A narrower prior leaves a tighter bound: what the tracker is told, the bound is told."""
+    of = satellite("boxsat")
+    stds = []
+    for table in (FilterTable(), FilterTable(com_sd_m=0.01, inertia_ratio_sd=0.02)):
+        scenario = of.pipeline.scenario.model_copy(update={"frames": 1})
+        changed = {"filter": table, "scenario": scenario}
+        scene = Scene.of(of.pipeline.model_copy(update=changed), of.target.mesh)
+        P = SceneBound(scene, of.target).step(next(iter(scene)))
+        stds.append(np.sqrt(np.diag(P)))
+    assert np.all(stds[1][COM_MODEL] < 0.0101) and np.all(stds[0][COM_MODEL] > 0.1)
+    assert np.all(stds[1][INERTIA_RATIOS] < 0.05) and np.all(stds[0][INERTIA_RATIOS] > 0.1)

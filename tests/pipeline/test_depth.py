@@ -75,9 +75,9 @@ def test_what_is_known_of_every_state_is_written(made: Made) -> None:
     np.testing.assert_allclose(sd, track.trajectory.sd[-1], rtol=1e-9)
     target = load_target(made.mesh)
     prior = {row["state"]: float(row["prior_sd"]) for row in rows}
-    for axis in "xyz":
-        assert prior[f"com_{axis}_m"] == pytest.approx(target.com_sd_m)
-    assert prior["i_yy"] == pytest.approx(target.inertia_ratio_sd)
+    com_sd, ratios_sd = target.mass.prior.sd
+    assert [prior[f"com_{axis}_m"] for axis in "xyz"] == pytest.approx(com_sd)
+    assert prior["i_yy"] == pytest.approx(ratios_sd[0])
     assert {row["verdict"] for row in rows} <= {"known from data", "prior only"}
     # In 6 s the rate is seen, all of the inertia is not.
     verdicts = {row["state"]: row["verdict"] for row in rows}

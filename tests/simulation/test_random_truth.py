@@ -8,6 +8,7 @@ import pytest
 from pcnav.core.camera import project
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, rotation_angle, transform_points
+from pcnav.dynamics.inertia_parameters import parameters_from_ratios
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 from pcnav.recordings.opening import open_sequence
 from pcnav.simulation.depth import Scene
@@ -23,12 +24,16 @@ def test_truths_follow_the_prior_of_the_target_and_the_limits() -> None:
     assert truths[3] == random_truth(of, SPREAD, 3, frames=2, frame_rate_hz=5.0)
     com = np.array([truth.body.com_model_m for truth in truths])
     # 200 draws: a mean is known to sd / 14, a deviation to 5 %.
-    assert np.abs(com.mean(axis=0) - of.target.com_model).max() < 4.0 * of.target.com_sd_m / 14.0
-    assert com.std(axis=0) == pytest.approx(of.target.com_sd_m, rel=0.2)
+    com_sd, _ = of.target.mass.prior.sd
+    assert np.all(np.abs(com.mean(axis=0) - of.target.com_model) < 4.0 * com_sd / 14.0)
+    assert com.std(axis=0) == pytest.approx(com_sd, rel=0.2)
     ratios = np.array([truth.body.inertia_ratios for truth in truths])
     assert all(is_physical_inertia(inertia_from_ratios(row)) for row in ratios)
-    off = (ratios - of.target.inertia_ratios) / of.target.inertia_ratio_sd
-    assert np.abs(off.mean(axis=0)).max() < 0.5 and 0.6 < off.std() < 1.1
+    drawn = np.array([parameters_from_ratios(row) for row in ratios])
+    off = drawn - parameters_from_ratios(of.target.inertia_ratios)
+    off = off / np.sqrt(np.diag(of.target.mass.parameter_covariance))
+    # What no body can have is cut off.
+    assert np.abs(off.mean(axis=0)).max() < 0.7 and 0.4 < off.std() < 1.1
     rates = np.linalg.norm([truth.body.omega_body_deg_s for truth in truths], axis=1)
     assert rates.min() >= 1.0 and rates.max() <= 5.0 and rates.mean() == pytest.approx(3.0, abs=0.4)
     speeds = np.linalg.norm([truth.orbit.v_hill_m_s for truth in truths], axis=1)

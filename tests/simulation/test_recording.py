@@ -17,6 +17,7 @@ from pcnav.recordings.truth import read_truth
 from pcnav.simulation.depth import Scene
 from pcnav.target.mesh_files.reading import MeshOrigin
 from pcnav.target.satellite import Target
+from pcnav.target.unknown_density import unknown_density
 
 N = 0.001
 TABLES = {
@@ -48,10 +49,7 @@ def target(tmp_path: Path) -> Target:
         mesh=mesh,
         rectangles=(),
         symmetry_transforms=np.eye(4)[None],
-        com_model=np.zeros(3),
-        com_sd_m=0.1,
-        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
-        inertia_ratio_sd=0.1,
+        mass=unknown_density(mesh),
         mesh_origin=MeshOrigin(len(mesh.faces), 1.0, "assumed"),
     )
 

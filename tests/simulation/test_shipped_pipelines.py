@@ -28,7 +28,7 @@ def test_shipped_scenario(name: str) -> None:
     target = load_target(mesh_path)
 
     offset = np.linalg.norm(np.array(pipeline.body.com_model_m) - target.com_model)
-    assert 0.5 * target.com_sd_m < offset < 1.5 * target.com_sd_m
+    assert 0.1 * target.mass.prior.sd[0].max() < offset < 1.5 * target.mass.prior.sd[0].min()
     ratio_error = np.abs(np.array(pipeline.body.inertia_ratios) - target.inertia_ratios)
     assert 0.03 < ratio_error.max() < 0.15
     assert np.abs(pipeline.body.inertia_ratios[2:]).min() > 0.01

@@ -4,6 +4,7 @@ import importlib.util
 import io
 import logging
 import tomllib
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from scipy.spatial import cKDTree
 
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import transform_points
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
-from pcnav.target.mesh import uniform_mass_properties
 from pcnav.target.satellite import describe, load_target, write_target_toml
+from pcnav.target.unknown_density import unknown_density
 
 SATELLITES = {"boxsat": "C1", "twinwing": "C2 about z", "cubesat6u": "C2 about x"}
 QUADS = [(1, 4, 3, 2), (5, 6, 7, 8), (1, 2, 6, 5), (2, 3, 7, 6), (3, 4, 8, 7), (4, 1, 5, 8)]
@@ -170,31 +172,13 @@ def test_bad_sidecar_is_one_clear_line(box_file, fault):
 
 def test_defaults_without_a_sidecar(box_file):
     target = load_target(box_file)
-    assert target.com_sd_m == pytest.approx(0.05 * np.sqrt(14))
-    assert target.inertia_ratio_sd == 0.2
-    assert np.allclose(target.com_model, 0.0, atol=1e-9)
-    # A solid box: (x^2 + z^2) / (y^2 + z^2) and (x^2 + y^2) / (y^2 + z^2).
-    assert np.allclose(target.inertia_ratios, [10 / 13, 5 / 13, 0, 0, 0], atol=1e-7)
-
-
-def test_uniform_shell_has_the_mass_properties_of_a_dense_sample():
-    mesh = trimesh.creation.box(extents=(1, 2, 3))
-    mesh.apply_translation([1, -2, 0.5])
-    shell = trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False)
-    assert not shell.is_watertight
-    com, inertia = uniform_mass_properties(shell)
-    points, _ = trimesh.sample.sample_surface(shell, 200_000, seed=4)
-    spread = np.cov(points.T)
-    sampled = np.trace(spread) * np.eye(3) - spread
-    assert np.allclose(com, points.mean(axis=0), atol=0.02)
-    assert np.allclose(inertia / inertia[0, 0], sampled / sampled[0, 0], atol=0.01)
-
-
-def test_inside_out_solid_is_as_heavy():
-    mesh = trimesh.creation.box(extents=(1, 2, 3))
-    _, inertia = uniform_mass_properties(mesh)
-    mesh.invert()
-    assert np.allclose(uniform_mass_properties(mesh)[1], inertia)
+    found = unknown_density(target.mesh)
+    assert np.array_equal(target.com_model, found.com_model)
+    assert np.array_equal(target.mass.parameter_covariance, found.parameter_covariance)
+    # A box of 1 x 2 x 3 m about the origin.
+    assert np.all(np.abs(target.com_model) < [0.03, 0.05, 0.08])
+    com_sd, _ = target.mass.prior.sd
+    assert np.all(com_sd > [0.1, 0.2, 0.3]) and np.all(com_sd < [0.2, 0.4, 0.6])
 
 
 def test_written_sidecar_reads_back(box_file):
@@ -208,15 +192,16 @@ def test_written_sidecar_reads_back(box_file):
     first = load_target(box_file)
     assert first.name == 'crate "7" \u00e9'
     assert np.allclose(first.com_model, [0.1, -0.2, 0.3])
-    assert first.com_sd_m == 0.07
+    assert np.allclose(first.mass.com_covariance_m2, 0.07**2 * np.eye(3))
+    assert np.allclose(first.mass.prior.ratio_covariance, 0.11**2 * np.eye(5), atol=1e-12)
     (lid,) = [r for r in first.rectangles if r.name == "lid"]
     assert np.allclose(lid.T_model_rect[:3, 3], [0, 0, 1.5])
     write_target_toml(first, box_file.with_suffix(".toml"))
     second = load_target(box_file)
     assert second.name == first.name
     assert [r.name for r in second.rectangles] == [r.name for r in first.rectangles]
-    for field in ("com_model", "com_sd_m", "inertia_ratios", "inertia_ratio_sd"):
-        assert np.array_equal(getattr(second, field), getattr(first, field))
+    for field in fields(MassBelief):
+        assert np.array_equal(getattr(second.mass, field.name), getattr(first.mass, field.name))
     # Nothing is left over from the temporary name.
     assert sorted(p.name for p in box_file.parent.iterdir()) == ["box.stl", "box.toml"]
 
@@ -241,7 +226,10 @@ def test_shipped_satellite(shipped):
     # Every rectangle has a human name, and the mass properties are those of a real body.
     assert not [r.name for r in shipped.rectangles if r.name.startswith("rectangle")]
     assert is_physical_inertia(inertia_from_ratios(shipped.inertia_ratios))
-    assert 0.001 < np.linalg.norm(shipped.com_model) < 3 * shipped.com_sd_m
+    com_sd, ratios_sd = shipped.mass.prior.sd
+    assert 0.001 < np.linalg.norm(shipped.com_model) < 3 * com_sd.min()
+    # Nobody states how far the real one is from its plans: any body is thought of.
+    assert np.all(ratios_sd[:2] > 0.2) and shipped.stated_mass.inertia_ratio_sd is None
     assert shipped.mesh.is_watertight
     # Rays from outside agree with where the catalogue puts the middle of each panel.
     for rectangle in shipped.rectangles:

@@ -13,12 +13,12 @@ import numpy as np
 
 from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.estimators.depth.fast_turns import slowest, with_first_rate
 from pcnav.estimators.depth.first_pose import STATED_ODDS, fit_first_pose
 from pcnav.estimators.depth.first_state import first_state
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed
-from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measured_again import Observed, is_outdated, measured_again
 from pcnav.estimators.depth.measuring import predicted_pose

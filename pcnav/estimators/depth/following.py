@@ -12,6 +12,7 @@ import numpy as np
 
 from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed, filter_from
@@ -21,7 +22,7 @@ from pcnav.estimators.depth.kinematic import (
     with_belief,
     with_mass,
 )
-from pcnav.estimators.depth.mass import MassBelief, learnt_belief
+from pcnav.estimators.depth.mass import learnt_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.motion_contest import WINDOW_FRAMES, MotionContest

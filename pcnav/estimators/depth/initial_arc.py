@@ -3,9 +3,9 @@
 import logging
 
 from pcnav.config.depth import FilterTable
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.first_state import start_covariance
-from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.pose_measurement import PoseMeasurement, joined

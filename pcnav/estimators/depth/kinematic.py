@@ -14,6 +14,7 @@ import numpy as np
 from pcnav.config.depth import FilterTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.orbit import hill_transition
 from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_noise
 from pcnav.dynamics.state import (
@@ -27,7 +28,6 @@ from pcnav.dynamics.state import (
     NavigationState,
 )
 from pcnav.estimators.depth.acceleration_levels import AccelerationLevels
-from pcnav.estimators.depth.mass import MassBelief
 from pcnav.filtering.error_state import (
     ErrorStateFilter,
     Measurement,

@@ -11,14 +11,14 @@ import numpy as np
 from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
-from pcnav.dynamics.mass_prior import PriorMass
+from pcnav.dynamics.mass_prior import MassBelief, PriorMass
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.lasting_errors import LastingErrors
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
-from pcnav.estimators.depth.mass import MassBelief, prior_belief
+from pcnav.estimators.depth.mass import prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measured_again import RecentFrames
 from pcnav.estimators.depth.measuring import (

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.initial_arc import InitialArc
-from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 

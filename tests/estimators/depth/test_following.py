@@ -9,10 +9,10 @@ from pcnav.config.depth import FilterTable, MotionChoice
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, rotation_angle
 from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.following import FollowedMotion, FreeBody, MotionSetup
 from pcnav.estimators.depth.initial_arc import InitialArc, Timed
-from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,

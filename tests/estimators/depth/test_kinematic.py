@@ -9,6 +9,7 @@ from pcnav.config.depth import FilterTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.inertia_parameters import BALL
+from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, NavigationState
 from pcnav.estimators.depth.acceleration_levels import AccelerationLevels
 from pcnav.estimators.depth.kinematic import (
@@ -18,7 +19,6 @@ from pcnav.estimators.depth.kinematic import (
     with_belief,
     with_mass,
 )
-from pcnav.estimators.depth.mass import MassBelief
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
     PoseMeasurement,

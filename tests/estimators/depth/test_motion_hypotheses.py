@@ -22,6 +22,7 @@ from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.perception.agreement import Agreement
 from pcnav.target.mesh_files.reading import MeshOrigin
 from pcnav.target.satellite import Target
+from pcnav.target.unknown_density import unknown_density
 
 HALF_TURN = make_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 OMEGA = np.array([0.2, -0.1, 0.3])
@@ -37,10 +38,7 @@ def target_with(*motions: FloatArray) -> Target:
         mesh=mesh,
         rectangles=(),
         symmetry_transforms=np.stack([np.eye(4), *motions]),
-        com_model=np.zeros(3),
-        com_sd_m=0.1,
-        inertia_ratios=np.array([1.0, 1.0, 0.0, 0.0, 0.0]),
-        inertia_ratio_sd=0.1,
+        mass=unknown_density(mesh),
         mesh_origin=MeshOrigin(len(mesh.faces), 1.0, "assumed"),
     )
 
