@@ -270,6 +270,7 @@ class Navigation:
             search=estimator.search_report,
             noise=estimator.sensor_noise,
             stated_sigma_m=stated_m,
+            remarks=estimator.remarks,
             mesh_scale=estimator.mesh_scale,
         )
 

@@ -42,6 +42,8 @@ class MassBelief:
     """(5,)"""
     parameter_covariance: FloatArray
     """(5, 5) of the parameters of `pcnav.dynamics.inertia_parameters`."""
+    untold: "MassBelief | None" = None
+    """The same without the deviations that somebody stated; None where nobody did."""
 
     @property
     def prior(self) -> PriorMass:
@@ -68,6 +70,7 @@ class MassBelief:
             self.com_covariance_m2 + np.outer(shift, shift),
             told,
             self.parameter_covariance + np.outer(change, change),
+            None if self.untold is None else self.untold.about(com_model, ratios),
         )
 
     def told(self, com_sd_m: Deviation, ratios_sd: Deviation) -> "MassBelief":
@@ -81,7 +84,9 @@ class MassBelief:
             com = np.eye(3) * np.square(com_sd_m)
         if ratios_sd is not None:
             inertia = parameter_covariance(self.inertia_ratios, np.broadcast_to(ratios_sd, 5))
-        return MassBelief(self.com_model, com, self.inertia_ratios, inertia)
+        if com_sd_m is None and ratios_sd is None:
+            return self
+        return MassBelief(self.com_model, com, self.inertia_ratios, inertia, self.untold or self)
 
     def scaled(self, factor: float) -> "MassBelief":
         """Of the same target, larger by a factor about the model's origin."""
@@ -90,4 +95,5 @@ class MassBelief:
             factor**2 * self.com_covariance_m2,
             self.inertia_ratios,
             self.parameter_covariance,
+            None if self.untold is None else self.untold.scaled(factor),
         )

@@ -97,6 +97,11 @@ class NavigationState:
         )
 
     @property
+    def loose(self) -> slice:
+        """See `pcnav.filtering.map_arc_fit.ArcState`: the inertia, until it has been seen."""
+        return INERTIA_RATIOS
+
+    @property
     def curved(self) -> slice:
         """See `ManifoldState`: the attitude."""
         return THETA_BODY

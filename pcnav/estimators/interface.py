@@ -125,6 +125,11 @@ class Estimator(ABC):
         return 1.0
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences of warning that it has logged."""
+        return ()
+
+    @property
     def prior(self) -> PriorMass | None:
         """What was believed of the mass before the first frame, of one with such a belief."""
         return None

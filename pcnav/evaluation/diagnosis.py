@@ -72,6 +72,8 @@ class Facts:
     """Of the sensor, as it was learnt."""
     stated_sigma_m: float | None = None
     """Its noise along the rays as it was stated; None where it was not."""
+    remarks: tuple[str, ...] = ()
+    """Sentences that the estimator logged while it ran."""
     mesh_scale: float = 1.0
     """By which the target was found to be larger than its mesh."""
 
@@ -82,7 +84,7 @@ def diagnosis(run: Run, facts: Facts) -> Diagnosis:
     if not claimed.any():
         return Diagnosis(False, (nothing_found(run, facts),))
     warnings = (*lost(run, claimed, facts), *of_another_size(facts))
-    return Diagnosis(True, warnings, tuple(misstated(run, claimed, facts)))
+    return Diagnosis(True, warnings, (*facts.remarks, *misstated(run, claimed, facts)))
 
 
 def claimed_frames(run: Run) -> BoolArray:

@@ -15,6 +15,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import least_squares
 
 from pcnav.core.arrays import FloatArray
+from pcnav.filtering.arc_curvature import LinearisedArc, bend_of
 from pcnav.filtering.error_state import (
     ManifoldState,
     Measurement,
@@ -38,6 +39,10 @@ class ArcState(ManifoldState, Protocol):
     def thinness(self) -> tuple[FloatArray, FloatArray]:
         """Residuals (m,) that keep the fit among states that can be, and their derivative (m, n)
         by the error. They guide the fit and are no measurements."""
+
+    @property
+    def loose(self) -> slice:
+        """Components that may be so uncertain that they bend the others, see `arc_curvature`."""
 
 
 S = TypeVar("S", bound=ArcState)
@@ -64,6 +69,11 @@ class ArcFit(Generic[S]):
     dof: int
     """Number of measured components."""
     converged: bool
+    first_error: FloatArray
+    """(n,) that takes the guess to the fitted first state."""
+    excess: float = 0.0
+    """What linearisation leaves out of the normalised error squared, see `Bend`; the covariance has
+    it."""
 
 
 class ArcError(ValueError):
@@ -158,20 +168,34 @@ class _Trajectory(Generic[S]):
         """The fit that an error stands for."""
         at = self._evaluated(error)
         size = len(error)
-        # That the inertia is a body's guides the fit; as a measurement it would claim too much.
-        measured = np.delete(at.jacobian, self._bound_rows, axis=0)
-        by_error = cho_solve(cho_factor(measured.T @ measured), np.eye(size))
+        at_fit = self._linearised(at)
+        J = at_fit.jacobian
+        by_error = cho_solve(cho_factor(J.T @ J), np.eye(size))
         admissible = self._guess.admissible(error, by_error)
         moved = at if np.array_equal(admissible, error) else self._evaluated(admissible)
+        bend = bend_of(at_fit, error, by_error, self._guess.loose, self._beside)
         # A covariance of the error at the guess: carry it to the last state.
-        covariance = moved.sensitivity @ by_error @ moved.sensitivity.T
+        covariance = moved.sensitivity @ by_error @ moved.sensitivity.T + bend.second_moment
         return ArcFit(
             states=tuple(moved.states),
             covariance=0.5 * (covariance + covariance.T),
             chi_square=float(at.residual @ at.residual),
-            dof=len(measured) - size,
+            dof=len(J) - size,
             converged=converged,
+            first_error=error,
+            excess=bend.excess,
         )
+
+    def _beside(self, error: FloatArray) -> LinearisedArc:
+        """Raises `ValueError` where no state can be."""
+        if self._guess.retract(error).thinness()[0].any():
+            raise ValueError("no body")
+        return self._linearised(self._evaluate(error))
+
+    def _linearised(self, at: "_Pass[S]") -> LinearisedArc:
+        # That the inertia is a body's guides the fit; as a measurement it would claim too much.
+        measured = np.delete(at.jacobian, self._bound_rows, axis=0)
+        return LinearisedArc(measured, at.sensitivity)
 
     def _evaluated(self, error: FloatArray) -> "_Pass[S]":
         key = error.tobytes()

@@ -111,7 +111,10 @@ class FollowedMotion:
         self._setup, self._prior, self._belief = setup, belief, belief
         self._free, self._free_in_force = free, free is not None
         self._contest = MotionContest()
+        self.contradicted: str | None = None
+        """That the frames contradict what was stated of the mass, once they do."""
         if free is not None:
+            self._heed(free.arc)
             self._contest = MotionContest(free.chi_square, free.dof)
         self._confirmed: MassBelief | None = None
         self._recent: deque[_Recent] = deque(maxlen=_LONGEST_WAIT)
@@ -304,10 +307,21 @@ class FollowedMotion:
         if free is None or free.arc is None:
             return
         fit = free.arc.extend(timed)
+        self._heed(free.arc)
         if fit is not None:
             free.kalman = filter_from(fit, self._setup.filtering)
         if free.arc.is_over:
             free.arc = None
+
+    def _heed(self, arc: InitialArc | None) -> None:
+        """Believe as little of the mass as an arc does that contradicts it."""
+        if arc is not None and arc.remark not in (None, self.contradicted):
+            self._prior, self.contradicted = arc.belief, arc.remark
+
+    @property
+    def prior(self) -> MassBelief:
+        """What is believed of the mass before any frame, widened where the frames contradict it."""
+        return self._prior
 
     # Going over.
 
@@ -373,6 +387,7 @@ class FollowedMotion:
             arc = InitialArc(self._setup.model, guess, belief)
             arc.frames = [each.timed for each in recent]
             fit = arc.fit()
+            self._heed(arc)
             if fit is not None:
                 self._free = FreeBody.of(fit, arc, self._setup.filtering)
                 self._contest = MotionContest(fit.chi_square, fit.dof)

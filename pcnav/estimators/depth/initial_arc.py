@@ -9,6 +9,7 @@ from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.pose_measurement import PoseMeasurement, joined
+from pcnav.estimators.depth.prior_conflict import contradiction
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.filtering.least_squares import ArcGrowth
 from pcnav.filtering.map_arc_fit import ArcError, ArcFit, TimedMeasurements, fit_arc
@@ -18,7 +19,7 @@ Fit = ArcFit[NavigationState]
 
 _log = logging.getLogger("pcnav")
 
-_FIRST_ARC, _ARC_GROWTH = 6, 1.12
+_FIRST_ARC, _ARC_GROWTH = 6, 1.25
 LONGEST_ARC = 400
 """Frames after which the filter goes on alone: by then the inertia is known well enough."""
 _MAX_ARC_CHI_SQUARE = 4.0
@@ -29,25 +30,46 @@ class InitialArc:
     """All measurements since the start, fitted as one while they are few."""
 
     def __init__(self, model: MassCentreModel, guess: NavigationState, belief: MassBelief) -> None:
-        self._model, self._guess = model, guess
-        self._prior = start_covariance(
-            guess.omega_body, belief.com_covariance_m2, belief.parameter_covariance
-        )
+        """``guess`` has the mass of the belief, which gives way where the frames contradict it."""
+        self._model, self._guess, self.belief = model, guess, belief
+        self.remark: str | None = None
+        """That the frames contradict what was believed at first."""
         self._start: NavigationState | None = None
         self._growth = ArcGrowth(_FIRST_ARC, _ARC_GROWTH, LONGEST_ARC)
         self.frames: list[Timed] = []
 
     def fit(self) -> Fit | None:
         """The state that fits the arc; None where no fit is found or accepted."""
+        fit = self._fitted()
+        if fit is None:
+            return None
+        against = contradiction(self.belief, fit.first_error)
+        if against is not None:
+            told = self.belief
+            self.belief = against[0]
+            wider = self._fitted()
+            if wider is None or not wider.chi_square < _MAX_ARC_CHI_SQUARE * wider.dof:
+                # It is not the mass that does not fit.
+                self.belief = told
+            else:
+                fit, self.remark = wider, against[1]
+                _log.warning("%s", self.remark)
+        return fit if fit.chi_square < _MAX_ARC_CHI_SQUARE * fit.dof else None
+
+    def _fitted(self) -> Fit | None:
+        belief = self.belief
+        prior = start_covariance(
+            self._guess.omega_body, belief.com_covariance_m2, belief.parameter_covariance
+        )
         try:
-            fit = fit_arc(self._model, self._guess, self._prior, self.frames, self._start)
+            fit = fit_arc(self._model, self._guess, prior, self.frames, self._start)
         except ArcError as error:
             _log.info("%s", error)
             return None
         if not fit.converged:
             return None
         self._start = fit.states[0]
-        return fit if fit.chi_square < _MAX_ARC_CHI_SQUARE * fit.dof else None
+        return fit
 
     def extend(self, timed: Timed) -> Fit | None:
         """Add a frame as `condensed` has it; a fit of the whole when it is time for one."""

@@ -82,13 +82,15 @@ def _euler_forms(ratios: bytes) -> tuple[FloatArray, FloatArray]:
     to_ratios = ratios_jacobian(parameters_from_ratios(values))
     axes = np.eye(3)
     by_rate = np.stack([euler_derivatives(inertia, inverse, e)[1] for e in axes], axis=-1)
+    alone = [_by_ratios(inertia, inverse, e) @ to_ratios for e in axes]
     by_inertia = np.zeros((3, 5, 3, 3))
     for i in range(3):
-        for j in range(3):
+        by_inertia[..., i, i] = alone[i]
+        for j in range(i):
             # A quadratic form's mixed products come from sums of the axes (polarisation).
-            mixed = _by_ratios(inertia, inverse, axes[i] + axes[j])
-            alone = _by_ratios(inertia, inverse, axes[i]) + _by_ratios(inertia, inverse, axes[j])
-            by_inertia[..., i, j] = 0.5 * (mixed - alone) @ to_ratios
+            both = _by_ratios(inertia, inverse, axes[i] + axes[j]) @ to_ratios
+            by_inertia[..., i, j] = 0.5 * (both - alone[i] - alone[j])
+            by_inertia[..., j, i] = by_inertia[..., i, j]
     return by_rate.reshape(9, 3), by_inertia.reshape(15, 9)
 
 

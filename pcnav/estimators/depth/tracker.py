@@ -16,6 +16,7 @@ from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
+from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lasting_errors import LastingErrors
 from pcnav.estimators.depth.lock_monitor import LockCheck, LockMonitor
 from pcnav.estimators.depth.mass import prior_belief
@@ -105,7 +106,9 @@ class Tracker(Estimator):
         self._belief = prior_belief(target, info.initial, filtering)
         self._status = Status.ACQUIRING
         self._track: Track | None = None
+        self._given = self._belief
         self._acquisition = self._new_acquisition(self._belief, info.first_pose)
+        self._remarks: list[str] = []
         self._best_view: tuple[Estimate, FrameView] | None = None
         self._has_tracked = False
         self._guard, self._repeats = FrameGuard(target.diameter_m), Repeats()
@@ -136,8 +139,14 @@ class Tracker(Estimator):
         return self._acquisition.report
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What it said while it ran: that the frames contradict what was stated of the mass."""
+        return tuple(self._remarks)
+
+    @property
     def prior(self) -> PriorMass | None:
-        """Prior of the mass before the first frame; None until there is a track."""
+        """Prior of the mass before the first frame, widened where the frames contradict it; None
+        until there is a track."""
         return self._belief.prior if self._has_tracked else None
 
     def step(self, frame: Frame, /) -> Estimate:
@@ -255,6 +264,7 @@ class Tracker(Estimator):
             odds=TrackOdds(outcome.odds),
         )
         self._track, self._has_tracked = track, True
+        self._heed(track.motion)
         return self._estimate(outcome.view, None, track.status, observer), outcome.view
 
     # Following.
@@ -379,6 +389,17 @@ class Tracker(Estimator):
         why = track.motion.take_in(updated.view.measurements, updated.result.accepted)
         if why is not None:
             self._log_motion(frame, track, why)
+        self._heed(track.motion)
+
+    def _heed(self, motion: FollowedMotion) -> None:
+        """Believe as little of the mass as the motion does."""
+        said = motion.contradicted
+        if said is None or said in self._remarks:
+            return
+        self._remarks.append(said)
+        # What was learnt before a loss is no prior of the target.
+        if self._given is self._belief:
+            self._given = self._belief = motion.prior
 
     def _log_motion(self, frame: Frame, track: Track, why: str) -> None:
         free = track.motion.is_torque_free
@@ -399,7 +420,7 @@ class Tracker(Estimator):
             self._parts.start_again(self._scale.factor)
         if was_right and not track.symmetric:
             belief = track.motion.learnt_mass or belief
-        self._track = None
+        self._track, self._given = None, belief
         self._acquisition = self._new_acquisition(belief)
 
     # Results.

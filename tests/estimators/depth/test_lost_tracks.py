@@ -10,6 +10,7 @@ import trimesh
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import DepthImage
 from pcnav.core.spatial import exp_rotation, log_rotation, rotation_angle
+from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.status import Status
 from pcnav.target.satellite import Target, load_target
@@ -168,8 +169,10 @@ def test_a_wrong_lock_that_explains_most_of_the_frame_is_found_out(
     almost_symmetric = box_with_a_tower(tmp_path, height_m)
     assert len(almost_symmetric.symmetry_transforms) == 1
     own = {
-        "com_model_m": tuple(almost_symmetric.com_model.tolist()),
-        "inertia_ratios": tuple(almost_symmetric.inertia_ratios.tolist()),
+        "com_model_m": tuple(almost_symmetric.mesh.center_mass.tolist()),
+        "inertia_ratios": tuple(
+            ratios_from_inertia(np.array(almost_symmetric.mesh.moment_inertia)).tolist()
+        ),
     }
     body = PIPELINE.body.model_copy(update=own)
     pipeline = shortened(PIPELINE.model_copy(update={"body": body}), 30)
