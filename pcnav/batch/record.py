@@ -12,16 +12,18 @@ import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from pcnav.batch.axes import GridRun
+from pcnav.batch.axes import GridRun, grid_case
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
+from pcnav.files.regular_file import require_regular
 
 FORMAT = 2
 """Number of the layout described here; a file with another one is refused."""
@@ -31,8 +33,33 @@ UNFINISHED_SUFFIX = ".part"
 _KEY = b"pcnav"
 _TIME = "time_s"
 
+_STATUS = "status"
+"""The one column of words."""
+_MAX_BYTES = 500_000_000
+
 Column = FloatArray | list[str]
 """One value a frame."""
+
+
+class _Format(BaseModel):
+    """What every version of the layout has."""
+
+    format: int
+
+
+class _About(_Format):
+    """The JSON of a record."""
+
+    model_config = ConfigDict(strict=True)
+
+    case: str
+    axes: Annotated[tuple[tuple[str, str | bool | int | float], ...], Strict(False)]
+    index: Annotated[int, Field(ge=0, lt=2**31)]
+    seed: Annotated[int, Field(ge=0, lt=2**128)]
+    values: dict[str, float | Literal["nan", "inf", "-inf"]]
+    failure: str | None
+    versions: dict[str, str]
+    command: str
 
 
 @dataclass(frozen=True)
@@ -105,7 +132,7 @@ def read_record(path: Path) -> RunRecord:
     found = _without_frames(path, table.schema.metadata)
     if found.failure is not None:
         return found
-    columns = {name: _column(table.column(name)) for name in table.column_names}
+    columns = {name: _column(path, name, table.column(name)) for name in table.column_names}
     return replace(found, columns=columns)
 
 
@@ -119,6 +146,7 @@ def read_header(path: Path) -> RunRecord:
 
 
 def _read(path: Path, read: Callable[[Path], Any]) -> Any:
+    require_regular(path, _MAX_BYTES)
     try:
         return read(path)
     except (pa.ArrowException, OSError) as error:
@@ -130,7 +158,7 @@ def _table(record: RunRecord) -> pa.Table:
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns of a record differ in length: {lengths}")
     run = record.run
-    about = {
+    about: dict[str, object] = {
         "format": FORMAT,
         "key": run.key,
         "case": run.case.name,
@@ -155,8 +183,12 @@ def _array(column: Column) -> pa.Array:
     return pa.array(np.ascontiguousarray(column, dtype=np.float64), pa.float64())
 
 
-def _column(stored: pa.ChunkedArray) -> Column:
-    if pa.types.is_string(stored.type):
+def _column(path: Path, name: str, stored: pa.ChunkedArray) -> Column:
+    expected = pa.string() if name == _STATUS else pa.float64()
+    if stored.type != expected or stored.null_count:
+        got = f"got {stored.type} and {stored.null_count} empty"
+        raise InputError(path, name, f"expected a value of the type {expected} a frame, {got}")
+    if name == _STATUS:
         return [str(text) for text in stored.to_pylist()]
     return np.asarray(stored.to_numpy(), dtype=np.float64)
 
@@ -167,20 +199,27 @@ def _without_frames(path: Path, metadata: Mapping[bytes, bytes] | None) -> RunRe
     if text is None:
         raise _not_a_record(path, "a Parquet file without the values of a run")
     try:
-        about = json.loads(text)
-        found = about["format"]
-    except (ValueError, TypeError, KeyError) as error:
+        found = _Format.model_validate_json(text).format
+    except ValidationError as error:
         raise _not_a_record(path, "its values of the run cannot be read") from error
     if found != FORMAT:
         raise InputError(path, "format", f"expected {FORMAT}, found {found}")
-    axes = tuple((name, value) for name, value in about["axes"])
+    try:
+        about = _About.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        raise InputError(path, field, f"expected that of a run ({first['msg']})") from error
+    # The name of the file is told by that of the case, and so are the values of its axes.
+    if grid_case(about.axes).name != about.case:
+        raise InputError(path, "axes", "expected those that the name of the case tells")
     return RunRecord(
-        run=Run(Case(about["case"], axes), about["index"], about["seed"]),
+        run=Run(Case(about.case, about.axes), about.index, about.seed),
         columns={},
-        values={name: float(value) for name, value in about["values"].items()},
-        failure=about["failure"],
-        versions=about["versions"],
-        command=about["command"],
+        values={name: float(value) for name, value in about.values.items()},
+        failure=about.failure,
+        versions=about.versions,
+        command=about.command,
     )
 
 

@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import pcnav
 from pcnav.batch.attempt import Failure, attempt
@@ -33,12 +35,34 @@ from pcnav.batch.record import (
 )
 from pcnav.batch.worker_check import here
 from pcnav.core.errors import InputError
+from pcnav.files.regular_file import read_bytes
 from pcnav.runs.provenance import library_versions_with_peers
 
 GRID_FILE, BATCH_FILE, RUNS_FOLDER = "grid.toml", "batch.json", "runs"
 
 _ABANDONED_AFTER_S = 60.0
 """Writing a record takes far less: what is older was left by a process that ended."""
+
+
+_MAX_BYTES = 50_000_000
+"""Of what tells of all runs: some 500,000 of them."""
+
+
+class _Format(BaseModel):
+    """What every version of the layout has."""
+
+    format: int
+
+
+class _About(_Format):
+    """The content of batch.json."""
+
+    model_config = ConfigDict(strict=True)
+
+    pcnav: str
+    identity: str
+    # Names of files are made of them.
+    runs: list[Annotated[str, Field(pattern=r"^[a-z0-9.-]{1,200}$")]]
 
 
 @dataclass(frozen=True)
@@ -137,19 +161,26 @@ def open_store(folder: Path) -> RunStore:
     Raises `InputError` when it is not such a folder, or of another format.
     """
     path = folder / BATCH_FILE
+    for name in (BATCH_FILE, GRID_FILE):
+        if not (folder / name).exists():
+            raise InputError(folder, "folder", f"expected that of a batch, with {name}")
+    text = read_bytes(path, _MAX_BYTES)
     try:
-        about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        found, version = about["format"], about["pcnav"]
-        keys, identity = tuple(about["runs"]), about["identity"]
-        grid_toml = (folder / GRID_FILE).read_text(encoding="utf-8")
-    except (FileNotFoundError, NotADirectoryError) as error:
-        missing = Path(error.filename).name
-        raise InputError(folder, "folder", f"expected that of a batch, with {missing}") from error
-    except (ValueError, TypeError, KeyError) as error:
-        raise InputError(path, "file", f"expected what a batch was made of ({error})") from error
-    if found != FORMAT:
-        raise InputError(path, "format", f"expected {FORMAT}, found {found}")
-    return RunStore(folder.resolve(), grid_toml, version, keys, identity)
+        found = _Format.model_validate_json(text).format
+        if found != FORMAT:
+            raise InputError(path, "format", f"expected {FORMAT}, found {found}")
+        about = _About.model_validate_json(text)
+        grid_toml = read_bytes(folder / GRID_FILE, _MAX_BYTES).decode("utf-8")
+    except InputError:
+        raise
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"])) or "file"
+        expected = f"expected what a batch was made of ({first['msg']})"
+        raise InputError(path, field, expected) from error
+    except ValueError as error:
+        raise InputError(folder / GRID_FILE, "file", "expected a text file") from error
+    return RunStore(folder.resolve(), grid_toml, about.pcnav, tuple(about.runs), about.identity)
 
 
 def _earlier(store: RunStore) -> RunStore | None:

@@ -5,6 +5,7 @@ defaults, so a file says only what differs; an unknown key or a value out of ran
 `InputError` naming the file and the key.
 """
 
+import math
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -37,6 +38,10 @@ from pcnav.core.errors import InputError
 from pcnav.files.toml_file import checked, read_toml_model
 
 Settings = TypeVar("Settings", bound=Table)
+
+
+_MAX_TURN_RAD = 1e6
+_MAX_SIGHTINGS = 50_000_000
 
 
 class EstimatorKind(StrEnum):
@@ -164,6 +169,24 @@ class Pipeline(Table):
         orbit = {"orbit"} if self.sequence is None else set()
         names = {*_OF_A_RUN, *read, *orbit} - unsaid if of_a_run else None
         return self.model_dump(mode="json", exclude_none=True, include=names)
+
+    @model_validator(mode="after")
+    def _scenario_comes_to_an_end(self) -> Self:
+        """What is integrated in steps of an angle, and what memory is allocated by, is bounded."""
+        duration_s = self.scenario.frames / self.scenario.frame_rate_hz
+        omega_rad_s = math.radians(math.hypot(*self.body.omega_body_deg_s))
+        turn_rad = duration_s * max(omega_rad_s, self.orbit.mean_motion_rad_s)
+        if not turn_rad <= _MAX_TURN_RAD:
+            raise ValueError(
+                f"scenario: expected a motion of at most {_MAX_TURN_RAD:g} rad in all its frames, "
+                f"got {turn_rad:g}"
+            )
+        points = self.features.points_m or range(self.features.count)
+        if self.scenario.frames * len(points) > _MAX_SIGHTINGS:
+            raise ValueError(
+                f"scenario: expected at most {_MAX_SIGHTINGS:,} sightings, frames by features"
+            )
+        return self
 
     @model_validator(mode="before")
     @classmethod

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from pcnav.config.table import Many, NonNegative, Positive, Table, Vector3, Vector5
+from pcnav.config.table import NonNegative, Positive, Table, Vector3, Vector5
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 
@@ -47,7 +47,8 @@ class OrbitModel(StrEnum):
 class ScenarioTable(Table):
     """[scenario]: what is simulated and for how long."""
 
-    frames: Many = 200
+    # Bounded, since memory is allocated by it.
+    frames: Annotated[int, Field(gt=0, le=200_000)] = 200
     frame_rate_hz: Positive = 2.0
     recording: RecordingKind | None = None
     """What is simulated; None takes what the estimator of the pipeline lives on."""

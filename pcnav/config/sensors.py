@@ -22,6 +22,9 @@ from pcnav.core.camera import PinholeCamera, R_cam_hill
 from pcnav.core.distortion import COEFFICIENTS, Distortion, DistortionModel
 from pcnav.core.stereo import StereoRig
 
+_MAX_PIXELS = 16_777_216
+"""Of a simulated image: rays and ranges of all of them are in memory."""
+
 
 class CameraTable(Table):
     """[camera]: a pinhole depth camera at the chaser's mass centre, fixed in the Hill frame."""
@@ -45,6 +48,12 @@ class CameraTable(Table):
     row_readout_s: NonNegative = 0.0
     """Time from the exposure of the first row to that of the last; the time of a frame is that of
     its middle row."""
+
+    @model_validator(mode="after")
+    def _image_fits_into_memory(self) -> Self:
+        if self.width_px * self.height_px > _MAX_PIXELS:
+            raise ValueError(f"expected at most {_MAX_PIXELS:,} pixels, width by height")
+        return self
 
     @property
     def pinhole(self) -> PinholeCamera:

@@ -6,10 +6,21 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
+_SMALLEST, _LARGEST = 1e-30, 1e15
+"""Of what is not 0: products and squares of such numbers are numbers, too."""
+
+
+def _of_this_world(value: float) -> float:
+    if value != 0.0 and not _SMALLEST <= abs(value) <= _LARGEST:
+        raise ValueError(f"expected 0 or a magnitude from {_SMALLEST:g} to {_LARGEST:g}")
+    return value
+
+
+Number = Annotated[float, AfterValidator(_of_this_world)]
 # TOML has lists, not tuples: also a strict table takes those.
-Vector2 = Annotated[tuple[float, float], Strict(False)]
-Vector3 = Annotated[tuple[float, float, float], Strict(False)]
-Vector5 = Annotated[tuple[float, float, float, float, float], Strict(False)]
+Vector2 = Annotated[tuple[Number, Number], Strict(False)]
+Vector3 = Annotated[tuple[Number, Number, Number], Strict(False)]
+Vector5 = Annotated[tuple[Number, Number, Number, Number, Number], Strict(False)]
 
 
 def _direction(values: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -20,8 +31,8 @@ def _direction(values: tuple[float, float, float]) -> tuple[float, float, float]
 
 
 Direction = Annotated[Vector3, AfterValidator(_direction)]
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NonNegative = Annotated[Number, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
 Count = Annotated[int, Field(ge=1)]

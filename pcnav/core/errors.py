@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+_MAX_PLACE, _MAX_EXPECTED = 400, 900
+"""Characters of a message: what is quoted from a file may be as long as the file."""
+
 
 class InputError(ValueError):
     """Bad input, described in one line: the file, the field in it and what was expected there.
@@ -14,5 +17,17 @@ class InputError(ValueError):
         self.file = Path(file)
         self.field = field
         self.expected = expected
-        # A message that spans lines would break the one-line promise (pydantic and PIL write such).
-        super().__init__(" ".join(f"{file}: {field}: {expected}".split()))
+        parts = (printable(str(file), _MAX_PLACE), printable(field, _MAX_PLACE))
+        super().__init__(": ".join((*parts, printable(expected, _MAX_EXPECTED))))
+
+
+def printable(text: str, max_length: int) -> str:
+    """Text in one line of bounded length that does nothing to a terminal.
+
+    Libraries write messages over several lines, and names in files may hold control characters.
+    """
+    line = " ".join("".join(mark if mark.isprintable() else " " for mark in text).split())
+    if len(line) <= max_length:
+        return line
+    end = max_length // 3
+    return f"{line[: max_length - end - 3]}...{line[-end:]}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.errors import InputError
+from pcnav.files.regular_file import require_regular
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,15 @@ class CsvTable:
 
     def words(self, column: str) -> tuple[str, ...]:
         """The column as text."""
+        if column not in self.texts:
+            raise InputError(self.path, "header", f"expected a column {column}")
         return tuple(self.texts[column])
 
     def numbers(self, names: tuple[str, ...]) -> FloatArray:
         """(n, len(names)) values, nan where the field is empty."""
+        for name in names:
+            if name not in self.values:
+                raise InputError(self.path, "header", f"expected a column {name}")
         return np.column_stack([self.values[name] for name in names])
 
     def times(self) -> FloatArray:
@@ -95,6 +101,7 @@ def read_header(path: Path) -> tuple[str, ...]:
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
     """A CSV file, whose faults are told in one line."""
+    require_regular(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             yield file

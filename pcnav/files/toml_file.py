@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from pcnav.core.errors import InputError
+from pcnav.files.regular_file import require_regular
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -29,8 +30,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     than any file of settings is.
     """
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(path, "file", f"expected TOML of at most {_MAX_BYTES:,} bytes")
+        require_regular(path, _MAX_BYTES, "a readable TOML file")
         text = path.read_text(encoding="utf-8")
         if _is_deep(text):
             raise InputError(path, "file", f"expected TOML nested at most {_MAX_DEPTH} deep")

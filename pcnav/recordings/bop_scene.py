@@ -11,6 +11,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray, picked
 from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, nearest_orthogonal, orthonormality_error
+from pcnav.files.regular_file import read_bytes
 from pcnav.recordings.frame_checks import ROTATION_TOLERANCE
 from pcnav.recordings.time_line import MAX_STAMP_S, begins_anew, time_line
 
@@ -25,6 +26,8 @@ _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Coefficients = Annotated[list[float], Field(min_length=4, max_length=8)]
 _MAXIMUM_KEY_DIGITS = 9
 _MAX_LISTED = 30
+_MAX_BYTES = 200_000_000
+"""Of a JSON file: some 400,000 frames."""
 
 
 class _Entry(BaseModel):
@@ -177,9 +180,7 @@ def _require_seconds(path: Path, numbers: list[int], time_s: FloatArray) -> None
 
 def _read_json(path: Path, adapter: TypeAdapter[Content]) -> Content:
     try:
-        return adapter.validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(path, "file", f"expected a readable file ({error.strerror})") from error
+        return adapter.validate_json(read_bytes(path, _MAX_BYTES))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(str(part) for part in first["loc"]) or "file"

@@ -19,7 +19,9 @@ from PIL import Image
 
 from pcnav.core._extras import openexr
 from pcnav.core.errors import InputError
-from pcnav.recordings.depth_png import read_depth_png
+from pcnav.files.npy_header import read_npy_header
+from pcnav.files.regular_file import read_bytes
+from pcnav.recordings.depth_png import MAX_IMAGE_BYTES, read_depth_png, require_few_pixels
 
 StoredDepth = npt.NDArray[Any]
 """(height, width) stored units, integers or floats."""
@@ -100,10 +102,7 @@ def image_of(folder: Path, stem: str, present: set[str]) -> str | None:
 
 
 def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "file", f"expected a depth image ({error.strerror})") from error
+    return read_bytes(path, MAX_IMAGE_BYTES, "a depth image")
 
 
 def _read_tiff(path: Path) -> StoredDepth:
@@ -114,7 +113,10 @@ def _read_tiff(path: Path) -> StoredDepth:
             warnings.catch_warnings(action="ignore"),
             Image.open(BytesIO(data), formats=["TIFF"]) as image,
         ):
+            require_few_pixels(path, image)
             mode, pixels = image.mode, np.asarray(image)
+    except InputError:
+        raise
     except (OSError, SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
         raise InputError(path, "file", f"expected an undamaged TIFF ({error})") from error
     if mode not in _GREY_MODES:
@@ -128,12 +130,8 @@ def _read_npy(path: Path) -> StoredDepth:
     stream = BytesIO(data)
     try:
         # The header is read alone first: an array that the file does not hold is never allocated.
-        version = np.lib.format.read_magic(stream)
-        if version == (1, 0):
-            shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
-        else:
-            shape, _, dtype = np.lib.format.read_array_header_2_0(stream)
-        if dtype.hasobject or prod(shape) * dtype.itemsize > len(data) - stream.tell():
+        shape, _, dtype = read_npy_header(stream)
+        if prod(shape) * dtype.itemsize > len(data) - stream.tell():
             raise ValueError("it ends early")
         stream.seek(0)
         return np.asarray(np.load(stream, allow_pickle=False))

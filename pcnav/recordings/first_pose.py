@@ -11,6 +11,7 @@ from pcnav.config.first_pose import FirstPoseTable
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import make_transform, rotation_from_xyzw, xyzw_from_rotation
+from pcnav.files.regular_file import read_bytes
 from pcnav.files.toml_file import checked
 from pcnav.recordings.bop_scene import read_scene_poses
 from pcnav.recordings.frame_checks import checked_transform
@@ -110,10 +111,10 @@ def _from_file(path: Path) -> dict[str, Any]:
     if not path.is_file():
         expected = f"expected the numbers {_NUMBERS} of T_cam_model, or a file with them"
         raise InputError(path, "file", expected)
-    if path.stat().st_size > _MAX_BYTES:
-        raise InputError(path, "file", f"expected one pose in at most {_MAX_BYTES:,} bytes")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bytes(path, _MAX_BYTES).decode("utf-8")
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(path, "file", "expected a text file of one pose") from error
     if text.lstrip().startswith(("{", "[")):

@@ -10,6 +10,7 @@ truth.csv            optional, see `pcnav.recordings.truth`
 """
 
 import logging
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +27,9 @@ from pcnav.core.errors import InputError
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.csv_table import read_csv, write_csv
 from pcnav.files.new_folder import new_folder
+from pcnav.files.regular_file import require_regular
 from pcnav.recordings.attitudes import read_camera_attitudes, write_camera_attitudes
+from pcnav.recordings.depth_png import MAX_IMAGE_BYTES, require_few_pixels
 from pcnav.recordings.monocular_tracks import (
     CAMERA_FILE,
     CameraFacts,
@@ -45,6 +48,7 @@ IMAGE_FOLDER = "images"
 
 _IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 _VIDEO_SUFFIXES = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm"}
+_MAX_FRAMES = 10_000_000
 _LOG = logging.getLogger("pcnav")
 
 
@@ -195,8 +199,9 @@ def _open_video(path: Path) -> ImageSequence:
         rate = facts.frame_rate_hz or float(video.get(cv2.CAP_PROP_FPS))
     finally:
         video.release()
-    if count < 1 or not rate > 0.0:
-        raise InputError(path, "file", "expected a video with frames and a frame rate")
+    if not (0 < count <= _MAX_FRAMES and 0.0 < rate < math.inf):
+        expected = f"expected a video with frames, at most {_MAX_FRAMES:,}, and a frame rate"
+        raise InputError(path, "file", expected)
     times_s = np.arange(count) / rate
     R = read_camera_attitudes(path.parent, times_s)
     return ImageSequence(path.stem, path, (), facts, times_s, R)
@@ -204,9 +209,13 @@ def _open_video(path: Path) -> ImageSequence:
 
 def _pictures(files: tuple[Path, ...], camera: PinholeCamera) -> Iterator[GreyImage]:
     for path in files:
+        require_regular(path, MAX_IMAGE_BYTES)
         try:
             with Image.open(path) as opened:
+                require_few_pixels(path, opened)
                 grey = _eight_bits(opened)
+        except InputError:
+            raise
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise InputError(path, "file", f"expected an undamaged image ({error})") from error
         yield _sized(path, grey, camera)

@@ -15,6 +15,7 @@ from pcnav.core.spatial import (
     nearest_orthogonal,
     orthonormality_error,
 )
+from pcnav.files.regular_file import read_bytes
 from pcnav.recordings.depth_form import DepthForm
 from pcnav.recordings.depth_image import first_size
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
@@ -26,6 +27,8 @@ POSE_TOLERANCE = 1e-2
 
 _DEPTH_NAME = re.compile(r"frame-(\d+)\.depth\.png")
 _EXACT = 1e-9
+_MAX_BYTES = 100_000
+"""Of a file with one matrix."""
 _LOG = logging.getLogger("pcnav")
 
 
@@ -75,10 +78,11 @@ def _matrix(path: Path, size: int) -> FloatArray:
     """A square matrix of finite numbers from a text file."""
     expected = f"expected {size} rows of {size} finite numbers"
     try:
-        rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        text = read_bytes(path, _MAX_BYTES, expected.removeprefix("expected ")).decode("utf-8")
+        rows = [line.split() for line in text.splitlines()]
         matrix = np.array([[float(word) for word in row] for row in rows if row])
-    except OSError as error:
-        raise InputError(path, "file", f"{expected} ({error.strerror})") from error
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(path, "matrix", f"{expected} ({error})") from error
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():

@@ -27,6 +27,8 @@ from pcnav.dynamics.blocks import (
 )
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.csv_table import CsvTable, read_csv, read_header
+from pcnav.files.npy_header import read_npy_header
+from pcnav.files.regular_file import require_regular
 from pcnav.runs.estimate import Output
 from pcnav.runs.nis_window import window_nis
 from pcnav.runs.places import located
@@ -325,8 +327,13 @@ def _read_covariances(folder: Path, trajectory: Trajectory) -> FloatArray | None
     expected = f"expected ({len(frames)}, {size}, {size}) at the times of {STATES_FILE}"
     covariance = np.full((len(trajectory), size, size), np.nan)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            if not np.array_equal(stored["time_s"], trajectory.time_s[frames]):
+        require_regular(path)
+        with zipfile.ZipFile(path) as archive, archive.open("time_s.npy") as file:
+            # What it states is compared before memory is allocated by it.
+            if read_npy_header(file) != ((len(frames),), False, np.dtype(np.float64)):
+                raise InputError(path, "P", expected)
+            times = np.frombuffer(file.read(8 * len(frames)))
+            if not np.array_equal(times, trajectory.time_s[frames]):
                 raise InputError(path, "P", expected)
         with zipfile.ZipFile(path) as archive, archive.open("P.npy") as file:
             matrices = _matrices(file, size)
@@ -335,8 +342,6 @@ def _read_covariances(folder: Path, trajectory: Trajectory) -> FloatArray | None
                 covariance[rows] = matrices(len(rows))
             if file.read(1):
                 raise InputError(path, "P", expected)
-    except FileNotFoundError as error:
-        raise InputError(path, "file", "expected a readable file") from error
     except InputError:
         raise
     except _DAMAGED_ARCHIVE as error:
@@ -346,10 +351,7 @@ def _read_covariances(folder: Path, trajectory: Trajectory) -> FloatArray | None
 
 def _matrices(file: IO[bytes], size: int) -> Callable[[int], FloatArray]:
     """Reads the (n, size, size) of an open .npy file by so many matrices a call."""
-    version = np.lib.format.read_magic(file)
-    if version != (1, 0):
-        raise ValueError(f"array format {version}")
-    shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+    shape, fortran, dtype = read_npy_header(file)
     if shape[1:] != (size, size) or fortran or dtype != np.float64:
         raise ValueError(f"P is {shape} {dtype}")
 

@@ -5,7 +5,9 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from typing import Any
 
+import msgspec
 import pytest
 import viser
 from websockets.exceptions import ConnectionClosed
@@ -18,6 +20,18 @@ from pcnav.viewer.loaded_run import LoadedRun, finished
 from pcnav.viewer.server import LocalServer, is_own_origin
 from tests.commands import PATIENCE_S
 
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 0.0),
+    "fov": 0.7,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": (0.0, 0.0, 1.0),
+    "up_direction": (0.0, -1.0, 0.0),
+}
 _PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 
@@ -106,3 +120,55 @@ def test_a_client_that_says_nothing_gets_no_session(server: LocalServer) -> None
     with joined(server, None):
         time.sleep(0.2)
         assert server.get_clients() == {}
+
+
+def test_malformed_messages_of_a_page_are_one_line_and_harm_nobody(
+    server: LocalServer, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with joined(server, None) as page, caplog.at_level("WARNING", logger="pcnav"):
+        page.send(msgspec.msgpack.encode(CAMERA))
+        deadline = time.monotonic() + 60.0
+        while not (clients := server.get_clients()) or not _inputs(clients):
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        (client,) = clients.values()
+        inputs = _inputs(clients)
+        before = {uuid: handle._impl.value for uuid, handle in inputs.items()}
+        removed = {uuid: handle._impl.removed for uuid, handle in inputs.items()}
+        for uuid in inputs:
+            for updates in (
+                *({"value": bad} for bad in (None, "x" * 10**6, float("nan"), 10**15, [[[]]], {})),
+                *({name: "broken"} for name in ("removed", "update_cb", "sync_cb", "nonsense")),
+            ):
+                message = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
+                page.send(msgspec.msgpack.encode(message))
+        page.send(msgspec.msgpack.encode({**CAMERA, "position": (float("nan"), 0.0, 1e400)}))
+        page.send(msgspec.msgpack.encode({**CAMERA, "fov": 0.6}))
+        while abs(client.camera.fov - 0.6) > 1e-6:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        assert client.camera.position.tolist() == [0.0, 0.0, 0.0]
+        for uuid, handle in inputs.items():
+            assert (handle._impl.value, handle._impl.removed) == (before[uuid], removed[uuid])
+    # What is no message at all ends its connection, and no other.
+    for raw in (b"", b"\xc1", b"\x80", msgspec.msgpack.encode({"type": "NoSuchMessage"}), "text"):
+        with joined(server, None) as page:
+            page.send(raw)
+            with pytest.raises(ConnectionClosed):
+                while True:
+                    page.recv(timeout=PATIENCE_S)
+    with joined(server, None) as page:
+        assert len(page.recv(timeout=PATIENCE_S)) > 0
+    assert "Traceback" not in "".join(capfd.readouterr())
+    (line,) = [each.getMessage() for each in caplog.records if each.name.startswith("pcnav")]
+    assert "\n" not in line and len(line) < 400
+
+
+def _inputs(clients: dict[int, viser.ClientHandle]) -> dict[str, Any]:
+    """The controls of the one page, by what its messages call them."""
+    return {
+        uuid: handle
+        for client in clients.values()
+        for uuid, handle in dict(client.gui._gui_input_handle_from_uuid).items()
+        if hasattr(handle._impl, "value")
+    }
