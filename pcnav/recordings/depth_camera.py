@@ -16,6 +16,7 @@ from pcnav.config.recording import RecordingTable
 from pcnav.config.table import Pixels, Positive, Table
 from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
+from pcnav.files.regular_file import read_bytes
 from pcnav.files.toml_file import checked, read_toml
 from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs
 from pcnav.recordings.depth_image import ImageSize
@@ -114,9 +115,7 @@ def _content(path: Path) -> dict[str, Any]:
         found = read_toml(path)
     else:
         try:
-            if path.stat().st_size > _MAX_BYTES:
-                raise InputError(path, "file", f"expected JSON of at most {_MAX_BYTES:,} bytes")
-            found = json.loads(path.read_text(encoding="utf-8"))
+            found = json.loads(read_bytes(path, _MAX_BYTES, "readable JSON"))
         except InputError:
             raise
         except (OSError, ValueError, RecursionError) as error:

@@ -12,8 +12,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import invert_transform, make_transform
+from pcnav.files.regular_file import require_regular
 
 _FIELDS = "timestamp tx ty tz qx qy qz qw"
+_MAX_BYTES = 500_000_000
+"""Of a table of poses: some millions of them."""
 _NORM_TOLERANCE = 1e-2
 _MAX_GAP_STEPS = 5.0
 """Between poses so many times further apart than usual none is taken to be known."""
@@ -75,6 +78,7 @@ def interpolated(poses: TimedPoses, time_s: FloatArray) -> FloatArray:
 def _numbers(path: Path) -> FloatArray:
     """(n, 8)"""
     rows = []
+    require_regular(path, _MAX_BYTES)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -17,6 +17,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.dynamics.blocks import POSE_LAYOUT
 from pcnav.dynamics.trajectory import Trajectory
+from pcnav.files.regular_file import require_regular
 from pcnav.recordings.assembling import Parts, assembled
 from pcnav.recordings.depth_camera import depth_camera
 from pcnav.recordings.sequence import Sequence
@@ -26,6 +27,8 @@ DEPTH_LIST, ASSOCIATIONS = "depth.txt", "associations.txt"
 GROUND_TRUTH, TARGET_TRUTH = "groundtruth.txt", "target.tum"
 UNIT_M = 1.0 / 5000.0
 _DEPTH = re.compile(r"(^|/)depth", re.IGNORECASE)
+_MAX_BYTES = 200_000_000
+"""Of a list of images."""
 
 
 def is_tum_rgbd(path: Path) -> bool:
@@ -84,6 +87,7 @@ def read_tum_truth(path: Path, time_zero_s: float) -> Trajectory | None:
 def _listed(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
     """Stamps (n,) and names of the depth images."""
     file = path / DEPTH_LIST if (path / DEPTH_LIST).is_file() else path / ASSOCIATIONS
+    require_regular(file, _MAX_BYTES)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -288,6 +288,7 @@ def _cut(run: Run, n: int) -> Run:
 
 def _tum_rows(path: Path, *, growing: bool) -> FloatArray:
     """(n, 8) numbers of a file of timed poses."""
+    require_regular(path)
     try:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
         whole = [line for line in lines if line.endswith("\n") or not growing]

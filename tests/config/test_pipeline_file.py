@@ -73,7 +73,7 @@ def test_what_a_file_says_replaces_the_default_and_nothing_else(tmp_path: Path) 
         ("[body]\ninertia_ratios = [1.0, 2.5, 0, 0, 0]\n", "body.inertia_ratios", "physical"),
         ("[body]\ninertia_ratios = [1.0, 1.0, 1.2, 0, 0]\n", "body.inertia_ratios", "physical"),
         ("[camera]\nboresight_hill = [0, 0, 0]\n", "camera.boresight_hill", "a direction"),
-        ("[camera]\nboresight_hill = [1, 0, 1e308]\n", "camera.boresight_hill", "a direction"),
+        ("[camera]\nboresight_hill = [1, 0, 1e308]\n", "camera.boresight_hill", "a magnitude"),
         ("[camera]\nheight_px = 9223372036854775808\n", "camera.height_px", "16384"),
         ("[stereo]\nboresight_hill = [0, 0, 0]\n", "stereo.boresight_hill", "a direction"),
         ("seed = \n", "file", "valid TOML"),

@@ -23,10 +23,12 @@ from pcnav.dynamics.state import STATE_SIZE, NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.answer.model import Answer
 from pcnav.evaluation.forecast.accelerations import Accelerations, accelerations_of_run
+from pcnav.files.regular_file import read_bytes
 from pcnav.runs.reader import read_run
 from pcnav.runs.result_files import COVARIANCES_FILE, STATES_FILE, SUMMARY_FILE
 from pcnav.runs.run import Run
 
+_MAX_BYTES = 10_000_000
 _NEEDED = (POSITION, VELOCITY, ATTITUDE, RATE, RATIOS)
 
 
@@ -87,10 +89,8 @@ def read_answer(folder: Path) -> Answer:
     """The answer in a result folder. Raises `InputError`."""
     path = folder / SUMMARY_FILE
     try:
-        return Answer.model_validate_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        expected = "expected what `pcnav run` writes at its end; run it again with this version"
-        raise InputError(path, "file", expected) from error
+        what = "what `pcnav run` writes at its end; run it again with this version"
+        return Answer.model_validate_json(read_bytes(path, _MAX_BYTES, what))
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"])) or "file"
