@@ -54,7 +54,7 @@ def read_depth_folder(
 ) -> Sequence:
     """The images of a folder, in order. Raises `InputError`."""
     images, names = _files(path)
-    files = tuple(sorted(names, key=_number))
+    files = tuple(sorted(names, key=number_of))
     stems = [Path(file).stem for file in files]
     if len(set(stems)) < len(stems):
         twice = next(stem for stem in stems if stems.count(stem) > 1)
@@ -75,7 +75,8 @@ def _files(path: Path) -> tuple[Path, list[str]]:
     return path, []
 
 
-def _number(name: str) -> tuple[list[int], str]:
+def number_of(name: str) -> tuple[list[int], str]:
+    """What files are sorted by: the numbers in their names."""
     return [int(digits) for digits in _NUMBERS.findall(name)], name
 
 
@@ -86,6 +87,11 @@ def _stamps(path: Path, stems: list[str]) -> FloatArray | None:
         if len(time_s) != len(stems):
             raise InputError(table, "rows", f"expected one for each of {len(stems)} images")
         return time_s
+    return named_stamps(stems)
+
+
+def named_stamps(stems: list[str]) -> FloatArray | None:
+    """(n,) seconds, of names that are time stamps; None of any others."""
     if all(_DECIMAL.fullmatch(stem) for stem in stems):
         return np.array([float(stem) for stem in stems])
     digits = len(stems[0])

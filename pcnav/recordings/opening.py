@@ -11,6 +11,7 @@ from pcnav.recordings.bag import METADATA, is_bag, read_bag
 from pcnav.recordings.bop import read_bop
 from pcnav.recordings.bop_models import refuse_data_set, scenes_of
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
+from pcnav.recordings.clouds import is_clouds, read_clouds
 from pcnav.recordings.depth_folder import is_depth_folder, read_depth_folder
 from pcnav.recordings.depth_stack import is_depth_stack, read_depth_stack
 from pcnav.recordings.images import is_image_sequence, open_images
@@ -92,6 +93,10 @@ FORMATS = (
     RecordingFormat(
         *("tsdf-fusion recording", RecordingKind.DEPTH, INTRINSICS_FILE),
         *(_holds(INTRINSICS_FILE), read_tsdf_fusion),
+    ),
+    RecordingFormat(
+        *("organised clouds", RecordingKind.DEPTH, "organised .pcd"),
+        *(is_clouds, read_clouds, _OF_IMAGES),
     ),
     RecordingFormat(
         *("one file of depth images", RecordingKind.DEPTH, ".npz, .npy or .tif"),
