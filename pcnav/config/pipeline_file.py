@@ -28,6 +28,7 @@ from pcnav.config.sensors import (
     CameraTable,
     FeaturesTable,
     ImageCameraTable,
+    MiscalibrationTable,
     NoiseTable,
     ShadingTable,
     StereoTable,
@@ -135,6 +136,7 @@ class Pipeline(Table):
     motion: MotionTable = MotionTable()
     camera: CameraTable = CameraTable()
     noise: NoiseTable = NoiseTable()
+    miscalibration: MiscalibrationTable = MiscalibrationTable()
     background: BackgroundTable = BackgroundTable()
     occluder: OccluderTable = OccluderTable()
     stereo: StereoTable = StereoTable()

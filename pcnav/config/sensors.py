@@ -171,6 +171,24 @@ class NoiseTable(Table):
         return self
 
 
+class MiscalibrationTable(Table):
+    """[miscalibration]: by how much the simulated camera and the target differ from what is said of
+    them; one draw a recording of each."""
+
+    focal_sd: NonNegative = 0.0
+    """Standard deviation of the focal length, over itself."""
+    centre_sd_px: NonNegative = 0.0
+    """Of each coordinate of the principal point."""
+    range_offset_sd_m: NonNegative = 0.0
+    """Of an offset that all ranges share."""
+    range_scale_sd: NonNegative = 0.0
+    """Of the scale of all ranges."""
+    mesh_scale_sd: NonNegative = 0.0
+    """Of the target's size, over that of its mesh."""
+    is_stated: bool = True
+    """Whether the recording states these deviations, and that of the time stamps."""
+
+
 class Boresight(StrEnum):
     """Where a stereo rig looks."""
 

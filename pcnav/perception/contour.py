@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, picked
+from pcnav.perception.calibration_fields import by_fields
 from pcnav.perception.edge_conflicts import KnownError, conflicts_px, in_doubt
 from pcnav.perception.edge_counts import EdgeCounts, count_offsets, edge_counts
 from pcnav.perception.edge_crossings import EdgeCrossings, edge_crossings
@@ -58,8 +59,8 @@ class ContourRuns:
     """(n,) of the mesh, seen beside the edge."""
     shared: FloatArray
     """(n, 4) by the offsets of the outline, see `SensorNoise.outline_offset_px`."""
-    by_scale: FloatArray
-    """(n,) by the share by which the target is larger than its mesh, about the model's origin."""
+    by_fields: FloatArray
+    """(n, 6) by errors of the calibration, see `pcnav.perception.calibration_fields`."""
     own_variance: FloatArray
     """(n,) without the scatter of the outline, see `SensorNoise.outline_sd_px`,"""
     by_scatter: FloatArray
@@ -142,7 +143,8 @@ def _runs(
         empty = np.empty(0)
         none = np.empty(0, dtype=np.intp)
         shared = np.empty((0, 4))
-        return ContourRuns(empty, empty, np.empty((0, 6)), none, shared, empty, empty, empty)
+        by_six = np.empty((0, 6))
+        return ContourRuns(empty, empty, by_six, none, shared, by_six, empty, empty)
     stretches = Stretches.of(crossings, counted.kind)
     starts, n = stretches.starts, stretches.n
     by_offsets = crossings.by_offsets(counted.kind)
@@ -155,8 +157,8 @@ def _runs(
     gap = stretches.total(counted.gap_px * stretches.weights[0])
     reached = (np.abs(stretches.total(looked)) > _SATURATED * reach) & (gap == 0.0)
     variances[0] += np.where(reached, doubt_px2, 0.0)
-    by_scale = doubt.by_scale(jacobian, crossings.p_cam)
-    derivatives = jacobian, by_offsets, by_scale[:, None]
+    fields = by_fields(jacobian, crossings.p_cam, doubt.T_cam_model)
+    derivatives = jacobian, by_offsets, fields
     means, tilts = (
         _of(stretches, weight, counted.displacement_px - expected, derivatives)
         for weight in stretches.weights
@@ -171,14 +173,14 @@ def _runs(
     variances[0] += common
     variances[1] += common * n / np.maximum(stretches.spread, 0.5)
     rows = []
-    for power, (value, H, shared, scaled) in enumerate((means, tilts)):
+    for power, (value, H, shared, fields) in enumerate((means, tilts)):
         own, scatter = variances[power], by_scatter[power]
         variance = own + noise.outline_sd_px**2 * scatter
         innovation = doubt.variance(H) + variance
         innovation += ((shared * noise.outline_offset_sd_px) ** 2).sum(axis=1)
         kept = np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)
         kept &= n > power
-        picked_rows = (value, variance, H, counted.triangle[starts], shared, scaled[:, 0])
+        picked_rows = (value, variance, H, counted.triangle[starts], shared, fields)
         rows.append(tuple(part[kept] for part in (*picked_rows, own, scatter)))
     return ContourRuns(*(np.concatenate(part) for part in zip(*rows, strict=True)))
 
@@ -187,7 +189,7 @@ class _Measured(NamedTuple):
     value: FloatArray
     jacobian: FloatArray
     shared: FloatArray
-    by_scale: FloatArray
+    by_fields: FloatArray
 
 
 def _of(
@@ -197,7 +199,7 @@ def _of(
     derivatives: tuple[FloatArray, FloatArray, FloatArray],
 ) -> _Measured:
     """The means, or tilts, of stretches, and of derivatives by the pose, by the offsets of the
-    outline, and by the scale."""
+    outline, and by errors of the calibration."""
     parts = (displacement_px * weight, *(of * weight[:, None] for of in derivatives))
     return _Measured(*(stretches.total(part) for part in parts))
 

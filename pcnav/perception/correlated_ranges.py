@@ -62,7 +62,7 @@ def range_evidence(
 
     Args:
         jacobian: (n, 6) of the ranges by the pose.
-        residual: (n,) measured minus predicted, m.
+        residual: (n,) measured minus predicted, m; or several of them (n, m).
         field: (n, 3) as `face_field`.
         variance_m2: of the white noise of each.
         noise: what else errs.
@@ -80,9 +80,10 @@ def range_evidence(
         # Woodbury: (s^2 1 + B B^T)^-1, with three columns B.
         across = field.T @ np.column_stack([H, residual]) * weight
         inner = field.T @ field * weight + np.eye(3)
-        taken = np.linalg.solve(inner, across)
-        information = information - across[:, :-1].T @ taken[:, :-1]
-        vector = vector - across[:, :-1].T @ taken[:, -1]
+        taken, size = np.linalg.solve(inner, across), H.shape[1]
+        information = information - across[:, :size].T @ taken[:, :size]
+        correction = across[:, :size].T @ taken[:, size:]
+        vector = vector - correction.reshape(vector.shape)
         # H^T (s^2 1 + B B^T)^-1 B, transposed.
-        by_field = np.asarray(taken[:, :-1])
+        by_field = np.asarray(taken[:, :size])
     return FieldEvidence(Evidence(0.5 * (information + information.T), vector), by_field)

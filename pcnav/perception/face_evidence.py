@@ -15,7 +15,7 @@ from pcnav.target.satellite import Rectangle
 
 NO_FACE = -1
 """The place in the catalogue of surfaces that are on none of it."""
-_WITHOUT_RANGES = -2
+WITHOUT_RANGES = -2
 """Asks for the outline of all faces that have no ranges."""
 _NOWHERE = -3
 _MIN_PIXELS = 12
@@ -42,6 +42,8 @@ class FaceEvidence:
     """Of the range residuals about the face's own best fit."""
     with_shared: Evidence | None = None
     """The same with errors that the faces of the frame share as further unknowns, if there are."""
+    place: int = NO_FACE
+    """In the catalogue; `NO_FACE` or `WITHOUT_RANGES` of what is on none of it."""
 
     @property
     def joint(self) -> Evidence:
@@ -69,7 +71,7 @@ def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
     compared = np.isin(run_face, list(seen.ranges))
 
     def of_face(face: int) -> Evidence:
-        own = ~compared if face == _WITHOUT_RANGES else run_face == face
+        own = ~compared if face == WITHOUT_RANGES else run_face == face
         return Evidence.of(runs.value[own], runs.variance[own], jacobian[own])
 
     return of_face
@@ -92,12 +94,12 @@ def face_evidence(
         joint = reduce(Evidence.with_also, (of_face(face) for of_face in measured.values()))
         rectangle = None if face == NO_FACE else rectangles[face]
         fitted = fit.n_pixels, fit.chi_square_per_dof
-        faces.append(FaceEvidence(rectangle, *joint.of_pose, *fitted, joint))
+        faces.append(FaceEvidence(rectangle, *joint.of_pose, *fitted, joint, face))
     if faces and seen.is_beside_others and ModalityName.OUTLINE in measured:
         # Grazed faces have no ranges, but edges. Where others are hidden, they are needed.
-        rest = measured[ModalityName.OUTLINE](_WITHOUT_RANGES)
+        rest = measured[ModalityName.OUTLINE](WITHOUT_RANGES)
         if rest.information.any():
-            faces.append(FaceEvidence(None, *rest.of_pose, 0, float("nan"), rest))
+            faces.append(FaceEvidence(None, *rest.of_pose, 0, float("nan"), rest, WITHOUT_RANGES))
     return tuple(faces)
 
 

@@ -85,8 +85,8 @@ def _offsets(seen: SeenFrame, lever_m: float) -> tuple[dict[int, float], dict[in
 
 
 def lasting_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
-    """(6, 6) covariance of what errors of faces and outline add to the vector of a frame's
-    evidence of the pose.
+    """(6 + k, 6 + k) covariance of what errors of faces and outline add to the vector of a frame's
+    evidence of the pose and of the errors that it shares.
 
     Errors that last have a mean over the faces as well, of which no frame shows anything: it is as
     large as they are. ``used`` says which of the compared faces are.
@@ -94,22 +94,15 @@ def lasting_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
     seen, noise = comparison.seen, comparison.seen.noise
     size = POSE_SIZE + noise.n_shared
     covariance, mean = np.zeros((size, size)), np.zeros(size)
-    # Where faces were left out before, it is not known here which.
-    of_ranges = used if len(used) >= len(seen.ranges) else [True] * len(seen.ranges)
-    for fit, ok in zip(seen.ranges.values(), of_ranges, strict=False):
-        if ok and fit.by_field is not None:
+    places = comparison.places(used)
+    for face, fit in seen.ranges.items():
+        if face in places and fit.by_field is not None:
             covariance += fit.by_field.T @ fit.by_field
             mean += fit.by_field[0]
     covariance += np.outer(mean, mean)
     if noise.outline_sd_px > 0.0:
         covariance += _of_outline(seen)
-    together = Evidence.together(
-        (face.joint for face, ok in zip(comparison.faces, used, strict=True) if ok), noise.n_shared
-    )
-    shared = together.information[POSE_SIZE:, POSE_SIZE:] + np.eye(noise.n_shared)
-    cross = together.information[:POSE_SIZE, POSE_SIZE:]
-    of_pose = np.hstack([np.eye(POSE_SIZE), -np.linalg.solve(shared, cross.T).T])
-    return np.asarray(of_pose @ covariance @ of_pose.T)
+    return covariance
 
 
 def _of_outline(seen: SeenFrame) -> FloatArray:

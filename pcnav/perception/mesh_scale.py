@@ -12,10 +12,12 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import pixel_rays
+from pcnav.perception.calibration_fields import FIELD_NAMES, by_fields
 from pcnav.perception.modality import POSE_SIZE, SeenFrame
 from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX
 
-_N_OFFSETS = 4
+_N_OFFSETS, _N_FIELDS = 4, len(FIELD_NAMES)
+_SIZE = _N_OFFSETS + _N_FIELDS
 _LOOSE = 0.05
 """A pose found is off by less than this share of the target, or rad."""
 _FRAMES_ALIKE = 2.0
@@ -24,20 +26,23 @@ _MIN_FRAMES, _MAX_COMMON = 6, 20
 """A model that is wrong is so in all frames: so many together are no surer of it than one."""
 _EXACT = 3e-4
 """A mesh is right to this share of itself."""
+_NONE = 1e-9
+"""An error that is not there is known so well."""
 _CLEAR_ODDS = 9.0
 """Logarithm of the odds for another scale at which it is taken: 8,000 to one."""
 
 
 @dataclass(frozen=True)
 class ScaleBelief:
-    """What the frames so far tell of the offsets of the outline, which look alike, and of the
-    scale."""
+    """What the frames so far tell of the offsets of the outline, and of errors of the calibration,
+    which look alike: of the scale among them."""
 
     sd: float
     """How far the scale may be off, one standard deviation; 0 for a mesh that is right."""
-    information: FloatArray = field(default_factory=lambda: np.zeros((5, 5)))
-    """(5, 5) of the offsets in units of their prior deviation and of the scale, without priors."""
-    vector: FloatArray = field(default_factory=lambda: np.zeros(5))
+    information: FloatArray = field(default_factory=lambda: np.zeros((_SIZE, _SIZE)))
+    """(10, 10) of the offsets in units of their prior deviation and of the errors that
+    `pcnav.perception.calibration_fields` has the fields of, the scale last; without priors."""
+    vector: FloatArray = field(default_factory=lambda: np.zeros(_SIZE))
     frames: int = 0
 
     def with_frame(self, seen: SeenFrame, faces: Collection[int], lever_m: float) -> "ScaleBelief":
@@ -60,25 +65,40 @@ class ScaleBelief:
             frames=self.frames + 1,
         )
 
-    @property
-    def factor(self) -> float:
-        """By which the mesh is to be enlarged; 1 while that is not clear."""
+    def factor(self, calibration_sd: FloatArray) -> float:
+        """By which the mesh is to be enlarged; 1 while that is not clear.
+
+        ``calibration_sd`` (6,) are the deviations of the errors that may be there besides.
+        """
         if self.frames < _MIN_FRAMES or self.sd == 0.0:
             return 1.0
-        prior = np.append(np.ones(_N_OFFSETS), 1.0 / self.sd**2)
-        covariance = np.linalg.inv(self.information + np.diag(prior))
-        scale = float((covariance @ self.vector)[-1])
-        # What the frames alone say, so that it can be told which prior it suits.
-        told = 1.0 / max(1.0 / float(covariance[-1, -1]) - prior[-1], 1e-12)
-        told_scale = scale * told / float(covariance[-1, -1])
-        told *= min(self.frames, _MAX_COMMON)
+        scale, variance = self._told(calibration_sd)
+        alone = self._told(np.zeros(_N_FIELDS))[1]
+        # An error of the calibration is no more likely for being seen in many frames.
+        told = variance + (min(self.frames, _MAX_COMMON) - 1) * alone
         none, some = told + _EXACT**2, told + self.sd**2
-        odds = 0.5 * (told_scale**2 * (1.0 / none - 1.0 / some) - np.log(some / none))
-        return 1.0 + scale if odds > _CLEAR_ODDS else 1.0
+        odds = 0.5 * (scale**2 * (1.0 / none - 1.0 / some) - np.log(some / none))
+        return 1.0 + scale * self.sd**2 / (self.sd**2 + variance) if odds > _CLEAR_ODDS else 1.0
+
+    def sd_left(self, calibration_sd: FloatArray) -> float:
+        """How far the scale may still be off once the mesh is enlarged."""
+        told = self._told(calibration_sd)[1]
+        return float(self.sd * np.sqrt(told / (told + self.sd**2)))
+
+    def _told(self, calibration_sd: FloatArray) -> tuple[float, float]:
+        """The scale and its variance by the frames alone, where other errors may be so large."""
+        sd = np.concatenate(
+            [np.ones(_N_OFFSETS), np.maximum(calibration_sd[:-1], _NONE), [self.sd]]
+        )
+        covariance = np.linalg.inv(self.information + np.diag(sd**-2.0))
+        scale, variance = float((covariance @ self.vector)[-1]), float(covariance[-1, -1])
+        told = 1.0 / max(1.0 / variance - self.sd**-2.0, 1e-12)
+        return scale * told / variance, told
 
 
 def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
-    """(12, 12) products of what ranges say by pose, offsets, scale, and their residuals."""
+    """(17, 17) products of what ranges say by pose, offsets, errors of the calibration, and their
+    residuals."""
     residuals, rendered = seen.residuals, seen.rendered
     chosen = residuals.agrees & np.isin(residuals.face, list(faces))
     window, inside = rendered.window, residuals.inside
@@ -92,7 +112,7 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
         [
             jacobian,
             np.zeros((len(jacobian), _N_OFFSETS)),
-            seen.doubt.by_scale(jacobian, p_cam),
+            by_fields(jacobian, p_cam, seen.doubt.T_cam_model),
             residuals.residual_m[chosen],
         ]
     )
@@ -101,9 +121,9 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
 
 
 def _of_outline(seen: SeenFrame) -> FloatArray:
-    """(12, 12) the same of the outline."""
+    """(17, 17) the same of the outline."""
     runs = seen.contour
     value = runs.value + runs.shared @ np.array(seen.noise.outline_offset_px)
     shared = runs.shared * OUTLINE_PRIOR_SD_PX
-    rows = np.column_stack([runs.jacobian, shared, runs.by_scale, value])
+    rows = np.column_stack([runs.jacobian, shared, runs.by_fields, value])
     return np.asarray(rows.T @ (rows / runs.variance[:, None]))

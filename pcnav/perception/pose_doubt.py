@@ -33,13 +33,6 @@ class PoseDoubt:
         jacobian = np.hstack([gradient, np.cross(p_model, gradient @ R)])
         return jacobian if self.without_turns is None else jacobian @ self.without_turns
 
-    def by_scale(self, jacobian: FloatArray, p_cam: FloatArray) -> FloatArray:
-        """(n,) derivative by the share by which the target is larger about the model's origin: of
-        points of it (n, 3), by whose shift a quantity changes as the first three columns of its
-        derivative (n, 6) by the pose say."""
-        away = p_cam - self.T_cam_model[:3, 3]
-        return np.asarray(np.einsum("ij,ij->i", jacobian[:, :3], away))
-
     def variance(self, jacobian: FloatArray) -> FloatArray:
         """(n,) variance that the pose's error makes of quantities with derivatives (n, 6) by it."""
         return np.asarray(np.einsum("ij,ij->i", jacobian @ self.covariance, jacobian))

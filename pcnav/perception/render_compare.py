@@ -59,6 +59,10 @@ class Comparison:
     seen: SeenFrame
     """What they were measured in."""
 
+    def places(self, used: Sequence[bool]) -> frozenset[int]:
+        """In the catalogue, of those of its faces that were used, see `FaceEvidence.place`."""
+        return frozenset(f.place for f, ok in zip(self.faces, used, strict=True) if ok)
+
 
 def never(_: Agreement) -> bool:
     """No agreement is too little."""

@@ -16,6 +16,7 @@ from pcnav.config.table import Positive, Vector3
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixels_without_ray
 from pcnav.core.errors import InputError
+from pcnav.recordings.calibration import Calibration
 from pcnav.recordings.depth_form import PLAIN, DepthForm
 from pcnav.recordings.depth_image import (
     ImageSize,
@@ -147,6 +148,8 @@ class SequenceInfo:
     """None where nothing is known of it."""
     mesh_unit: LengthUnit | None = None
     """Unit of the mesh's coordinates, where the sequence states it."""
+    calibration: Calibration | None = None
+    """How well camera, clock and mesh are known; None where it is not stated."""
 
     def __post_init__(self) -> None:
         where = f"recording {self.name}"

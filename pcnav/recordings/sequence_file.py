@@ -2,6 +2,7 @@
 
 import math
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -13,6 +14,7 @@ from pcnav.config.table import NonNegative, Positive, StrictTable
 from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import read_toml_model
+from pcnav.recordings.calibration import NOT_STATED, Calibration
 from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs
 from pcnav.recordings.first_pose import prior_of, table_of
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
@@ -56,12 +58,41 @@ class _SensorTable(StrictTable):
         return DepthForm(self.invalid_depth, self.depth_is, model, self.distortion)
 
 
+class _CalibrationTable(StrictTable):
+    """What is not stated is as `Calibration` has it."""
+
+    focal_sd: NonNegative = NOT_STATED.focal_sd
+    centre_sd_px: NonNegative = NOT_STATED.centre_sd_px
+    range_offset_sd_m: NonNegative = NOT_STATED.range_offset_sd_m
+    range_scale_sd: NonNegative = NOT_STATED.range_scale_sd
+    mesh_scale_sd: NonNegative = NOT_STATED.mesh_scale_sd
+    stamp_jitter_sd_s: NonNegative = NOT_STATED.stamp_jitter_sd_s
+    time_offset_sd_s: NonNegative = NOT_STATED.time_offset_sd_s
+    mount_position_sd_m: NonNegative = NOT_STATED.mount_position_sd_m
+    mount_attitude_sd_deg: NonNegative = math.degrees(NOT_STATED.mount_attitude_sd_rad)
+
+    @property
+    def calibration(self) -> Calibration:
+        """What it says."""
+        stated = self.model_dump()
+        turn_rad = math.radians(stated.pop("mount_attitude_sd_deg"))
+        return Calibration(**stated, mount_attitude_sd_rad=turn_rad)
+
+    @staticmethod
+    def of(calibration: Calibration) -> "_CalibrationTable":
+        """The table that says it."""
+        stated = asdict(calibration)
+        turn_deg = math.degrees(stated.pop("mount_attitude_sd_rad"))
+        return _CalibrationTable(**stated, mount_attitude_sd_deg=turn_deg)
+
+
 class SequenceFile(StrictTable):
     """The tables of sequence.toml; an unknown key is an error."""
 
     sequence: _SequenceTable = _SequenceTable()
     orbit: _OrbitTable = _OrbitTable()
     sensor: _SensorTable = _SensorTable()
+    calibration: _CalibrationTable | None = None
     initial: InitialPrior | None = None
 
 
@@ -92,6 +123,7 @@ def read_sequence_file(
         camera_attitude_sd_rad=math.radians(sensor.camera_attitude_sd_deg),
         row_readout_s=sensor.row_readout_s,
         first_pose=prior_of(content.initial),
+        calibration=None if content.calibration is None else content.calibration.calibration,
     )
     return info, sensor.form
 
@@ -120,6 +152,8 @@ def write_sequence_file(path: Path, info: SequenceInfo, form: DepthForm = PLAIN)
         "orbit": {"mean_motion_rad_s": info.mean_motion_rad_s},
         "sensor": _sensor_table(info, form),
     }
+    if info.calibration is not None:
+        tables["calibration"] = _CalibrationTable.of(info.calibration).model_dump()
     initial = {} if info.initial is None else info.initial.model_dump(exclude_none=True)
     if info.first_pose is not None:
         initial |= table_of(info.first_pose).model_dump()

@@ -23,6 +23,7 @@ from pcnav.recordings.sequence import FirstPosePrior, Frame, SequenceInfo
 from pcnav.recordings.writer import write_sequence
 from pcnav.simulation.camera_pose import recorded_poses
 from pcnav.simulation.footprint import FootprintSampler
+from pcnav.simulation.miscalibration import Miscalibration, stated_calibration
 from pcnav.simulation.motion import TrueMotion, frame_times, true_motion
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.readout import RowTimes
@@ -63,6 +64,7 @@ class Scene:
     def of(pipeline: Pipeline, mesh: trimesh.Trimesh, source: Path | str = "pipeline") -> "Scene":
         """The scene of a pipeline. ``source`` is the file that an `InputError` names."""
         motion = true_motion(pipeline, source)
+        mesh = Miscalibration.of(pipeline).true_mesh(mesh)
         parts = scenery(pipeline, motion, mesh, source)
         # The truth of a frame is that of its true time, under the time that is recorded.
         times_s = recorded_times(motion.truth.time_s, pipeline.noise, pipeline.seed, source)
@@ -99,6 +101,7 @@ class Scene:
             camera_position_sd_m=pipeline.camera.position_sd_m,
             camera_attitude_sd_rad=float(np.deg2rad(pipeline.camera.attitude_sd_deg)),
             row_readout_s=pipeline.camera.row_readout_s,
+            calibration=stated_calibration(pipeline),
         )
 
     def __len__(self) -> int:
@@ -113,7 +116,8 @@ class Scene:
 
     def frames(self, blind: range = range(0)) -> Iterator[Frame]:
         """The depth frames one by one; those in ``blind`` have no returns."""
-        pipeline, camera = self.pipeline, self.pipeline.camera.pinhole
+        pipeline, stated = self.pipeline, self.pipeline.camera.pinhole
+        camera = Miscalibration.of(pipeline).true_camera(stated)
         poses, noise = self.truth.poses, pipeline.noise
         readout_s, row_times = pipeline.camera.row_readout_s, None
         if readout_s > 0.0:
@@ -129,7 +133,7 @@ class Scene:
                 view = footprint.sampled(renderer.render(k), renderer.poses(k))
                 systematic = errors.of_frame(view, k, time_s)
                 depth_m = add_sensor_faults(view, noise, pipeline.seed, k, systematic)
-            yield Frame(k, time_s, depth_m, camera, recorded[k], pixels_without_ray(camera))
+            yield Frame(k, time_s, depth_m, stated, recorded[k], pixels_without_ray(stated))
 
     def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
         """See `Simulation.write`; the same pipeline writes the same images, bit for bit."""

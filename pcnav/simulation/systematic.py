@@ -11,6 +11,7 @@ from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import pixel_rays, range_per_depth
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.simulation.miscalibration import Miscalibration
 from pcnav.simulation.noise import Systematic
 from pcnav.simulation.surroundings.part import Part
 from pcnav.simulation.surroundings.view import SceneView
@@ -39,6 +40,7 @@ class SystematicErrors:
     return_fractions: tuple[float, ...]
     """Of the parts."""
     false_span_m: tuple[float, float]
+    miscalibration: Miscalibration
 
     @staticmethod
     def of(
@@ -52,12 +54,15 @@ class SystematicErrors:
         # Of large meshes this takes long.
         uneven = noise.face_offset_sd_m > 0.0 or noise.face_tilt_sd_deg > 0.0
         face = flat_faces(mesh) if uneven else None
-        return SystematicErrors(noise, pipeline.seed, mesh, poses, face, shares, (low, high))
+        off = Miscalibration.of(pipeline)
+        return SystematicErrors(noise, pipeline.seed, mesh, poses, face, shares, (low, high), off)
 
     def of_frame(self, view: SceneView, k: int, time_s: float) -> Systematic:
         """Of the clean image of a frame."""
         error = self._frame_offset(k, time_s) + self._face_errors(view, k, time_s)
         error = error + self._multipath(view, k)
+        range_m = view.seen.depth_m.astype(np.float64) * range_per_depth(view.seen.camera)
+        error = error + self.miscalibration.range_error(range_m)
         return Systematic(error, self._lost(view, k), self.false_span_m)
 
     def _rng(self, *what: int) -> np.random.Generator:

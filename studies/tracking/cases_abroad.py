@@ -204,6 +204,13 @@ def _stated(factor: float) -> Callable[[Setting], Tables]:
     return lambda of: {"noise": {"stated_range_sigma_m": factor * of.sigma_m}}
 
 
+def _calibrated_to(is_stated: bool = True) -> Callable[[Setting], Tables]:
+    """As well as a good calibration does it, which a recording states or leaves open."""
+    errors = {"focal_sd": 0.002, "centre_sd_px": 0.5, "range_offset_sd_m": 0.005}
+    scales = {"range_scale_sd": 0.002, "mesh_scale_sd": 0.002}
+    return _set("miscalibration", **errors, **scales, is_stated=is_stated)
+
+
 def _all_of(*changes: Callable[[Setting], Tables]) -> Callable[[Setting], Tables]:
     def joined(of: Setting) -> Tables:
         tables: dict[str, dict[str, Any]] = {}
@@ -258,6 +265,9 @@ CASES: Mapping[str, AbroadCase] = {
     "mixed_wall": AbroadCase(_all_of(_WALL, _mixed), loses_information=True),
     "distorted": AbroadCase(_set("camera", distortion=(-0.25, 0.08, 0.001, -0.0005))),
     "jitter": AbroadCase(_set("noise", stamp_jitter_s=0.02), FAST, "fast"),
+    # How well it is calibrated.
+    "calibrated": AbroadCase(_calibrated_to(), loses_information=True),
+    "uncalibrated": AbroadCase(_calibrated_to(is_stated=False), loses_information=True),
     # How the target moves.
     "impulse": AbroadCase(_impulse),
     "torque": AbroadCase(_torque),

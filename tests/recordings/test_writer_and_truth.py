@@ -3,7 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from pcnav.dynamics.blocks import (
 )
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.bop import read_bop
+from pcnav.recordings.calibration import NOT_STATED, Calibration
 from pcnav.recordings.depth_form import DepthForm, DepthIs
 from pcnav.recordings.sequence import Frame, InitialPrior, SequenceInfo
 from pcnav.recordings.sequence_file import read_sequence_file, write_sequence_file
@@ -104,6 +105,23 @@ def test_round_trip(tmp_path: Path) -> None:
         np.testing.assert_allclose(frame.T_cam_world, original.T_cam_world, atol=1e-14)
     assert read_truth(path) is None
     assert sorted(p.name for p in path.parent.iterdir()) == ["seq"]
+
+
+def test_how_well_the_camera_is_known_comes_back(tmp_path: Path) -> None:
+    stated = Calibration(0.002, 0.5, mount_attitude_sd_rad=0.01, time_offset_sd_s=0.003)
+    write_sequence(
+        tmp_path / "seq", replace(info(), calibration=stated), STEP_M, map(example_frame, range(2))
+    )
+    found = read_bop(tmp_path / "seq").info.calibration
+    assert found is not None
+    assert asdict(found) == pytest.approx(asdict(stated), rel=1e-12)
+    write(tmp_path / "silent", 2)
+    assert read_bop(tmp_path / "silent").info.calibration is None
+    file = tmp_path / "silent" / "sequence.toml"
+    file.write_text(file.read_text(encoding="utf-8") + "\n[calibration]\nfocal_sd = 0.0\n")
+    partly = read_bop(tmp_path / "silent").info.calibration
+    # What is not stated is as of a recording that says nothing.
+    assert partly == replace(NOT_STATED, focal_sd=0.0)
 
 
 def test_files_are_a_plain_bop_scene(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_same_pipeline_same_bytes(tmp_path: Path, target: Target) -> None:
         Scene.showing(target, pipeline).write(tmp_path / name / "seq")
     Scene.showing(target, pipeline.model_copy(update={"seed": 4})).write(tmp_path / "c" / "seq")
     files = [p.relative_to(tmp_path / "a") for p in sorted((tmp_path / "a").rglob("*.*"))]
-    assert len(files) == 11
+    assert len(files) == 12
     for file in files:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
     image = Path("seq/depth/000000.png")

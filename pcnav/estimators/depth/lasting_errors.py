@@ -7,20 +7,19 @@ covariance of its error with an error of the frames' poses that is correlated in
 the products of different frames.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.state import R_HILL, STATE_SIZE, THETA_BODY
+from pcnav.dynamics.state import STATE_SIZE
+from pcnav.estimators.depth.calibration_errors import CalibrationErrors, SeenBy
+from pcnav.estimators.depth.influence import influence_of
 from pcnav.estimators.depth.measuring import Kalman
-from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_jacobian
+from pcnav.estimators.depth.pose_measurement import ObserverPose
 from pcnav.perception.lasting_errors import lasting_part
-from pcnav.perception.modality import POSE_SIZE, Evidence
-from pcnav.perception.render_compare import Comparison
-
-_FAINT = 1e-3
-"""What a frame tells of a pose is not its own where it is less than that of what is known."""
+from pcnav.perception.modality import POSE_SIZE
 
 
 @dataclass(frozen=True)
@@ -59,56 +58,51 @@ class LastingErrors:
         self._considered = Considered(
             np.zeros((STATE_SIZE, STATE_SIZE)), np.zeros((STATE_SIZE, POSE_SIZE))
         )
+        self._of_calibration = CalibrationErrors()
 
     @property
     def covariance(self) -> FloatArray:
         """(20, 20) beyond the filter's own."""
-        return self._considered.added
+        return self._considered.added + self._of_calibration.covariance
+
+    @property
+    def budget(self) -> Mapping[str, FloatArray]:
+        """(20, 20) of what it is made of, by name."""
+        return {"faces and outline": self._considered.added, **self._of_calibration.budget}
 
     def predict(self, kalman: Kalman) -> None:
         """Follow a filter that was just moved to the time of a frame."""
         if self._kalman is not None:
             self._considered = self._considered.predicted(kalman.transition)
+            self._of_calibration.predict(kalman.transition)
 
-    def take_in(
-        self,
-        kalman: Kalman,
-        observer: ObserverPose,
-        comparison: Comparison,
-        used: tuple[bool, ...],
-    ) -> None:
+    def take_in(self, kalman: Kalman, observer: ObserverPose, seen: SeenBy) -> None:
         """Follow a filter that was just updated with a compared frame.
 
         Args:
             kalman: the filter; where it is another than before, it begins anew.
             observer: where the camera was.
-            comparison: of the frame with the view.
-            used: which of its faces were.
+            seen: the frame, and what of it was used.
         """
         self._frames += 1
+        comparison, used = seen.comparison, seen.used
         noise, lever_m = comparison.seen.noise, 0.5 * comparison.seen.edges.diameter_m
         lasts = noise.has_face_errors or noise.outline_sd_px > 0.0
-        if not lasts and self._kalman is None:
+        if not lasts and seen.calibration.is_exact and self._kalman is None:
             return
-        J, P = pose_jacobian(kalman.state, observer), kalman.covariance
-        faces = zip(comparison.faces, used, strict=True)
-        together = Evidence.together((f.joint for f, ok in faces if ok), noise.n_shared)
-        information = together.of_pose.information
-        error = matrix_root(lasting_part(comparison, used), lever_m)
-        if kalman is self._kalman:
-            gain = P @ J.T
-            kept = np.eye(STATE_SIZE) - gain @ information @ J
-            self._considered = self._considered.updated(kept, gain @ error, noise.face_correlation)
-            return
+        is_first = kalman is not self._kalman
+        influence = influence_of(kalman, observer, comparison, used, is_first=is_first)
         self._kalman = kalman
-        # All frames so far saw the target as much off its place as this one: it moves as it seems
-        # to, but elsewhere.
-        known = _FAINT * np.linalg.inv(J @ P @ J.T)
-        pose, index = np.linalg.solve(information + known, error), np.r_[R_HILL, THETA_BODY]
-        moved = np.zeros((STATE_SIZE, POSE_SIZE))
-        moved[index] = np.linalg.solve(J[:, index], pose)
+        self._of_calibration.take_in(influence, kalman, observer, seen, self._frames)
+        error = matrix_root(
+            influence.of_pose @ lasting_part(comparison, used) @ influence.of_pose.T, lever_m
+        )
+        moved, correlation = influence.by_evidence @ error, noise.face_correlation
+        if not is_first:
+            self._considered = self._considered.updated(influence.kept, moved, correlation)
+            return
         share = 1.0 / self._frames
-        lasting = noise.face_correlation * (1.0 - share)
+        lasting = correlation * (1.0 - share)
         self._considered = Considered(lasting * moved @ moved.T, (lasting + share) * moved)
 
 

@@ -214,6 +214,15 @@ def pose_jacobian(state: NavigationState, observer: ObserverPose) -> FloatArray:
     return jacobian
 
 
+def pose_rate(state: NavigationState, observer: ObserverPose) -> FloatArray:
+    """(6,) by which the target's own motion changes its pose in the camera (as `pose_error`), m/s
+    and rad/s."""
+    R_cam_body = observer.T_cam_world[:3, :3] @ state.R_world_body
+    about_centre = np.cross(state.omega_body, -state.com_model)
+    of_origin = observer.R_cam_hill @ state.v_hill + R_cam_body @ about_centre
+    return np.concatenate([of_origin, state.omega_body])
+
+
 def pose_covariance(
     state: NavigationState, covariance: FloatArray, observer: ObserverPose
 ) -> FloatArray:

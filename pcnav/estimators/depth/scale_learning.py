@@ -1,12 +1,12 @@
 """Learns the size of the target from the frames of a track, and tells perception."""
 
 import logging
+from dataclasses import replace
 
 from pcnav.estimators.depth.views import FrameView
-from pcnav.perception.face_evidence import NO_FACE
 from pcnav.perception.mesh_scale import ScaleBelief
 from pcnav.perception.reading import FrameReader
-from pcnav.target.satellite import Target
+from pcnav.recordings.calibration import Calibration
 
 _log = logging.getLogger("pcnav")
 
@@ -14,11 +14,11 @@ _log = logging.getLogger("pcnav")
 class ScaleLearner:
     """By how much the target is larger than its mesh."""
 
-    def __init__(self, target: Target, reader: FrameReader, sd: float) -> None:
+    def __init__(self, reader: FrameReader, sd: float, calibration: Calibration) -> None:
         """``reader`` is told; ``sd`` is how far the mesh may be off, 0 for one that is right."""
         self._reader, self._belief = reader, ScaleBelief(sd)
-        self._faces: dict[str | None, int] = {None: NO_FACE}
-        self._faces.update((each.name, k) for k, each in enumerate(target.rectangles))
+        self.calibration = calibration
+        """How well all else is known, and the size of the target now."""
         self.factor = 1.0
         """By which the target is taken to be larger now."""
 
@@ -27,17 +27,15 @@ class ScaleLearner:
         comparison = view.comparison
         if comparison is None or self._belief.sd == 0.0:
             return False
-        used = {
-            self._faces[None if face.rectangle is None else face.rectangle.name]
-            for face, ok in zip(comparison.faces, accepted, strict=True)
-            if ok
-        }
-        lever_m = 0.5 * self._reader.diameter_m
+        lever_m, used = 0.5 * self._reader.diameter_m, comparison.places(accepted)
         self._belief = self._belief.with_frame(comparison.seen, used, lever_m)
-        change = self._belief.factor
+        others_sd = self.calibration.of_image(view.frame.camera)
+        change = self._belief.factor(others_sd)
         if change == 1.0:
             return False
         self._reader.rescale(change)
+        sd = max(self.calibration.mesh_scale_sd, self._belief.sd_left(others_sd))
+        self.calibration = replace(self.calibration, mesh_scale_sd=sd)
         # Frames that are compared at the new size tell what is left of it.
         self._belief = ScaleBelief(self._belief.sd)
         self.factor *= change

@@ -14,6 +14,7 @@ from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import MassBelief, PriorMass
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
+from pcnav.estimators.depth.calibration_errors import SeenBy
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
@@ -44,6 +45,7 @@ from pcnav.filtering.error_state import UpdateResult
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
+from pcnav.recordings.calibration import NOT_STATED
 from pcnav.recordings.frame_guard import FrameGuard
 from pcnav.recordings.sequence import (
     FirstPosePrior,
@@ -93,7 +95,8 @@ class Tracker(Estimator):
         self._reader = FrameReader(target, perception, noise, seed)
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._reader.row_readout_s = info.row_readout_s
-        self._scale = ScaleLearner(target, self._reader, perception.mesh_scale_sd)
+        calibration = info.calibration or NOT_STATED
+        self._scale = ScaleLearner(self._reader, perception.mesh_scale_sd, calibration)
         self._parts = PartLearner(target, self._reader)
         self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
@@ -265,6 +268,9 @@ class Tracker(Estimator):
         )
         self._track, self._has_tracked = track, True
         self._heed(track.motion)
+        if outcome.view.comparison is not None:
+            all_of_it = (True,) * len(outcome.view.comparison.faces)
+            self._consider(track, observer, outcome.view, all_of_it)
         return self._estimate(outcome.view, None, track.status, observer), outcome.view
 
     # Following.
@@ -307,8 +313,7 @@ class Tracker(Estimator):
     ) -> None:
         """Learn of the sensor's noise and of the target from a frame that was taken in."""
         if view.comparison is not None:
-            seen = view.comparison, result.accepted
-            track.lasting.take_in(track.motion.kalman, observer, *seen)
+            self._consider(track, observer, view, result.accepted)
         pose = pose_of(track.motion.kalman, observer)
         self._noise.learn(view, result.accepted, pose)
         track.recent.add(view, observer)
@@ -322,6 +327,14 @@ class Tracker(Estimator):
             is_other = True
         if is_other or track.recent.are_outdated:
             track.motion.take_in_again(track.recent.measured_again())
+
+    def _consider(
+        self, track: Track, observer: ObserverPose, view: FrameView, used: tuple[bool, ...]
+    ) -> None:
+        """Follow what lasting errors make of a frame that was taken in."""
+        assert view.comparison is not None, "it was compared"
+        seen = SeenBy(view.frame.camera, self._scale.calibration, view.comparison, used)
+        track.lasting.take_in(track.motion.kalman, observer, seen)
 
     def _go_on(
         self, frame: Frame, observer: ObserverPose, track: Track, updated: Updated

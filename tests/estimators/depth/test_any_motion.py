@@ -12,6 +12,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.tracker import Tracker
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import FirstPosePrior, Frame, SequenceInfo
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.status import Status
@@ -19,7 +20,7 @@ from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 
 SIGMA_M, STEP_S = 0.02, 0.2
-INFO = SequenceInfo("boxsat", 0.0, SIGMA_M, None)
+INFO = SequenceInfo("boxsat", 0.0, SIGMA_M, None, calibration=EXACT)
 CAMERA = PinholeCamera.from_field_of_view(160, 160, np.deg2rad(25.0))
 FIRST = make_transform(exp_rotation(np.array([0.4, 0.7, -0.5])), np.array([0.1, -0.1, 20.0]))
 

@@ -12,6 +12,7 @@ from pcnav.core.spatial import make_transform, rotation_angle
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.estimators.depth.fast_turns import slowest
 from pcnav.estimators.depth.tracker import Tracker
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.runs.status import Status
 from pcnav.target.rendering import DepthRenderer
@@ -58,7 +59,7 @@ def test_a_fast_tumble_is_started_by_the_frames_that_decide_it(
     boxsat: Target, turn_deg: float
 ) -> None:
     turned = attitudes(boxsat, turn_deg, 6)
-    info = SequenceInfo("boxsat", 0.0, SIGMA_M, None)
+    info = SequenceInfo("boxsat", 0.0, SIGMA_M, None, calibration=EXACT)
     tracker = Tracker(boxsat, info, PerceptionTable(), FilterTable(), seed=0)
     estimates = [tracker.step(frame) for frame in frames_of(boxsat, turned)]
     claimed = [k for k, each in enumerate(estimates) if each.status == Status.LOCKED]

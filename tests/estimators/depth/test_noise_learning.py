@@ -14,6 +14,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.perception.range_level import FaceLevel, RangeLevel, first_guess
 from pcnav.perception.sensor_noise import SensorNoise
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import SequenceInfo
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target, load_target
@@ -49,7 +50,7 @@ def learnt(target: Target, stated_m: float | None, seed: int = 5, **noise: objec
     """By a tracker that has seen a simulated recording."""
     scene = simulated(target, seed, **noise)
     pipeline = scene.pipeline
-    info = SequenceInfo("test", pipeline.orbit.mean_motion_rad_s, stated_m, None)
+    info = SequenceInfo("test", pipeline.orbit.mean_motion_rad_s, stated_m, None, calibration=EXACT)
     tracker = Tracker(target, info, PerceptionTable(), pipeline.filter, 1)
     for frame in scene:
         tracker.step(frame)

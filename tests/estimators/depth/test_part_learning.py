@@ -9,6 +9,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.tracker import Tracker
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
@@ -44,7 +45,7 @@ def followed(target: Target, *meshes: trimesh.Trimesh) -> tuple[list[tuple[str, 
     each, and the angle it is off by in the later half, rad."""
     renderers = [DepthRenderer(mesh, CAMERA) for mesh in meshes]
     rng, found, errors = np.random.default_rng(8), [], []
-    info = SequenceInfo("boxsat", 0.0, SIGMA_M, None)
+    info = SequenceInfo("boxsat", 0.0, SIGMA_M, None, calibration=EXACT)
     tracker = Tracker(target, info, PerceptionTable(), FilterTable(), 0)
     for k, T_cam_model in enumerate(POSES):
         depth_m = renderers[k * len(meshes) // FRAMES].render(T_cam_model).depth_m

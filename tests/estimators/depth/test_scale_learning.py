@@ -8,6 +8,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.tracker import Tracker
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
@@ -23,7 +24,7 @@ def followed(target: Target, factor: float, sd: float) -> tuple[float, float]:
     """The size that a tracker found, and its largest error, m, in the last frames."""
     renderer = DepthRenderer(target.scaled(factor).mesh, CAMERA)
     rng, errors = np.random.default_rng(8), []
-    info = SequenceInfo("boxsat", 0.0, SIGMA_M, None)
+    info = SequenceInfo("boxsat", 0.0, SIGMA_M, None, calibration=EXACT)
     tracker = Tracker(target, info, PerceptionTable(mesh_scale_sd=sd), FilterTable(), 0)
     for k, T_cam_model in enumerate(POSES):
         depth_m = renderer.render(T_cam_model).depth_m

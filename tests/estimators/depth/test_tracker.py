@@ -16,6 +16,7 @@ from pcnav.core.spatial import rotation_angle
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.measuring import AGREES
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES
@@ -248,9 +249,8 @@ def test_a_symmetric_target_is_called_ambiguous_and_its_group_told(
 ) -> None:
     pipeline = shortened(read_pipeline(repository / "pipelines" / "twinwing.toml"), 8)
     twinwing = recorded(load_target(repository / "meshes" / "twinwing.obj"), pipeline)
-    info = SequenceInfo(
-        "twinwing", pipeline.orbit.mean_motion_rad_s, pipeline.noise.range_sigma_m, None
-    )
+    stated = pipeline.orbit.mean_motion_rad_s, pipeline.noise.range_sigma_m
+    info = SequenceInfo("twinwing", *stated, None, calibration=EXACT)
     caplog.set_level(logging.INFO, logger="pcnav")
     tracker = tracker_of(twinwing.target, info)
     words = [tracker.step(frame).status for frame in twinwing.frames]

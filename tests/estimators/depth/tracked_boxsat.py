@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.estimators.depth.tracker import Tracker
+from pcnav.recordings.calibration import EXACT
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.runs.estimate import Estimate
 from pcnav.simulation.motion import TrueMotion, true_motion
@@ -33,7 +34,7 @@ PIPELINE = Pipeline.model_validate(
     }
 )
 SIGMA_M = PIPELINE.noise.range_sigma_m
-INFO = SequenceInfo("boxsat", PIPELINE.orbit.mean_motion_rad_s, SIGMA_M, None)
+INFO = SequenceInfo("boxsat", PIPELINE.orbit.mean_motion_rad_s, SIGMA_M, None, calibration=EXACT)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,55 @@
+"""Errors of the calibration, considered by a tracker: recordings of a camera that has them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcnav.config.sensors import MiscalibrationTable
+from pcnav.core.arrays import FloatArray
+from pcnav.recordings.calibration import EXACT, Calibration
+from pcnav.recordings.sequence import SequenceInfo
+from pcnav.simulation.depth import Scene
+from pcnav.target.satellite import Target
+from studies.following import follow
+from tests.estimators.depth.tracked_boxsat import PIPELINE
+
+OFF = MiscalibrationTable(
+    focal_sd=0.002,
+    centre_sd_px=0.5,
+    range_offset_sd_m=0.005,
+    range_scale_sd=0.002,
+    mesh_scale_sd=0.002,
+)
+
+
+class ToldSo(Scene):
+    """A recording that states another calibration than its own."""
+
+    told: Calibration | None = None
+
+    @property
+    def info(self) -> SequenceInfo:
+        return replace(super().info, calibration=self.told)
+
+
+def nees(target: Target, seed: int, told: Calibration | None) -> FloatArray:
+    """Of the poses claimed, over their six degrees of freedom."""
+    shorter = PIPELINE.scenario.model_copy(update={"frames": 10})
+    changes = {"seed": seed, "miscalibration": OFF, "scenario": shorter}
+    scene = Scene.showing(target, PIPELINE.model_copy(update=changes))
+    told_so = ToldSo(scene.pipeline, scene.motion, scene.mesh, scene.parts)
+    object.__setattr__(told_so, "told", told)
+    found = follow(told_so, target)
+    assert found.claims.any()
+    return np.asarray(found.pose_nees[found.claims] / 6.0)
+
+
+@pytest.mark.parametrize("seed", [2])
+def test_a_camera_that_is_off_has_deviations_that_say_so(boxsat: Target, seed: int) -> None:
+    stated = Calibration(0.002, 0.5, 0.005, 0.002, 0.002, 0.0)
+    # 99.9 % of six components; of one draw a recording, all its frames are off by as much.
+    assert np.median(nees(boxsat, seed, stated)) < 22.5 / 6.0
+    # Half of these is what a recording is taken for that says nothing.
+    assert np.median(nees(boxsat, seed, None)) < 4.0 * 22.5 / 6.0
+    assert np.median(nees(boxsat, seed, EXACT)) > 500.0
