@@ -94,6 +94,10 @@ class Tracker:
 
         Raises `InputError` for what cannot be.
         """
+        given: object = target
+        if not isinstance(given, Target):
+            expected = f"expected one of Target.from_mesh, got {type(target).__name__}"
+            raise InputError("Tracker", "target", expected)
         self._arrays = DepthArrays.of(camera, depth_unit, depth_is, invalid_depth)
         self._info = SequenceInfo(name, mean_motion_rad_s, range_sigma_m, None)
         self._as_run = _settings(pipeline or Pipeline(), estimator, range_sigma_m)
@@ -159,7 +163,8 @@ class Tracker:
                 inertial world; without it the camera rests. In every frame or in none.
             mask: (height, width) of bool, pixels that may show the target; by default all.
 
-        Raises `InputError` for a frame that cannot be; it is as if it had never come.
+        Raises `InputError` for a frame that cannot be, which is then as if it had never come, and
+        where target and depths are of sizes that differ by far.
         """
         where, index = f"frame {len(self)}", len(self)
         time_s, zero_s = self._time(where, t)
@@ -172,7 +177,13 @@ class Tracker:
         )
         if mask is not None:
             frame = restricted(frame, Region(mask=np.asarray(mask)))
-        estimate = self._navigation.step(restricted(frame, self._region))
+        try:
+            estimate = self._navigation.step(restricted(frame, self._region))
+        except InputError as error:
+            if error.field != "units":
+                raise
+            hint = "; Target.from_mesh(unit=...) and Tracker(depth_unit=...) say which they are in"
+            raise InputError(error.file, error.field, error.expected + hint) from error
         # Nothing is remembered of a frame that was refused.
         self._arrays, self._zero_s = arrays, zero_s
         self._estimates.append(estimate)

@@ -106,6 +106,7 @@ def test_what_is_saved_is_what_a_run_on_the_same_frames_writes(
     assert run.pipeline.time_zero_s == EPOCH_S
     assert run.trajectory.poses[-1] == pytest.approx(found[-1].pose, abs=1e-12)
     assert repr(run) == "<Run run: 6 frames of depth (2 acquiring, 4 locked)>"
+    assert repr(run.trajectory).startswith("<Trajectory of r_hill, v_hill, ")
     # Moved together, both are still found, and the mesh that was no file with them.
     (tmp_path / "elsewhere").mkdir()
     moved = (tmp_path / "elsewhere" / "run", tmp_path / "elsewhere" / "frames")
@@ -178,6 +179,8 @@ def test_a_frame_that_cannot_be_is_refused_in_one_line_and_forgotten(
     [
         ({"camera": K.T}, "is it transposed?"),
         ({"camera": np.eye(4)}, "got an array of shape (4, 4)"),
+        ({"camera": "cam0"}, "expected a camera matrix"),
+        ({"target": "satellite.stl"}, "expected one of Target.from_mesh, got str"),
         ({"camera": -K}, "focal lengths above 0"),
         ({"depth_unit": "metre"}, "expected one of mm, cm, in, ft, m"),
         ({"depth_unit": -1.0}, "metres above 0"),
@@ -192,7 +195,7 @@ def test_a_tracker_that_cannot_be_is_refused_in_one_line(
     target: pcnav.Target, options: dict, words: str
 ) -> None:
     with pytest.raises(pcnav.InputError) as refused:
-        pcnav.Tracker(target, **{"camera": K, **options})
+        pcnav.Tracker(**{"target": target, "camera": K, **options})
     assert words in str(refused.value)
 
 
@@ -202,11 +205,26 @@ def test_meshes_of_any_make_are_one_target(scene: Scene, target: pcnav.Target) -
     assert np.array_equal(same.mesh.triangles, target.mesh.triangles)
     shipped = pcnav.Target.from_mesh("boxsat")
     assert repr(shipped).startswith("<Target boxsat: ")
-    for bad, words in (((arrays[0], arrays[0]), "which are indices"), ("no.stl", "found none")):
+    for bad, words in (
+        ((arrays[0], arrays[0]), "which are indices"),
+        (arrays[0], "got ndarray"),
+        ("no.stl", "found none"),
+    ):
         with pytest.raises(pcnav.InputError, match=words):
-            pcnav.Target.from_mesh(bad)
+            pcnav.Target.from_mesh(bad)  # type: ignore[arg-type]
     with pytest.raises(pcnav.InputError, match="expected one of mm"):
         pcnav.Target.from_mesh(scene.mesh, unit="km")
+
+
+def test_units_that_were_forgotten_are_asked_for(
+    scene: Scene, target: pcnav.Target, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("WARNING", logger="pcnav")
+    kilometres = pcnav.Target.from_mesh(scene.mesh)
+    assert "is the mesh in millimetres" in caplog.text
+    for wrong, scale in ((kilometres, 1.0), (target, 1e3)):
+        with pytest.raises(pcnav.InputError, match=r"Tracker\(depth_unit=...\)"):
+            pcnav.Tracker(wrong, K).step(scale * scene.depths[0], 0.0)
 
 
 def test_a_mask_leaves_nothing_else_and_ranges_become_depths(

@@ -33,6 +33,8 @@ from pcnav.cli.recording_options import (
     with_recording_options,
 )
 from pcnav.config.length_unit import LengthUnit
+from pcnav.files.new_folder import refuse_unless_replaceable
+from pcnav.runs.result_files import STATES_FILE
 
 if TYPE_CHECKING:
     from pcnav.config.first_pose import FirstPoseTable
@@ -131,6 +133,10 @@ def run(
 
     Example: `pcnav run runs/boxsat -o runs/boxsat-result`
     """
+    folder = dated_folder(sequence, datetime.now()) if out is None else out
+    if not overwrite:
+        # Before anything heavy is imported.
+        refuse_unless_replaceable(folder.resolve(), overwrite, STATES_FILE)
     from pcnav.core.errors import InputError
     from pcnav.recordings.first_pose import parsed_first_pose
 
@@ -148,7 +154,6 @@ def run(
         **{"camera_topic": camera_topic, "object": object_},
         **{"start": start, "frames": frames, "every": every},
     }
-    folder = dated_folder(sequence, datetime.now()) if out is None else out
     found = run_into(
         *(sequence, target, pipeline, folder, overwrite, port if view else None, estimator, first),
         frame_options=frame_options,

@@ -16,11 +16,12 @@ from pcnav.files.toml_file import tables_of
 
 _WIDTH = 96
 _BOUNDS = {
-    "exclusiveMinimum": "above {:,}",
-    "minimum": "{:,} or more",
-    "exclusiveMaximum": "below {:,}",
-    "maximum": "{:,} or less",
+    **dict.fromkeys(("exclusiveMinimum", "gt"), "above {:,}"),
+    **dict.fromkeys(("minimum", "ge"), "{:,} or more"),
+    **dict.fromkeys(("exclusiveMaximum", "lt"), "below {:,}"),
+    **dict.fromkeys(("maximum", "le"), "{:,} or less"),
 }
+"""As a schema calls them, and as pydantic does behind a check of its own."""
 _HEAD = """\
 # A pipeline file: every key, at {values}.
 # Keys that are commented out have no value; a file of your own needs no more than what differs.

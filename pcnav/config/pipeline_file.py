@@ -168,7 +168,8 @@ class Pipeline(Table):
             unsaid |= set(read)
         unsaid = {name for name in unsaid if getattr(self, name) == getattr(default, name)}
         # The orbit of a run on a recording is the recording's.
-        orbit = {"orbit"} if self.sequence is None else set()
+        of_none = self.sequence is None and self.orbit != default.orbit
+        orbit = ("orbit",) if of_none else ()
         names = {*_OF_A_RUN, *read, *orbit} - unsaid if of_a_run else None
         return self.model_dump(mode="json", exclude_none=True, include=names)
 

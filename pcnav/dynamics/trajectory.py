@@ -9,7 +9,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.dynamics.blocks import Block, Layout
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """Values of named blocks over time; nan in frames without a value."""
 
@@ -27,6 +27,10 @@ class Trajectory:
     T_cam_target: FloatArray | None = None
     """(n, 4, 4) pose in the camera: of the model frame where there is a model, else of the body
     axes at the mass centre; None where no pose is known."""
+
+    def __repr__(self) -> str:
+        lasts = f"{self.time_s[0]:.12g} to {self.time_s[-1]:.12g} s" if len(self) else "no time"
+        return f"<Trajectory of {', '.join(self.values) or 'poses'}: {len(self)} times, {lasts}>"
 
     def __len__(self) -> int:
         return len(self.time_s)

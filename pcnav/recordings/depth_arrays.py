@@ -116,8 +116,12 @@ def _metres_of(unit: DepthUnit) -> float | None:
 
 
 def _checked_matrix(camera: npt.ArrayLike) -> FloatArray:
-    K = np.asarray(camera, dtype=np.float64)
     expected = "expected a camera matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] or a PinholeCamera"
+    try:
+        K = np.asarray(camera, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        got = f"got {type(camera).__name__}"
+        raise InputError("Tracker", "camera", f"{expected}, {got}") from error
     if K.shape != (3, 3):
         raise InputError("Tracker", "camera", f"{expected}, got an array of shape {K.shape}")
     if not (np.isfinite(K).all() and K[0, 0] > 0.0 and K[1, 1] > 0.0):

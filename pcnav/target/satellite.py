@@ -1,5 +1,6 @@
 """The target satellite: its mesh, rectangle catalogue, symmetry group and mass properties."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -57,6 +58,7 @@ __all__ = [
     "write_target_toml",
 ]
 
+_LOG = logging.getLogger("pcnav")
 _SAME_ANGLE_RAD, _SAME_SHIFT_FRACTION = 0.05, 0.03
 """A motion so near to a symmetry is that symmetry."""
 _NAME_POSITION_FRACTION = 0.01
@@ -110,10 +112,14 @@ class Target:
         stated = None if unit is None else LengthUnit.named(unit)
         if isinstance(mesh, Path | str):
             shipped = None if Path(mesh).is_file() else shipped_mesh(str(mesh))
-            return load_target(shipped or Path(mesh), stated)
-        mesh_file = mesh_of_program(mesh, name, stated)
-        found = _target_of(Path(name), mesh_file, Path(name), Sidecar())
-        return replace(found, as_given=mesh_file.mesh)
+            found = load_target(shipped or Path(mesh), stated)
+        else:
+            mesh_file = mesh_of_program(mesh, name, stated)
+            found = _target_of(Path(name), mesh_file, Path(name), Sidecar())
+            found = replace(found, as_given=mesh_file.mesh)
+        if found.mesh_origin.unit_doubt is not None:
+            _LOG.warning("%s: %s", found.name, found.mesh_origin.unit_doubt)
+        return found
 
     @property
     def com_model(self) -> FloatArray:

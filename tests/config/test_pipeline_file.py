@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
 from pcnav.config.pipeline_file import EstimatorKind, EstimatorTable, Pipeline, read_pipeline
 from pcnav.config.scenario import OrbitModel
+from pcnav.config.sensors import CameraTable
 from pcnav.config.table import Table
 from pcnav.core.errors import InputError
 
@@ -298,3 +299,9 @@ def test_an_estimator_may_bring_its_own_settings(tmp_path: Path) -> None:
     path.write_text('[estimator]\nkind = "momentum"\nwindows = 5\n')
     with pytest.raises(InputError, match=r"estimator\.windows: unknown key"):
         read_pipeline(path).estimator.settings(Own, path)
+
+
+def test_a_pipeline_shows_what_differs_from_the_defaults() -> None:
+    shown = repr(Pipeline(seed=3, camera=CameraTable(width_px=64)))
+    assert shown == "Pipeline(seed=3, camera=CameraTable(width_px=64))"
+    assert repr(Pipeline()) == "Pipeline()"

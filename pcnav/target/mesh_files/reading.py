@@ -4,7 +4,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -96,7 +96,7 @@ def mesh_of_program(geometry: Geometry, name: str, unit: LengthUnit | None = Non
 
     ``name`` is what an `InputError` calls it, which is raised for what holds no triangles.
     """
-    where = Path(name)
+    where, given = Path(name), cast(object, geometry)
     if isinstance(geometry, tuple):
         vertices, faces = (np.asarray(array) for array in geometry)
         if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or faces.dtype.kind not in "iu":
@@ -105,6 +105,9 @@ def mesh_of_program(geometry: Geometry, name: str, unit: LengthUnit | None = Non
             raise InputError(where, "mesh", f"{expected}; {got}")
         corners = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.intp)
         parts = [_Part(*corners, None)] if len(faces) else []
+    elif not isinstance(given, trimesh.Trimesh | trimesh.Scene):
+        expected = "expected a path, a trimesh.Trimesh or Scene, or (vertices, faces)"
+        raise InputError(where, "mesh", f"{expected}, got {type(geometry).__name__}")
     else:
         scene = geometry if isinstance(geometry, trimesh.Scene) else trimesh.Scene([geometry])
         parts = [part for part in _parts_of_scene(where, scene) if len(part.faces)]
