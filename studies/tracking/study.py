@@ -10,7 +10,17 @@ from ..folder import Study
 from ..tables import verdict
 from ..text import study_of
 from ..work import Work
-from . import abroad, another_cad, any_shape, blackouts, consistency, faults, few_returns, starts
+from . import (
+    abroad,
+    another_cad,
+    any_shape,
+    blackouts,
+    consistency,
+    faults,
+    few_returns,
+    foreign_mass,
+    starts,
+)
 from .blackouts import Phases
 
 RUNS = 100
@@ -24,6 +34,7 @@ _STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD, _RUNS_PE
 )
 _RUNS_PER_FEW = 3
 _RUNS_PER_CAD = 20
+_RUNS_PER_FOREIGN = 8
 _QUICK_RUNS = 5
 
 
@@ -70,6 +81,12 @@ def study(runs: int, work: Work) -> Study:
     repeated = work.repeat(
         track, consistency.NAME, {consistency.NAME: ()}, runs, lengths.consistency
     )
+    foreign_track = partial(foreign_mass.run_foreign, frames=lengths.consistency)
+    foreigners = foreign_mass.QUICK_CASES if lengths == _QUICK else foreign_mass.CASES
+    foreign = work.repeat(
+        *(foreign_track, foreign_mass.NAME, foreigners),
+        *(max(2, runs // _RUNS_PER_FOREIGN), lengths.consistency),
+    )
     disturbed = work.repeat(disturb, faults.NAME, faults.CASES, fewer, lengths.faults)
     away = work.repeat(go_abroad, abroad.NAME, scenes, fewest, lengths.abroad)
     shapes = any_shape.QUICK_CASES if lengths == _QUICK else any_shape.CASES
@@ -92,6 +109,7 @@ def study(runs: int, work: Work) -> Study:
         *(claim for own in cold.by_case.values() for claim in starts.claims(own)),
         *(claim for own in dark.by_case.values() for claim in blackouts.claims(own)),
         *consistency.claims(judged),
+        *foreign_mass.claims(foreign.by_case),
         *faults.claims(disturbed.by_case),
         *abroad.claims(away.by_case),
         *any_shape.claims(shaped.results),
@@ -111,6 +129,7 @@ def study(runs: int, work: Work) -> Study:
             *starts.tables(cold.by_case),
             *blackouts.tables(dark.by_case),
             *consistency.tables(judged),
+            *foreign_mass.tables(foreign.by_case),
             *faults.tables(disturbed.by_case),
             *abroad.tables(away.by_case),
             *any_shape.tables(shaped.by_case),
