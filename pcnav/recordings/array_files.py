@@ -1,12 +1,14 @@
 """Arrays in .npy and .npz files, one slice at a time: memory does not grow with their lengths."""
 
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from threading import Lock
+from tokenize import TokenError
 from typing import IO, Any
 from weakref import finalize
 
@@ -16,7 +18,11 @@ import numpy.typing as npt
 from pcnav.core.errors import InputError
 
 Array = npt.NDArray[Any]
-_DAMAGED = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError)
+_DAMAGED = (
+    *(OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError),
+    *(zlib.error, TokenError, SyntaxError, RuntimeError, OverflowError, MemoryError),
+)
+"""What NumPy's parser of headers and the archive's decompression raise."""
 _MAX_WHOLE_BYTES = 64_000_000
 """Of an array that is read at once: times, cameras and poses."""
 
@@ -115,7 +121,7 @@ class ArrayFile:
         return self._archive.getinfo(self._members[name]).file_size
 
     def _damaged(self, error: Exception) -> InputError:
-        why = getattr(error, "strerror", None) or error
+        why = str(getattr(error, "strerror", None) or error)[:200]
         return InputError(self._path, "file", f"expected undamaged NumPy arrays ({why})")
 
 

@@ -330,6 +330,18 @@ def _npz(**arrays: np.ndarray) -> Callable[[Path], Path]:
     return write
 
 
+def _header(words: str) -> Callable[[Path], Path]:
+    """An array whose header says something, with hardly anything behind it."""
+
+    def write(folder: Path) -> Path:
+        text = words.encode() + b"\n"
+        size = len(text).to_bytes(2, "little")
+        (folder / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + size + text + b"\x00" * 9)
+        return folder / "a.npy"
+
+    return write
+
+
 def _text(name: str, text: str) -> Callable[[Path], Path]:
     """A folder with one image and another file."""
 
@@ -354,6 +366,8 @@ K = np.array([[20.0, 0.0, 3.5], [0.0, 21.0, 2.5], [0.0, 0.0, 1.0]])
         (_npz(depth=DEPTH, K=K, time_s=np.array([0.0, 1e15])), ("time stamp", "seconds")),
         (_npz(depth=DEPTH, K=K, T_cam_world=np.ones((2, 4, 4))), ("T_cam_world[0]", "rigid")),
         (_npz(depth=DEPTH.astype(object)), ("file", "undamaged NumPy arrays")),
+        (_header("{'descr': '<f4', 'shape': (2, 6, (8)"), ("file", "undamaged NumPy arrays")),
+        (_header("{'descr': '<f4', 'fortran_order': False, 'shape': (9, 99, 99)}"), ("early",)),
         (_text("depth_camera.toml", "fx = 1.0"), ("depth_camera.toml", "fy", "missing")),
         (_text("depth_camera.json", '{"K": [1, 2]}'), ("K", "expected nine numbers")),
         (_text("depth_camera.json", "[" * 9999), ("depth_camera.json", "JSON")),
@@ -373,3 +387,15 @@ def test_what_is_wrong_is_said_in_one_line(
     assert all(word in message for word in words), message
     assert str(tmp_path) in message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", ["npz", "tum", "mcap", "bag of ROS 1"])
+def test_the_real_cube_is_the_same_through_every_reader(
+    name: str, shared_data: Path, tmp_path: Path
+) -> None:
+    cube = shared_data / "real" / "cube"
+    found = open_sequence(WRITERS[name](Scene(cube, 3), tmp_path / "cube"))
+    ours = open_sequence(cube, table=RecordingTable(frames=3))
+    expect_same(found, ours)
+    for a, b in zip(found, ours, strict=True):
+        assert np.array_equal(a.depth_m, b.depth_m)
