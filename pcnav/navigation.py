@@ -243,6 +243,7 @@ class Navigation:
             mesh_scale=self.estimator.mesh_scale,
             orbit=orbit,
             prior=self.estimator.prior,
+            budget=self.estimator.budget,
             warnings=warnings,
             state=state,
         )

@@ -1,7 +1,7 @@
 """What every estimator is given, what it answers, and what is known of it beforehand."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -123,6 +123,12 @@ class Estimator(ABC):
     def mesh_scale(self) -> float:
         """By which the target was found to be larger than its mesh."""
         return 1.0
+
+    @property
+    def budget(self) -> Mapping[str, FloatArray]:
+        """(n, n) covariances by the name of what makes them, which add up to that of the last
+        estimate that it stood for, in the order of its layout; empty where they are not known."""
+        return {}
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from pcnav.evaluation.metrics import Metrics
 from pcnav.files.text_table import TextTable, number
 from pcnav.report.answer import answer_cards, answer_line, answer_table
+from pcnav.report.budget import budget_table
 from pcnav.report.content import ReportContent
 from pcnav.report.evaluation import against_the_truth, consistency, information_gain
 from pcnav.report.figures import drawing
@@ -99,8 +100,14 @@ def _provenance(content: ReportContent) -> list[Piece]:
     ]
 
 
+def _budget(content: ReportContent) -> list[Piece]:
+    table = budget_table(content.answer)
+    return [] if table is None else [table]
+
+
 SECTIONS: dict[str, Callable[[ReportContent], list[Piece]]] = {
     "Answer": _answer,
+    "Error budget": _budget,
     "Consistency": consistency,
     "Against the truth": against_the_truth,
     "Summary": _summary,

@@ -177,3 +177,18 @@ def test_the_page_on_the_file_names_every_field(repository: Path) -> None:
         assert set(model.model_fields) <= told, model.__name__
     keys = {key for key in findings(found_of(np.diag(SD**2))) if not key.startswith("principal_a")}
     assert keys <= told
+
+
+def test_the_squares_of_a_budget_add_up_to_those_of_its_deviation() -> None:
+    P = covariance()
+    share = np.random.default_rng(3).uniform(0.2, 0.8)
+    unseen = np.zeros((20, 20))
+    parts = {"noise": share * P, "calibration": (1.0 - share) * P, "mount": unseen}
+    told = findings(replace(found_of(P), budget=parts))
+    stated = {name: each for name, each in told.items() if each.sd is not None}
+    assert "range_m" in stated and "momentum_direction_world" in stated
+    for each in stated.values():
+        assert each.budget is not None and list(each.budget) == ["noise", "calibration"]
+        squares = np.sum(np.square(list(each.budget.values())), axis=0)
+        assert squares == pytest.approx(np.square(each.sd), rel=1e-9)
+    assert findings(found_of(P))["range_m"].budget is None

@@ -3,6 +3,7 @@
 import copy
 import logging
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +13,7 @@ from pcnav.config.depth import FilterTable, Measurements, PerceptionTable
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import MassBelief, PriorMass
-from pcnav.dynamics.state import ratio_covariance
+from pcnav.dynamics.state import NavigationState, ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
 from pcnav.estimators.depth.calibration_errors import SeenBy
 from pcnav.estimators.depth.camera_noise import CameraNoise
@@ -114,6 +115,7 @@ class Tracker(Estimator):
         self._remarks: list[str] = []
         self._best_view: tuple[Estimate, FrameView] | None = None
         self._has_tracked = False
+        self._last_claim: tuple[NavigationState, Mapping[str, FloatArray]] | None = None
         self._guard, self._repeats = FrameGuard(target.diameter_m), Repeats()
 
     @property
@@ -145,6 +147,14 @@ class Tracker(Estimator):
     def remarks(self) -> tuple[str, ...]:
         """What it said while it ran: that the frames contradict what was stated of the mass."""
         return tuple(self._remarks)
+
+    @property
+    def budget(self) -> Mapping[str, FloatArray]:
+        """See `Estimator.budget`."""
+        if self._last_claim is None:
+            return {}
+        state, parts = self._last_claim
+        return {name: ratio_covariance(state, part) for name, part in parts.items()}
 
     @property
     def prior(self) -> PriorMass | None:
@@ -476,6 +486,9 @@ class Tracker(Estimator):
         if track is None:
             return estimate
         kalman, seen = track.motion.kalman, view.T_cam_seen
+        if status in (Status.LOCKED, Status.AMBIGUOUS):
+            own = {"noise, motion and prior": track.motion.reported_covariance}
+            self._last_claim = kalman.state, {**own, **track.lasting.budget}
         return replace(
             estimate,
             values=kalman.state.values,

@@ -1,7 +1,7 @@
 """The quantities of a final estimate, whatever blocks its state has."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -56,6 +56,8 @@ class Found:
     """(4, 4)"""
     R_hill_world: FloatArray | None = None
     """(3, 3) at its time; None where there is no Hill frame."""
+    budget: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(n, n) parts of the covariance, by what makes them."""
 
     def has(self, *blocks: Block) -> bool:
         """Whether all of these are estimated, with deviations."""
@@ -141,7 +143,7 @@ def _attitude(found: Found, R: FloatArray, frame: str) -> Finding:
     rows = np.eye(found.layout.size)[found.layout.slice_of(ATTITUDE)]
     verdicts = tuple(found.sources.verdict(row, MAX_ANGLE_SD_RAD) for row in rows)
     stated = {"sd_unit": "deg", "sd": _sds(found, rows, _TO_DEG), "verdicts": verdicts}
-    return bare.model_copy(update=stated)
+    return bare.model_copy(update={**stated, "budget": _budget(found, rows, _TO_DEG)})
 
 
 def _block(found: Found, block: Block) -> dict[str, Finding]:
@@ -191,6 +193,7 @@ def _direction(
         sd_unit="deg",
         sd=(sd * _TO_DEG,),
         verdicts=(found.sources.verdict(weights, MAX_ANGLE_SD_RAD),),
+        budget=_budget(found, weights[None], _TO_DEG),
     )
 
 
@@ -212,6 +215,7 @@ def _vector(
         sd_unit=unit,
         sd=_sds(found, at.jacobian),
         verdicts=tuple(found.sources.verdict(row, max_sd) for row in at.jacobian),
+        budget=_budget(found, at.jacobian),
     )
 
 
@@ -233,8 +237,17 @@ def _bare(found: Found, name: _Name, value: FloatArray) -> Finding:
 
 def _sds(found: Found, rows: FloatArray, scale: float = 1.0) -> tuple[float, ...] | None:
     P = found.sources.covariance
-    if P is None:
-        return None
+    return None if P is None else _deviations(P, rows, scale)
+
+
+def _budget(
+    found: Found, rows: FloatArray, scale: float = 1.0
+) -> dict[str, tuple[float, ...]] | None:
+    parts = {name: _deviations(part, rows, scale) for name, part in found.budget.items()}
+    return {name: sd for name, sd in parts.items() if any(sd)} or None
+
+
+def _deviations(P: FloatArray, rows: FloatArray, scale: float) -> tuple[float, ...]:
     variances = np.einsum("ij,jk,ik->i", rows, P, rows)
     return _floats(scale * np.sqrt(np.maximum(variances, 0.0)))
 

@@ -46,6 +46,12 @@ class Finding(Table):
         "claimed."
     )
 
+    budget: dict[str, tuple[float, ...]] | None = Field(
+        default=None,
+        description="What `sd` is made of: standard deviations, as many, by what makes them; their "
+        "squares add up. null where the estimator does not say.",
+    )
+
     @property
     def verdict(self) -> Verdict:
         """The worst of its verdicts."""

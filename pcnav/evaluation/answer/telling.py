@@ -1,6 +1,7 @@
 """From a run to its answer."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +31,8 @@ class About:
     """Of the chaser; None where nobody knows of one."""
     prior: PriorMass | None = None
     """Of the target's mass, before the first frame."""
+    budget: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(n, n) parts of the covariance of the last claimed estimate, by what makes them."""
     warnings: tuple[str, ...] = ()
     state: RunState = RunState.FINISHED
 
@@ -77,6 +80,7 @@ def final_estimate(run: Run, about: About) -> FinalEstimate | None:
     is_claimed = bool(claimed[k])
     layout = trajectory.layout
     told = stated_prior_sd(run.estimator, run.pipeline, layout)
+    budget = about.budget if is_claimed else {}
     sources = Sources.of(values, covariance, about.prior, hill, is_claimed, told)
     motion = run.words.get("motion")
     return FinalEstimate(
@@ -87,7 +91,7 @@ def final_estimate(run: Run, about: About) -> FinalEstimate | None:
         is_claimed=is_claimed,
         motion=motion[k] or None if motion else None,
         T_cam_target=_rows(T_cam_target),
-        findings=findings(Found(values, layout, sources, T_cam_target, hill)),
+        findings=findings(Found(values, layout, sources, T_cam_target, hill, budget)),
     )
 
 
