@@ -227,7 +227,7 @@ def _parquet(content: bytes, draw: random.Random) -> bytes:
     if keys and draw.random() < 0.7:
         about = json.loads(meta[keys[0]])
         name = draw.choice(sorted(about))
-        value = draw.choice(
+        value: object = draw.choice(
             (
                 None,
                 1,

@@ -135,9 +135,10 @@ def test_malformed_messages_of_a_page_are_one_line_and_harm_nobody(
         inputs = _inputs(clients)
         before = {uuid: handle._impl.value for uuid, handle in inputs.items()}
         removed = {uuid: handle._impl.removed for uuid, handle in inputs.items()}
+        bad: tuple[Any, ...] = (None, "x" * 10**6, float("nan"), 10**15, [[[]]], {})
         for uuid in inputs:
             for updates in (
-                *({"value": bad} for bad in (None, "x" * 10**6, float("nan"), 10**15, [[[]]], {})),
+                *({"value": each} for each in bad),
                 *({name: "broken"} for name in ("removed", "update_cb", "sync_cb", "nonsense")),
             ):
                 message = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
