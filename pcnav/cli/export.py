@@ -63,6 +63,8 @@ def export(
     for path, content in files.items():
         write_whole(path, content)
         typer.echo(f"{to}: {path}")
+    # Who opens the file next must know its frames, orders and units.
+    _LOG.info("%s", chosen.about)
 
 
 export.__doc__ = _HELP

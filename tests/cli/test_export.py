@@ -300,6 +300,7 @@ def test_poses_without_a_recording_are_written_and_what_is_missing_is_said(
     answer = pcnav("export", result, "--to", "tum", "-o", out)
     assert answer.code == 0
     assert "gone: no truth" in answer.err
+    assert "quaternion scalar last" in answer.err
     assert not out.with_name("x.truth.tum").exists()
     expect_refusal(pcnav("export", result, "--to", "oem", "-o", out), "recording", "--sequence")
     found = pcnav("export", result, "--to", "bop", "--sequence", recorded / "sequence")
