@@ -15,7 +15,7 @@ from pcnav.files.text_table import TextTable
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Satellite, Spread, random_truth, satellite
 
-from ..blocks import JUDGED, WHOLE
+from ..blocks import JUDGED
 from ..following import JudgedRun, follow
 from ..tables import Claim, inside, table
 from .shapes import SHAPES, shape
@@ -90,11 +90,6 @@ def tables(found: Mapping[str, Sequence[JudgedRun]]) -> list[TextTable]:
             ]
             for name, block in JUDGED.items()
         ]
-        own = [
-            mean_squared(np.array([run.filter_nees[_frame(run, when)] for run in runs]), WHOLE.size)
-            for when in _TIMES.values()
-        ]
-        rows.append([target, "the same, filter's parameters", WHOLE.size, len(runs), *own])
     return [table("foreign_masses", ("target", "block", "dof", "runs", *_TIMES), rows, 2)]
 
 
