@@ -34,7 +34,7 @@ from pcnav.config.sensors import (
     StereoTable,
 )
 from pcnav.config.surroundings import BackgroundTable, OccluderTable
-from pcnav.config.table import Table
+from pcnav.config.table import Place, Table
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import checked, read_toml_model
 
@@ -113,15 +113,15 @@ class Pipeline(Table):
     """A whole pipeline file."""
 
     seed: Annotated[int, Field(ge=0)] = 0
-    target_mesh: str | None = None
+    target_mesh: Place | None = None
     """Mesh of the target: a path relative to the pipeline file, or the name of a shipped one."""
     mesh_unit: LengthUnit | None = None
     """Unit of its coordinates; None takes the one that the TOML beside it states, else the one it
     declares, else metres."""
-    sequence: str | None = None
+    sequence: Place | None = None
     """Folder the run was made from, as seen from that of this file; written by `pcnav run`, ignored
     otherwise."""
-    written_to: str | None = None
+    written_to: Place | None = None
     """Where the result was when its run wrote this file, from which what moved is looked for."""
     initial_pose: FirstPoseTable | None = None
     """Of the target in the first depth frame; replaces the one a sequence states."""

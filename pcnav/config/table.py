@@ -17,7 +17,15 @@ def _of_this_world(value: float) -> float:
     return value
 
 
+def _of_a_file_system(text: str) -> str:
+    parts = text.replace("\\", "/").split("/")
+    if "\0" in text or len(text) > 4000 or any(len(part.encode()) > 255 for part in parts):
+        raise ValueError("expected a path that a file system can have")
+    return text
+
+
 Number = Annotated[float, AfterValidator(_of_this_world)]
+Place = Annotated[str, AfterValidator(_of_a_file_system)]
 # TOML has lists, not tuples: also a strict table takes those.
 Vector2 = Annotated[tuple[Number, Number], Strict(False)]
 Vector3 = Annotated[tuple[Number, Number, Number], Strict(False)]
