@@ -187,6 +187,8 @@ def test_every_number_carries_its_unit() -> None:
         "start",
         "every",
         "mesh_scale_sd",
+        "focal_sd",
+        "range_scale_sd",
     }
     checked = 0
     for table in Pipeline.model_fields.values():

@@ -188,7 +188,8 @@ def test_the_squares_of_a_budget_add_up_to_those_of_its_deviation() -> None:
     stated = {name: each for name, each in told.items() if each.sd is not None}
     assert "range_m" in stated and "momentum_direction_world" in stated
     for each in stated.values():
-        assert each.budget is not None and list(each.budget) == ["noise", "calibration"]
+        assert each.budget is not None and each.sd is not None
+        assert list(each.budget) == ["noise", "calibration"]
         squares = np.sum(np.square(list(each.budget.values())), axis=0)
         assert squares == pytest.approx(np.square(each.sd), rel=1e-9)
     assert findings(found_of(P))["range_m"].budget is None

@@ -15,6 +15,12 @@ from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.mass_prior import MassBelief, PriorMass
 from pcnav.dynamics.state import NavigationState, ratio_covariance
 from pcnav.estimators.depth.acquisition import Acquisition, Initialised
+from pcnav.estimators.depth.answers import (
+    answer_of_frame,
+    is_known,
+    rectangles_used,
+    usual_at_start,
+)
 from pcnav.estimators.depth.calibration_errors import SeenBy
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
@@ -29,7 +35,6 @@ from pcnav.estimators.depth.measuring import (
     FrameUpdate,
     Updated,
     pose_of,
-    predicted_pose,
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
 from pcnav.estimators.depth.noise_learning import NoiseLearner
@@ -66,9 +71,6 @@ _MAX_REFUTED_FRAMES = 10
 """Frames on which it is clearly something else that is followed, before that is given up."""
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
-_MAX_SHIFT_SD_FRACTION, _MAX_TURN_SD_RAD = 0.05, 0.087
-"""A pose that may be off by more, in any direction, is none that could be claimed: the share of the
-diameter, and the angle, that make a pose a wrong one."""
 
 
 class Tracker(Estimator):
@@ -184,7 +186,7 @@ class Tracker(Estimator):
             self._log_status(frame, estimate, view.inlier_ratio)
             self._status = Status(estimate.status)
         best = self._best_view
-        if best is None or _rectangles_used(estimate) >= _rectangles_used(best[0]):
+        if best is None or rectangles_used(estimate) >= rectangles_used(best[0]):
             self._best_view = estimate, view
         return estimate
 
@@ -269,7 +271,7 @@ class Tracker(Estimator):
         track = Track(
             outcome.motion,
             LockMonitor(self._target, self._reader),
-            Evidence(_usual_at_start(outcome, frame)),
+            Evidence(usual_at_start(outcome, frame)),
             RecentFrames(self._reader, outcome.start),
             LastingErrors(len(outcome.start)),
             symmetric=self._target.is_symmetric,
@@ -448,65 +450,16 @@ class Tracker(Estimator):
 
     # Results.
 
-    def _is_known(self, observer: ObserverPose) -> bool:
-        """Whether the pose is known in all directions but those of which the target shows no trace:
-        of two faces and no edge it is not."""
-        assert self._track is not None, "there is something to know"
-        pose, covariance = predicted_pose(self._track.motion.kalman, observer)
-        if self._target.roundness is not None:
-            without_turns = self._target.roundness.without_turns(pose[:3, :3])
-            covariance = without_turns @ covariance @ without_turns.T
-        shift, turn = (
-            float(np.sqrt(np.linalg.eigvalsh(covariance[part, part])[-1]))
-            for part in (slice(0, 3), slice(3, 6))
-        )
-        max_shift_m = _MAX_SHIFT_SD_FRACTION * self._target.diameter_m
-        return shift < max_shift_m and turn < _MAX_TURN_SD_RAD
-
     def _estimate(
         self, view: FrameView, result: UpdateResult | None, status: Status, observer: ObserverPose
     ) -> Estimate:
-        track, frame = self._track, view.frame
-        if status in (Status.LOCKED, Status.AMBIGUOUS) and not self._is_known(observer):
+        track = self._track
+        claims = track is not None and status in (Status.LOCKED, Status.AMBIGUOUS)
+        if track is None or not claims:
+            return answer_of_frame(track, view, result, status, observer)
+        if not is_known(track, self._target, observer):
             status = Status.COASTING
-        accepted = (True,) * len(view.measurements) if result is None else result.accepted
-        estimate = Estimate(
-            time_s=frame.time_s,
-            status=str(status),
-            nis=float("nan") if result is None else result.joint_nis,
-            nis_dof=0 if result is None else result.joint_dof,
-            window_nis=float("nan") if track is None else track.evidence.window_nis,
-            notes={
-                "inlier_ratio": view.inlier_ratio,
-                "n_rectangles": sum(accepted[face] for face in view.face_of_record),
-                "motion": None if track is None else str(track.motion.name),
-            },
-            records=view.outcomes(accepted),
-        )
-        if track is None:
-            return estimate
-        kalman, seen = track.motion.kalman, view.T_cam_seen
-        if status in (Status.LOCKED, Status.AMBIGUOUS):
+        else:
             own = {"noise, motion and prior": track.motion.reported_covariance}
-            self._last_claim = kalman.state, {**own, **track.lasting.budget}
-        return replace(
-            estimate,
-            values=kalman.state.values,
-            covariance=ratio_covariance(
-                kalman.state, track.motion.reported_covariance + track.lasting.covariance
-            ),
-            T_cam_target=pose_of(kalman, observer) if seen is None else seen,
-        )
-
-
-def _rectangles_used(estimate: Estimate) -> int:
-    return int(estimate.notes["n_rectangles"] or 0)
-
-
-def _usual_at_start(begun: Initialised, frame: Frame) -> float:
-    """Mean inlier ratio of the frames of a start; nan where they were looked at on a coarser grid,
-    on which other shares are explained."""
-    views = [view for view, _ in begun.start]
-    if not views or any(view.frame.camera != frame.camera for view in views):
-        return float("nan")
-    return float(np.mean([view.inlier_ratio for view in views]))
+            self._last_claim = track.motion.kalman.state, {**own, **track.lasting.budget}
+        return answer_of_frame(track, view, result, status, observer)
