@@ -41,7 +41,7 @@ _PLACES = {
     "pcnav.runs.writer.RunWriter.add": _WRITING,
     "pcnav.runs.writer.RunWriter.finish_tables": _WRITING,
     "pcnav.navigation.read_run": _REPORT,
-    "pcnav.navigation.read_truth": _REPORT,
+    "pcnav.navigation.truth_of": _REPORT,
     "pcnav.navigation.evaluate": _REPORT,
     "pcnav.navigation.gain_of_run": _REPORT,
     "pcnav.navigation.frame_picture": _REPORT,

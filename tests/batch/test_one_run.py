@@ -272,8 +272,9 @@ def test_peers_have_errors_of_poses_alone(name: str) -> None:
 def test_peers_follow_a_motion_without_noise(name: str) -> None:
     """From a start 5 deg and 10 cm off, or exactly right, to the accuracy of points 10 cm apart."""
     needs_extra(name)
-    # The robust one weighs by the noise it is told, and of none it is told the rounding.
-    sigma_m = 0.002 if name == "open3d_icp_tukey" else 0.0
+    # The robust one takes for outliers what is off by a few times the noise that it is told: the
+    # way to a pose 10 cm off is longer than that of the rounding.
+    sigma_m = 0.01 if name == "open3d_icp_tukey" else 0.0
     run = a_run(estimator=str(name), range_sigma_m=sigma_m, resolution_px=128, tumble_deg_s=3.0)
     columns = OneRun(BASIS)(run).columns
     errors = numbers(columns, "position_error_m", "attitude_error_deg")

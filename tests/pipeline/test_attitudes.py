@@ -74,6 +74,7 @@ def test_states_of_a_depth_run_are_attitudes_too(depth_result: Path, tmp_path: P
     assert np.degrees(angle.magnitude()) < 0.2
 
 
+@pytest.mark.study
 def test_images_of_one_camera_give_inertia(tmp_path: Path) -> None:
     kind = EstimatorTable(kind=EstimatorKind.ATTITUDE_INERTIA)
     pipeline = shipped("applsci2022", 61, estimator=kind)

@@ -252,7 +252,10 @@ def test_the_command_line_simulates_and_runs_tracks(
             "--target: expected none",
         ),
         (("run", "absent", "--pipeline", "segal2011", "-o", "q"), "expected a folder with tracks"),
-        (("run", "tracks", "--pipeline", "segal2011", "-o", "tracks"), "does not hold"),
+        (
+            ("run", "tracks", "--pipeline", "segal2011", "-o", "tracks", "--overwrite"),
+            "does not hold",
+        ),
         (("simulate", "hu2024", "-o", "tracks"), "expected an empty or new folder"),
     ],
 )

@@ -157,7 +157,7 @@ def test_disturbances_spread_as_their_densities_say() -> None:
 
 
 def test_the_disturbed_integrator_without_disturbance_is_the_exact_one() -> None:
-    case = scenario(frames=41, angular_acceleration_psd_rad2_s3=1e-300)
+    case = scenario(frames=41, angular_acceleration_psd_rad2_s3=1e-29)
     truth = made(case).truth
     R, omega = rotate_torque_free(
         case.start.R_world_body, case.start.omega_body, case.start.inertia, case.times_s

@@ -63,7 +63,7 @@ def test_table_in_its_three_forms() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["yu2019", *(pytest.param(name, marks=pytest.mark.study) for name in OTHERS)]
+    "name", [pytest.param(name, marks=pytest.mark.study) for name in ("yu2019", *OTHERS)]
 )
 def test_a_quick_study_writes_everything(name: str, tmp_path: Path) -> None:
     if name == "applsci2022":

@@ -116,6 +116,7 @@ def test_the_covariance_of_a_chain_is_true(settings: ImageMotionTable) -> None:
         assert alone / count > 2.0 * float(np.trace(last.covariance))  # type: ignore[arg-type]
 
 
+@pytest.mark.study
 def test_key_frames_reduce_the_drift() -> None:
     every = ADJACENT.model_copy(
         update={"min_significance": 0.0, "ambiguous_chi_square": 0.0, "max_sd_deg": 180.0}
