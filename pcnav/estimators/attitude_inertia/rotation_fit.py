@@ -202,8 +202,13 @@ class _FreeProblem(ArcProblem[RotationState, NormalEquations]):
         for k, weight in enumerate(np.moveaxis(self.weight, 1, 0)):
             if k > 0:
                 done = done.then(slope, float(self.times_s[k] - self.times_s[k - 1]))
-            transition = np.concatenate([np.swapaxes(done.turn, -1, -2), done.by_start], axis=-1)
-            error = log_rotation(np.swapaxes(R @ done.turn, -1, -2) @ self.measured[:, k])
+            # A rate that a step throws far off turns by no number: it costs more than any other.
+            finite = np.isfinite(done.turn).all(axis=(-1, -2))
+            turn = np.where(finite[:, None, None], done.turn, np.eye(3))
+            transition = np.concatenate([np.swapaxes(turn, -1, -2), done.by_start], axis=-1)
+            transition = np.where(finite[:, None, None], transition, 0.0)
+            cost, normal[~finite] = np.where(finite, cost, np.inf), np.eye(SIZE)
+            error = log_rotation(np.swapaxes(R @ turn, -1, -2) @ self.measured[:, k])
             # log(exp(-theta) exp(e)) = e - theta to first order in small e.
             weighted = np.swapaxes(transition, -1, -2) @ weight
             normal += weighted @ transition

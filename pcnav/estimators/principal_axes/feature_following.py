@@ -72,6 +72,7 @@ class FeatureFollower:
         self._book = FeatureBook().added(start.time_s, start.features)
         self._candidates: dict[int, tuple[FloatArray, FloatArray]] = {}
         """Features that one frame has shown: point (body axes, m) and covariance."""
+        self._has_broken_down = False
         self._shape = dict(zip(start.features, start.state.points, strict=True))
 
     @property
@@ -91,8 +92,9 @@ class FeatureFollower:
 
     @property
     def is_lost(self) -> bool:
-        """Whether what is seen has not been what is expected for too long."""
-        return self._book.frames_refused >= self._table.max_rejections
+        """Whether what is seen has not been what is expected for too long, or the numbers broke
+        down."""
+        return self._has_broken_down or self._book.frames_refused >= self._table.max_rejections
 
     def predict(self, time_s: float) -> None:
         """Move to a time; nothing happens at the present one."""
@@ -111,7 +113,12 @@ class FeatureFollower:
         trusted = slots >= 0
         if after_gap or self._book.frames_refused:
             trusted = self._agreeing(seen, slots)
-        taken = self._measured(frame, seen, slots, trusted, after_gap)
+        try:
+            taken = self._measured(frame, seen, slots, trusted, after_gap)
+        except np.linalg.LinAlgError:
+            # Under a strong disturbance a gap may leave a point at the rig, where it has no pixel.
+            self._has_broken_down = True
+            return Taken(rejected=tuple(frame.features.tolist()))
         self._book = self._book.noted(self._time_s, taken.used, taken.rejected)
         if taken.used:
             self._keep_axes_unique()

@@ -180,6 +180,17 @@ def test_arc_fit_states_its_errors():
     assert nees.mean() / 11.0 == pytest.approx(1.0, abs=0.2)
 
 
+def test_an_arc_that_was_begun_absurdly_ends_without_a_fit():
+    times, attitudes, rates = arc(20.0)
+    times, attitudes = times[::4], attitudes[::4]
+    seen = np.broadcast_to(attitudes, (2, *attitudes.shape))
+    noise = np.broadcast_to(1e-6 * np.eye(3), (2, len(times), 3, 3))
+    start = np.tile(parameters_from_ratios(RATIOS), (2, 1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        fit = fit_rotation_arc(times, seen, noise, np.stack([rates[1], [1e200] * 3]), start)
+    assert fit.converged.tolist() == [True, False]
+
+
 # The principal frame
 
 

@@ -16,6 +16,7 @@ from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.features.feature_map import build_map, triangulated
 from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
+from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.runs.status import Status
 from pcnav.simulation.stereo import StereoScenario, simulate_tracks
 from studies.hu2024.following import true_state
@@ -174,6 +175,26 @@ def test_another_target_is_lost_not_followed():
     frames = tracks.frames[:40] + moved.frames[70:]
     _, estimates = run(replace(tracks, frames=frames))
     assert Status.LOST in [estimate.status for estimate in estimates]
+
+
+def test_numbers_that_break_down_are_a_loss_and_no_end(monkeypatch):
+    tracks = simulate_tracks(scenario(), np.random.default_rng(8)).recording
+    update = ErrorStateFilter.update
+    seen = [k for k, frame in enumerate(tracks.frames) if len(frame.features)]
+    k = seen[-4]
+    breaks_at = tracks.frames[k].time_s
+
+    def broken(self, measurements, *rest, **named):
+        if now[0] == breaks_at:
+            raise np.linalg.LinAlgError("Singular matrix")
+        return update(self, measurements, *rest, **named)
+
+    monkeypatch.setattr(ErrorStateFilter, "update", broken)
+    estimator, words, now = PrincipalAxesEstimator(tracks.rig, tracks.orbit, TABLE), [], [0.0]
+    for frame in tracks.frames[: k + 3]:
+        now[0] = frame.time_s
+        words.append(estimator.step(frame).status)
+    assert words[k:] == [Status.LOST, Status.ACQUIRING, Status.ACQUIRING]
 
 
 def test_a_map_needs_agreement():
