@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pcnav.estimators.registry import ESTIMATORS, make_estimator
     from pcnav.evaluation.metrics import evaluate
     from pcnav.pipeline import run
+    from pcnav.recordings.calibration import Calibration
     from pcnav.recordings.opening import open_recording, open_sequence
     from pcnav.recordings.truth import read_truth
     from pcnav.runs.estimate import Estimate
@@ -27,6 +28,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "ESTIMATORS",
+    "Calibration",
     "Estimate",
     "Given",
     "InputError",
@@ -48,6 +50,7 @@ __all__ = [
 
 _HOMES = {
     "ESTIMATORS": "pcnav.estimators.registry",
+    "Calibration": "pcnav.recordings.calibration",
     "Estimate": "pcnav.runs.estimate",
     "Given": "pcnav.estimators.interface",
     "InputError": "pcnav.core.errors",

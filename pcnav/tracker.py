@@ -23,6 +23,7 @@ from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covarianc
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.files.new_folder import refuse_unless_replaceable
 from pcnav.navigation import Inputs, Navigation, RunSummary
+from pcnav.recordings.calibration import Calibration
 from pcnav.recordings.depth_arrays import DepthArrays, DepthUnit, plain_array
 from pcnav.recordings.first_pose import first_pose_table, prior_of
 from pcnav.recordings.frame_checks import checked_time, checked_transform
@@ -63,6 +64,7 @@ class Tracker:
         camera: PinholeCamera | npt.ArrayLike,
         *,
         range_sigma_m: float | None = None,
+        calibration: Calibration | None = None,
         depth_unit: DepthUnit = None,
         depth_is: str = "z",
         invalid_depth: float | None = None,
@@ -81,6 +83,8 @@ class Tracker:
             camera: camera matrix (3, 3), pixel centres at integers, or a `PinholeCamera`, which may
                 have a lens that distorts.
             range_sigma_m: noise along the ray, m; it is learnt where it is not known.
+            calibration: how well camera, clock and mesh are known; None takes what a careful
+                calibration leaves, see `pcnav.Calibration`.
             depth_unit: of the arrays: "mm", ..., or metres per unit; floats are metres without it.
             depth_is: "z", along the optical axis, or "range", along the ray.
             invalid_depth: value that means no return besides 0, negative and not finite ones.
@@ -99,7 +103,9 @@ class Tracker:
             expected = f"expected one of Target.from_mesh, got {type(target).__name__}"
             raise InputError("Tracker", "target", expected)
         self._arrays = DepthArrays.of(camera, depth_unit, depth_is, invalid_depth)
-        self._info = SequenceInfo(name, mean_motion_rad_s, range_sigma_m, None)
+        self._info = SequenceInfo(
+            name, mean_motion_rad_s, range_sigma_m, None, calibration=calibration
+        )
         self._as_run = _settings(pipeline or Pipeline(), estimator, range_sigma_m)
         if initial_pose is not None:
             table = first_pose_table(np.asarray(initial_pose), initial_pose_sd)

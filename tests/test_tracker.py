@@ -121,6 +121,20 @@ def test_what_is_saved_is_what_a_run_on_the_same_frames_writes(
     )
 
 
+def test_what_is_stated_of_the_camera_is_in_the_deviations(
+    scene: Scene, target: pcnav.Target, followed: tuple[pcnav.Tracker, list[pcnav.Estimate]]
+) -> None:
+    tracker = pcnav.Tracker(target, K, calibration=pcnav.Calibration(centre_sd_px=1.0))
+    pairs = list(zip(scene.depths, scene.times_s, strict=True))[:3]
+    told = [tracker.step(depth, t) for depth, t in pairs][-1].pose_covariance
+    unsaid = followed[1][2].pose_covariance
+    assert told is not None and unsaid is not None
+    # By one pixel across: the distance over the focal length.
+    by_pixel = scene.poses[2][2, 3] / K[0, 0]
+    assert np.sqrt(told[0, 0]) == pytest.approx(by_pixel, rel=0.1)
+    assert np.sqrt(unsaid[0, 0]) == pytest.approx(0.25 * by_pixel, rel=0.2)
+
+
 def test_a_prediction_is_what_a_frame_without_returns_is_answered(
     scene: Scene, target: pcnav.Target
 ) -> None:

@@ -203,7 +203,7 @@ class _FreeProblem(ArcProblem[RotationState, NormalEquations]):
             if k > 0:
                 done = done.then(slope, float(self.times_s[k] - self.times_s[k - 1]))
             # A rate that a step throws far off turns by no number: it costs more than any other.
-            finite = np.isfinite(done.turn).all(axis=(-1, -2))
+            finite = np.asarray(np.isfinite(done.turn).all(axis=(-1, -2)))
             turn = np.where(finite[:, None, None], done.turn, np.eye(3))
             transition = np.concatenate([np.swapaxes(turn, -1, -2), done.by_start], axis=-1)
             transition = np.where(finite[:, None, None], transition, 0.0)
