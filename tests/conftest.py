@@ -27,6 +27,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 _REPOSITORY = Path(__file__).resolve().parent.parent
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The tests of a folder, which share recordings and results, run in one process; those of a
     large folder that share nothing beyond their file, file by file."""
