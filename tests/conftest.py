@@ -27,23 +27,6 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 _REPOSITORY = Path(__file__).resolve().parent.parent
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a folder, which share recordings and results, run in one process; those of a
-    large folder that share nothing beyond their file, file by file."""
-    for item in items:
-        folder, *deeper = item.path.relative_to(_REPOSITORY / "tests").parts
-        share_by_file = folder in (
-            "estimators",
-            "evaluation",
-            "perception",
-            "simulation",
-            "studies",
-        )
-        group = "/".join((folder, *deeper)) if share_by_file else folder
-        item.add_marker(pytest.mark.xdist_group(group))
-
-
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """Root of the checkout the tests belong to."""
