@@ -119,6 +119,7 @@ def test_memory_table_shows_growth() -> None:
     assert cells[4] == ["0.20", "10.00"]
 
 
+@pytest.mark.study
 @pytest.mark.skipif(sys.platform != "linux", reason="reads what Linux says of a process")
 def test_peak_memory_is_the_childs_own(tmp_path: Path) -> None:
     """A parent that holds more than the child ever needs does not show in the child's peak."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from playwright.sync_api import Locator, Page
 
@@ -155,6 +156,7 @@ def test_a_restarted_server_is_found_again(
     ready(page)
 
 
+@pytest.mark.study
 def test_a_run_is_followed_as_it_goes_on(
     sequence: Path, tmp_path: Path, served: Serve, opened: Opened, report_folder: Path
 ) -> None:
@@ -211,6 +213,7 @@ def test_a_page_that_was_there_first_looks_at_the_target(
         server.stop()
 
 
+@pytest.mark.study
 def test_other_plots_of_a_busy_page_replace_those_that_change(
     runs: tuple[Path, Path], served: Serve, opened: Opened
 ) -> None:

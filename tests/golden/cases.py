@@ -146,5 +146,5 @@ CASES: dict[str, Case] = {
     "study-deng2024": _study("deng2024"),
 }
 
-QUICK = ("boxsat", "hu2024")
+QUICK = ("boxsat",)
 """What every run of the tests includes; the others are marked as studies."""

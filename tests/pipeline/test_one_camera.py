@@ -172,6 +172,7 @@ def test_images_need_a_mesh(tmp_path: Path) -> None:
         simulate(wanted).write(tmp_path / "images")
 
 
+@pytest.mark.study
 def test_the_shipped_scenario_by_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
