@@ -6,7 +6,7 @@ from dataclasses import replace
 from pcnav.estimators.depth.views import FrameView
 from pcnav.perception.mesh_scale import ScaleBelief
 from pcnav.perception.reading import FrameReader
-from pcnav.recordings.calibration import Calibration
+from pcnav.recordings.calibration import NOT_STATED, Calibration
 
 _log = logging.getLogger("pcnav")
 
@@ -14,10 +14,10 @@ _log = logging.getLogger("pcnav")
 class ScaleLearner:
     """By how much the target is larger than its mesh."""
 
-    def __init__(self, reader: FrameReader, sd: float, calibration: Calibration) -> None:
+    def __init__(self, reader: FrameReader, sd: float, stated: Calibration | None) -> None:
         """``reader`` is told; ``sd`` is how far the mesh may be off, 0 for one that is right."""
         self._reader, self._belief = reader, ScaleBelief(sd)
-        self.calibration = calibration
+        self.calibration, self._is_stated = stated or NOT_STATED, stated is not None
         """How well all else is known, and the size of the target now."""
         self.factor = 1.0
         """By which the target is taken to be larger now."""
@@ -30,7 +30,9 @@ class ScaleLearner:
         lever_m, used = 0.5 * self._reader.diameter_m, comparison.places(accepted)
         self._belief = self._belief.with_frame(comparison.seen, used, lever_m)
         others_sd = self.calibration.of_image(view.frame.camera)
-        change = self._belief.factor(others_sd)
+        # What a recording does not state may be off, but is no reason to think that it is: where
+        # ranges and outline contradict each other, frames would be followed by neither.
+        change = self._belief.factor(others_sd if self._is_stated else 0.0 * others_sd)
         if change == 1.0:
             return False
         self._reader.rescale(change)

@@ -51,7 +51,6 @@ from pcnav.filtering.error_state import UpdateResult
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
-from pcnav.recordings.calibration import NOT_STATED
 from pcnav.recordings.frame_guard import FrameGuard
 from pcnav.recordings.sequence import (
     FirstPosePrior,
@@ -98,8 +97,7 @@ class Tracker(Estimator):
         self._reader = FrameReader(target, perception, noise, seed)
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._reader.row_readout_s = info.row_readout_s
-        calibration = info.calibration or NOT_STATED
-        self._scale = ScaleLearner(self._reader, perception.mesh_scale_sd, calibration)
+        self._scale = ScaleLearner(self._reader, perception.mesh_scale_sd, info.calibration)
         self._parts = PartLearner(target, self._reader)
         self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
         self._refined = perception.measured_by is not Measurements.RECTANGLES
