@@ -1,7 +1,7 @@
 """``pcnav convert``: a recording of any format, written as one of our own."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -19,6 +19,7 @@ from pcnav.cli.recording_options import (
     Start,
     Topic,
     Unit,
+    options_of,
     recording_table,
 )
 
@@ -57,11 +58,7 @@ def convert(
 
     if step is not None and not 0.0 < step < 1.0:
         raise InputError("pcnav convert", "--step", "expected metres of one unit, like 0.001")
-    options: dict[str, Any] = {
-        **{"camera_px": camera, "unit_m": unit, "frame_rate_hz": rate, "topic": topic},
-        **{"camera_topic": camera_topic, "object": object_},
-        **{"start": start, "frames": frames, "every": every},
-    }
+    options = options_of(camera, unit, rate, topic, camera_topic, object_, start, frames, every)
     table = recording_table(**options)
     mesh = None if target is None else named_mesh(target)
     sequence = open_sequence(recording, mesh, skip_bad_frames, table)

@@ -2,7 +2,7 @@
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,7 @@ from pcnav.cli.recording_options import (
     Start,
     Topic,
     Unit,
+    options_of,
     recording_table,
 )
 
@@ -66,11 +67,7 @@ def info(
 
     if png is not None:
         refuse_existing(png, overwrite)
-    options: dict[str, Any] = {
-        **{"camera_px": camera, "unit_m": unit, "frame_rate_hz": rate, "topic": topic},
-        **{"camera_topic": camera_topic, "object": object_},
-        **{"start": start, "frames": frames, "every": every},
-    }
+    options = options_of(camera, unit, rate, topic, camera_topic, object_, start, frames, every)
     table = recording_table(**options)
     mesh = None if target is None else named_mesh(target)
     found = format_of(recording)

@@ -39,6 +39,31 @@ Frames = Annotated[
 Every = Annotated[int, typer.Option("--every", min=1, help="Take every so many frames.")]
 
 
+def options_of(
+    camera: tuple[float, float, float, float] | None,
+    unit: float | None,
+    rate: float | None,
+    topic: str | None,
+    camera_topic: str | None,
+    object_: int | None,
+    start: int,
+    frames: int | None,
+    every: int,
+) -> dict[str, Any]:
+    """What these options are called in the table of a recording."""
+    return {
+        "camera_px": camera,
+        "unit_m": unit,
+        "frame_rate_hz": rate,
+        "topic": topic,
+        "camera_topic": camera_topic,
+        "object": object_,
+        "start": start,
+        "frames": frames,
+        "every": every,
+    }
+
+
 def recording_table(base: "RecordingTable | None" = None, **options: Any) -> "RecordingTable":
     """What options say of a recording, over what a table says. Raises `InputError`."""
     from pcnav.config.recording import AS_IT_IS, RecordingTable

@@ -30,6 +30,7 @@ from pcnav.cli.recording_options import (
     Start,
     Topic,
     Unit,
+    options_of,
     with_recording_options,
 )
 from pcnav.config.length_unit import LengthUnit
@@ -149,11 +150,9 @@ def run(
         **{"masks": masks, "min_range": min_range, "max_range": max_range, "box": box},
         **{"background": background, "skip_bad_frames": skip_bad_frames},
     }
-    recording_options = {
-        **{"camera_px": camera, "unit_m": unit, "frame_rate_hz": rate, "topic": topic},
-        **{"camera_topic": camera_topic, "object": object_},
-        **{"start": start, "frames": frames, "every": every},
-    }
+    recording_options = options_of(
+        camera, unit, rate, topic, camera_topic, object_, start, frames, every
+    )
     found = run_into(
         *(sequence, target, pipeline, folder, overwrite, port if view else None, estimator, first),
         frame_options=frame_options,

@@ -59,6 +59,8 @@ class Miscalibration:
 
     def range_error(self, range_m: FloatArray) -> FloatArray | float:
         """Of ranges (...), m."""
+        if self.range_offset_m == 0.0 and self.range_scale == 0.0:
+            return 0.0
         return self.range_offset_m + self.range_scale * range_m
 
 

@@ -16,6 +16,19 @@ from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
 
 FRAMES = 12
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 0.0),
+    "fov": 0.7,
+    "near": 0.01,
+    "far": 1000.0,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": (0.0, 0.0, 1.0),
+    "up_direction": (0.0, -1.0, 0.0),
+}
+"""What a page says of where its camera is."""
 
 
 def small_pipeline() -> Pipeline:

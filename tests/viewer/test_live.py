@@ -25,30 +25,18 @@ from pcnav.viewer.live import LiveView, run_live
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.loading import load_run
 from pcnav.viewer.server import LocalServer
-from tests.viewer.conftest import FRAMES, small_pipeline, watched
+from tests.viewer.conftest import CAMERA, FRAMES, small_pipeline, watched
 
 
 @contextmanager
 def stuck_page(port: int) -> Iterator[Connection]:
     """A page that says where its camera is and then takes nothing any more."""
-    camera = {
-        "type": "ViewerCameraMessage",
-        "wxyz": (1.0, 0.0, 0.0, 0.0),
-        "position": (0.0, 0.0, 0.0),
-        "fov": 0.7,
-        "near": 0.01,
-        "far": 1000.0,
-        "image_height": 600,
-        "image_width": 800,
-        "look_at": (0.0, 0.0, 1.0),
-        "up_direction": (0.0, -1.0, 0.0),
-    }
     protocol = Subprotocol(f"viser-v{viser.__version__}")
     # The library stops reading from the socket when so many messages wait for their reader.
     with connect(
         f"ws://127.0.0.1:{port}", subprotocols=[protocol], max_queue=1, close_timeout=0.1
     ) as page:
-        page.send(msgspec.msgpack.encode(camera))
+        page.send(msgspec.msgpack.encode(CAMERA))
         yield page
 
 

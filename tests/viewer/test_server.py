@@ -19,19 +19,8 @@ from pcnav.viewer.app import serve
 from pcnav.viewer.loaded_run import LoadedRun, finished
 from pcnav.viewer.server import LocalServer, is_own_origin
 from tests.commands import PATIENCE_S
+from tests.viewer.conftest import CAMERA
 
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (0.0, 0.0, 0.0),
-    "fov": 0.7,
-    "near": 0.01,
-    "far": 1000.0,
-    "image_height": 600,
-    "image_width": 800,
-    "look_at": (0.0, 0.0, 1.0),
-    "up_direction": (0.0, -1.0, 0.0),
-}
 _PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 

@@ -1,6 +1,6 @@
 """Errors of the calibration, considered by a tracker: recordings of a camera that has them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ OFF = MiscalibrationTable(
 )
 
 
+@dataclass(frozen=True)
 class ToldSo(Scene):
     """A recording that states another calibration than its own."""
 
@@ -38,9 +39,7 @@ def nees(target: Target, seed: int, told: Calibration | None) -> FloatArray:
     shorter = PIPELINE.scenario.model_copy(update={"frames": 10})
     changes = {"seed": seed, "miscalibration": OFF, "scenario": shorter}
     scene = Scene.showing(target, PIPELINE.model_copy(update=changes))
-    told_so = ToldSo(scene.pipeline, scene.motion, scene.mesh, scene.parts)
-    object.__setattr__(told_so, "told", told)
-    found = follow(told_so, target)
+    found = follow(ToldSo(scene.pipeline, scene.motion, scene.mesh, told=told), target)
     assert found.claims.any()
     return np.asarray(found.pose_nees[found.claims] / 6.0)
 
