@@ -16,6 +16,7 @@ from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.evaluation.answer.model import RunState
 from pcnav.files.new_folder import refuse_unless_replaceable
 from pcnav.navigation import Inputs, Navigation, RunSummary, Truth
+from pcnav.recordings.given_frames import DepthRecording
 from pcnav.recordings.images import ImageSequence
 from pcnav.recordings.intake import Intake, skipped_frames_csv
 from pcnav.recordings.opening import open_recording
@@ -159,24 +160,42 @@ def _open(
     pipeline = pipeline or Pipeline()
     table = pipeline.recording
     recording = open_recording(path, target_mesh, (choice.kind,), skip_bad_frames, table)
-    assert recording.path is not None, "it was read from a file"
-    inputs, target = [recording.path], None
-    as_run: dict[str, object] = {"sequence": str(recording.path.resolve())}
-    if str(pipeline.estimator.kind) != choice.estimator:
-        as_run["estimator"] = EstimatorTable(kind=choice.estimator)
-    if isinstance(recording, Sequence):
+    return inputs_of(recording, out, pipeline, choice.estimator, target_mesh, mesh_unit)
+
+
+def inputs_of(
+    recording: Recording,
+    out: Path,
+    pipeline: Pipeline,
+    estimator: str,
+    target_mesh: Path | None = None,
+    mesh_unit: LengthUnit | None = None,
+) -> Inputs:
+    """What a run of an estimator is made from; of depth frames the target is loaded.
+
+    Raises `InputError` for a target or a region that cannot be, and for a result folder ``out``
+    whose replacing would remove what is read.
+    """
+    inputs, target = [] if recording.path is None else [recording.path], None
+    as_run: dict[str, object] = {}
+    if recording.path is not None:
+        as_run["sequence"] = str(recording.path.resolve())
+    if str(pipeline.estimator.kind) != estimator:
+        as_run["estimator"] = EstimatorTable(kind=estimator)
+    if isinstance(recording, DepthRecording):
         mesh, unit = _mesh_of(recording, pipeline, target_mesh)
         mesh_unit = mesh_unit or unit
         inputs.append(mesh)
         as_run["target_mesh"] = str(mesh.resolve())
         as_run["mesh_unit"] = mesh_unit
         as_run["time_zero_s"] = recording.info.time_zero_s
+    if isinstance(recording, Sequence):
         as_run["region"] = resolved(pipeline.region, recording.path)
     for each in inputs:
         # Replacing a result folder must not delete what the new result is made from.
         if each.resolve().is_relative_to(out.resolve()):
             raise InputError(out, "folder", f"expected a result folder that does not hold {each}")
-    if isinstance(recording, Sequence):
+    if isinstance(recording, DepthRecording):
         target = load_target(mesh, mesh_unit)
     if isinstance(recording, ImageSequence):
         recording = TrackedImages(recording, pipeline.feature_tracker)
@@ -184,7 +203,7 @@ def _open(
 
 
 def _mesh_of(
-    sequence: Sequence, pipeline: Pipeline, given: Path | None
+    sequence: DepthRecording, pipeline: Pipeline, given: Path | None
 ) -> tuple[Path, LengthUnit | None]:
     """The mesh and its unit, where one is stated: the sequence knows best what it shows."""
     if given is not None:
@@ -194,11 +213,12 @@ def _mesh_of(
     mesh = stated or named
     if mesh is None:
         raise InputError(
-            sequence.path,
+            sequence.path or sequence.name,
             "target_mesh",
             "expected the target's mesh, in sequence.toml or by --target",
         )
     if named is not None and not (named.is_file() and filecmp.cmp(mesh, named, shallow=False)):
-        _LOG.warning("%s: its mesh %s is used, not the pipeline's %s", sequence.path, mesh, named)
+        where = sequence.path or sequence.name
+        _LOG.warning("%s: its mesh %s is used, not the pipeline's %s", where, mesh, named)
         return mesh, sequence.info.mesh_unit
     return mesh, sequence.info.mesh_unit or pipeline.mesh_unit

@@ -8,7 +8,7 @@ import pytest
 ROOMS = (
     *("core", "files", "dynamics", "config", "target", "filtering", "recordings", "runs"),
     *("perception", "simulation", "estimators", "evaluation", "report", "navigation"),
-    *("pipeline", "tracker", "viewer", "batch", "cli"),
+    *("pipeline", "following", "tracker", "viewer", "batch", "cli"),
 )
 """In the order of the data flow: a room imports from itself and from those before it."""
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pcnav.cli.dated_folder import dated_folder, link_latest
+from pcnav.cli.follow import Budget, DropLate, Follow, Idle, pace_of
 from pcnav.cli.frame_options import (
     Background,
     Box,
@@ -33,6 +34,7 @@ from pcnav.cli.recording_options import (
     options_of,
     with_recording_options,
 )
+from pcnav.cli.several import folders_of, run_several
 from pcnav.config.length_unit import LengthUnit
 from pcnav.files.new_folder import refuse_unless_replaceable
 from pcnav.runs.result_files import STATES_FILE
@@ -40,6 +42,7 @@ from pcnav.runs.result_files import STATES_FILE
 if TYPE_CHECKING:
     from pcnav.config.first_pose import FirstPoseTable
     from pcnav.config.pipeline_file import Pipeline
+    from pcnav.following import Pace
     from pcnav.navigation import RunSummary
     from pcnav.runs.estimate import Estimate, Output
     from pcnav.viewer.live import LiveView
@@ -50,11 +53,13 @@ NOTHING_FOUND = 3
 
 
 def run(
-    sequence: Annotated[
-        Path,
+    sequences: Annotated[
+        list[Path],
         typer.Argument(
+            metavar="RECORDING...",
             help="Folder of a depth sequence, of depth images, of feature tracks or of images of "
-            "one camera; a bag, an array file or a video: see docs/formats.md."
+            "one camera; a bag, an array file or a video: see docs/formats.md. Of several each "
+            "gets a result folder of its own, in that of -o.",
         ),
     ],
     out: Annotated[
@@ -115,6 +120,10 @@ def run(
     start: Start = 0,
     frames: Frames = None,
     every: Every = 1,
+    follow: Follow = False,
+    budget: Budget = None,
+    idle: Idle = None,
+    drop_late: DropLate = False,
     overwrite: Overwrite = False,
     report: Annotated[
         bool, typer.Option("--report/--no-report", help="Whether to draw the report page.")
@@ -132,16 +141,27 @@ def run(
     Exit code 3 when nothing was found in any frame; the result folder is written all the same, and
     a warning says why.
 
-    Example: `pcnav run runs/boxsat -o runs/boxsat-result`
+    Examples: `pcnav run runs/boxsat -o runs/boxsat-result`,
+    `pcnav run --follow frames --target sat.stl -o runs/live`
     """
-    folder = dated_folder(sequence, datetime.now()) if out is None else out
-    if not overwrite:
-        # Before anything heavy is imported.
-        refuse_unless_replaceable(folder.resolve(), overwrite, STATES_FILE)
     from pcnav.core.errors import InputError
+
+    several, pace = len(sequences) > 1, pace_of(follow, budget, idle, drop_late)
+    alone = {"--follow": follow, "--view": view, "--initial-pose": initial_pose}
+    refused = [name for name, value in alone.items() if several and value]
+    if refused:
+        raise InputError("pcnav run", refused[0], "expected one recording, it is for one alone")
+    now = datetime.now()
+    folders = (
+        folders_of(sequences, out, now) if several else [out or dated_folder(sequences[0], now)]
+    )
+    for folder in folders:
+        if not overwrite and pace is None:
+            # Before anything heavy is imported.
+            refuse_unless_replaceable(folder.resolve(), overwrite, STATES_FILE)
     from pcnav.recordings.first_pose import parsed_first_pose
 
-    first = None
+    first, sequence = None, sequences[0]
     if initial_pose is not None:
         first = parsed_first_pose(initial_pose, initial_pose_sd)
     elif initial_pose_sd is not None:
@@ -153,14 +173,20 @@ def run(
     recording_options = options_of(
         camera, unit, rate, topic, camera_topic, object_, start, frames, every
     )
-    found = run_into(
-        *(sequence, target, pipeline, folder, overwrite, port if view else None, estimator, first),
-        frame_options=frame_options,
-        recording_options=recording_options,
-        mesh_unit=mesh_unit,
-        report=report,
-        linked=out is None,
-    )
+
+    def run_one(sequence: Path, folder: Path) -> bool:
+        return run_into(
+            *(sequence, target, pipeline, folder, overwrite, port if view else None, estimator),
+            first,
+            frame_options=frame_options,
+            recording_options=recording_options,
+            mesh_unit=mesh_unit,
+            report=report,
+            linked=out is None,
+            pace=pace,
+        )
+
+    found = run_several(sequences, folders, run_one) if several else run_one(sequence, folders[0])
     if not found:
         raise typer.Exit(NOTHING_FOUND)
 
@@ -180,11 +206,13 @@ def run_into(
     mesh_unit: LengthUnit | None = None,
     report: bool = True,
     linked: bool = False,
+    pace: "Pace | None" = None,
 ) -> bool:
     """Run, show how far it is, and say what was found; whether anything was.
 
-    ``linked``: `link_latest` to the result.
+    ``linked``: `link_latest` to the result. ``pace``: follow the frames as they arrive.
     """
+    from pcnav.cli.follow import follow_arriving
     from pcnav.estimators.choice import chosen, refuse_mesh
     from pcnav.pipeline import run as run_recording
     from pcnav.recordings.recording import RecordingKind
@@ -192,10 +220,14 @@ def run_into(
     path, content = (Path("pipeline"), None) if pipeline is None else named_pipeline(pipeline)
     content = with_frame_options(content, path, **(frame_options or {}))
     content = with_recording_options(content, **(recording_options or {}))
-    choice = chosen(sequence, content, estimator, path)
-    if target_mesh is not None:
-        refuse_mesh(sequence, choice)
-    elif choice.kind is RecordingKind.DEPTH and content is not None and content.target_mesh:
+    # Of what arrives there may be nothing yet: it is depth frames.
+    kind = RecordingKind.DEPTH
+    if pace is None:
+        choice = chosen(sequence, content, estimator, path)
+        kind = choice.kind
+        if target_mesh is not None:
+            refuse_mesh(sequence, choice)
+    if target_mesh is None and kind is RecordingKind.DEPTH and content and content.target_mesh:
         mesh = mesh_of_pipeline(path, content.target_mesh)
         content = content.model_copy(update={"target_mesh": str(mesh)})
     mesh_path = None if target_mesh is None else named_mesh(target_mesh)
@@ -212,20 +244,14 @@ def run_into(
                     view.add(estimate)
                 advance(done, total)
 
-            return run_recording(
-                sequence,
-                out,
-                content,
-                estimator=estimator,
-                target_mesh=mesh_path,
-                mesh_unit=mesh_unit,
-                initial_pose=initial_pose,
-                overwrite=overwrite,
-                report=report,
-                source=path,
-                on_start=on_start,
-                on_estimate=on_estimate,
-            )
+            options: dict[str, Any] = {
+                **{"estimator": estimator, "target_mesh": mesh_path, "mesh_unit": mesh_unit},
+                **{"initial_pose": initial_pose, "overwrite": overwrite, "report": report},
+                **{"source": path, "on_start": on_start, "on_estimate": on_estimate},
+            }
+            if pace is not None:
+                return follow_arriving(sequence, out, content, pace, **options)
+            return run_recording(sequence, out, content, **options)
 
         if view_port is None:
             summary, server = work(None), None

@@ -74,6 +74,19 @@ def chosen(
     return Choice(str(_BY_DEFAULT[found]), found)
 
 
+def depth_estimator(estimator: str, source: Path | str) -> str:
+    """The estimator for depth frames of which nothing is there yet.
+
+    Raises `InputError`, which names the source, for one that does not live on depth frames.
+    """
+    _require_known(estimator, (source, "estimator.kind"))
+    if RecordingKind.DEPTH not in ESTIMATORS[estimator].takes:
+        known = [key for key, entry in ESTIMATORS.items() if RecordingKind.DEPTH in entry.takes]
+        expected = f"expected one of {', '.join(known)}, which take depth frames, got {estimator}"
+        raise InputError(source, "estimator.kind", expected)
+    return estimator
+
+
 def refuse_mesh(path: Path, choice: Choice) -> None:
     """A mesh was given. Raises `InputError` where it is of no use."""
     if choice.kind is not RecordingKind.DEPTH:

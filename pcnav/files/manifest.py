@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath, PurePosixPath
 
 MANIFEST_FILE = ".pcnav-files"
@@ -11,9 +11,9 @@ _MAX_BYTES = 100_000_000
 """Of a list: a million frames fit."""
 
 
-def write_manifest(folder: Path) -> None:
-    """List all files that a folder holds now, as written by pcnav."""
-    names = sorted(name for name in _names_below(folder) if name != MANIFEST_FILE)
+def write_manifest(folder: Path, coming: Iterable[str] = ()) -> None:
+    """List all files that a folder holds now, as written by pcnav, and those that it will."""
+    names = sorted({*_names_below(folder), *coming} - {MANIFEST_FILE})
     text = json.dumps(names, indent=0) + "\n"
     (folder / MANIFEST_FILE).write_text(text, encoding="utf-8")
 

@@ -3,7 +3,7 @@
 import logging
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -16,14 +16,47 @@ _log = logging.getLogger(__name__)
 _NEW = "expected an empty or new folder; --overwrite (overwrite=True) replaces this one"
 
 
+class Place:
+    """Where a folder is written: a temporary sibling, which takes the folder's name."""
+
+    def __init__(self, staging: Path, folder: Path, refuse: Callable[[], None]) -> None:
+        self._staging, self._folder, self._refuse = staging, folder, refuse
+        self.has_appeared = False
+
+    @property
+    def path(self) -> Path:
+        """Where the files are now."""
+        return self._folder if self.has_appeared else self._staging
+
+    def appear(self, coming: Iterable[str] = ()) -> Path:
+        """Take the name now; what was called so is replaced. Files that are open stay open.
+
+        From then on whatever is written stays, however the process ends; ``coming`` are the names
+        of files that will be. Raises `InputError` as `refuse_unless_replaceable` does.
+        """
+        if not self.has_appeared:
+            write_manifest(self._staging, coming)
+            self._refuse()
+            _move_into_place(self._staging, self._folder)
+            self.has_appeared = True
+        return self._folder
+
+
 @contextmanager
 def new_folder(out: Path, overwrite: bool, marker: str) -> Iterator[Path]:
+    """A folder that takes its name when the block ends well: see `new_place`."""
+    with new_place(out, overwrite, marker) as place:
+        yield place.path
+
+
+@contextmanager
+def new_place(out: Path, overwrite: bool, marker: str) -> Iterator[Place]:
     """A temporary sibling of a folder; it takes the folder's name when the block ends well.
 
     The finished folder lists its files (see `pcnav.files.manifest`). An exception in the block
-    removes all that was written and leaves an earlier folder as it was; what processes that were
-    killed left beside it is collected. Raises `InputError` as `refuse_unless_replaceable` does, at
-    once and again before the name is taken.
+    removes all that was written, unless that has the name already, and leaves an earlier folder as
+    it was; what processes that were killed left beside it is collected. Raises `InputError` as
+    `refuse_unless_replaceable` does, at once and again before the name is taken.
     """
     folder = out.resolve()
     refuse_unless_replaceable(folder, overwrite, marker)
@@ -39,10 +72,13 @@ def new_folder(out: Path, overwrite: bool, marker: str) -> Iterator[Path]:
             except OSError as error:
                 expected = f"expected a place that can be written ({error.strerror})"
                 raise InputError(out, "folder", expected) from error
-            yield staging
-            write_manifest(staging)
-            refuse_unless_replaceable(folder, overwrite, marker)
-            _move_into_place(staging, folder)
+            place = Place(
+                staging, folder, lambda: refuse_unless_replaceable(folder, overwrite, marker)
+            )
+            yield place
+            if place.has_appeared:
+                write_manifest(folder)
+            place.appear()
         finally:
             # Does nothing after a successful move.
             shutil.rmtree(staging, ignore_errors=True)

@@ -121,6 +121,12 @@ def _is_abandoned(folder: Path) -> bool:
     return marker.is_file() and marker.stat().st_size > 0 and _is_free(marker)
 
 
+def in_use(folder: Path) -> bool:
+    """Whether a process writes a folder that was begun by pcnav."""
+    marker = folder / MANIFEST_FILE
+    return marker.is_file() and not _is_free(marker)
+
+
 def _is_free(path: Path) -> bool:
     """Whether no process holds the lock of a file."""
     if sys.platform == "win32":

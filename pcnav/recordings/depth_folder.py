@@ -69,7 +69,9 @@ def _files(path: Path) -> tuple[Path, list[str]]:
     """The folder of the images, and their names."""
     for folder in (path / _DEPTH_FOLDER, path):
         if folder.is_dir():
-            names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES]
+            # What is hidden is somebody's file on its way, or of a file system.
+            shown = (p for p in folder.iterdir() if not p.name.startswith("."))
+            names = [p.name for p in shown if p.suffix.lower() in SUFFIXES]
             if names:
                 return folder, names
     return path, []

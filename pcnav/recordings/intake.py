@@ -39,7 +39,8 @@ class Intake:
     def __init__(self, sequence: Sequence, region: RegionTable, skip_bad_frames: bool) -> None:
         """Raises `InputError` for a region whose files are not there."""
         self._sequence, self._skip = sequence, skip_bad_frames
-        self._region = region_of(region, sequence)
+        self._table, self._region = region, region_of(region, sequence)
+        self._before: DepthImage | None = None
         self._skipped: list[SkippedFrame] = []
         self._repeated: list[int] = []
         self._differing = 0
@@ -73,32 +74,42 @@ class Intake:
 
     def __iter__(self) -> Iterator[Frame]:
         """Raises `InputError` for a frame that is bad where none may be, and when all are."""
-        before: DepthImage | None = None
         for index in range(len(self)):
             try:
-                frame = self._sequence.frame(index)
-                given = restricted(frame, self._region.of(self._sequence, index))
+                yield self.read(index)
             except InputError as error:
-                self._skip_or_raise(index, error)
-                yield self._sequence.blind_frame(index)
-                continue
-            if before is not None and frame.depth_m.any():
-                if np.array_equal(frame.depth_m, before):
-                    self._repeated.append(index)
-                else:
-                    self._differing += 1
-            before = frame.depth_m
-            yield given
+                if not self._skip:
+                    hint = "; --skip-bad-frames coasts over it"
+                    raise InputError(error.file, error.field, error.expected + hint) from error
+                blind = self.skip(index, error)
+                if len(self._skipped) == len(self):
+                    expected = f"expected at least one good frame; of the last: {error}"
+                    raise InputError(self._sequence.path, "frames", expected) from error
+                yield blind
 
-    def _skip_or_raise(self, index: int, error: InputError) -> None:
-        if not self._skip:
-            hint = "; --skip-bad-frames coasts over it"
-            raise InputError(error.file, error.field, error.expected + hint) from error
+    def read(self, index: int) -> Frame:
+        """One frame, of those that are read in their order. Raises `InputError` for a bad one."""
+        frame = self._sequence.frame(index)
+        given = restricted(frame, self._region.of(self._sequence, index))
+        if self._before is not None and frame.depth_m.any():
+            if np.array_equal(frame.depth_m, self._before):
+                self._repeated.append(index)
+            else:
+                self._differing += 1
+        self._before = frame.depth_m
+        return given
+
+    def skip(self, index: int, why: InputError) -> Frame:
+        """What is given in place of a bad frame: one of which nothing is known."""
         time_s = float(self._sequence.times_s[index])
-        self._skipped.append(SkippedFrame(index, time_s, str(error)))
-        if len(self._skipped) == len(self):
-            expected = f"expected at least one good frame; of the last: {error}"
-            raise InputError(self._sequence.path, "frames", expected) from error
+        self._skipped.append(SkippedFrame(index, time_s, str(why)))
+        return self._sequence.blind_frame(index)
+
+    def extend(self, sequence: Sequence) -> None:
+        """More of the recording is there. Raises `InputError` as the making does."""
+        if self._table.masks is not None:
+            self._region = region_of(self._table, sequence)
+        self._sequence = sequence
 
 
 def skipped_frames_csv(skipped: Iterable[SkippedFrame]) -> str:

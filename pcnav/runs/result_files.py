@@ -18,6 +18,14 @@ REPORT_FILE = "report.html"
 SKIPPED_FRAMES_FILE = "skipped_frames.csv"
 """Depth frames that could not be read, where there were any."""
 PIPELINE_FILE = "pipeline.toml"
+TIMING_FILE = "timing.csv"
+"""When frames that were followed as they arrived were answered."""
+RESULT_FILES = (
+    *(STATES_FILE, POSES_FILE, COVARIANCES_FILE, RAW_COVARIANCES_FILE, MEASUREMENTS_FILE),
+    *(FEATURES_FILE, POINTS_FILE, SEGMENTS_FILE, SUMMARY_FILE, METRICS_FILE, KNOWLEDGE_FILE),
+    *(MESH_FIT_FILE, REPORT_FILE, SKIPPED_FRAMES_FILE, PIPELINE_FILE, TIMING_FILE),
+)
+"""All that a result folder may hold."""
 
 FEATURE_COLUMNS = (
     *("feature", "x_m", "y_m", "z_m", "sd_x_m", "sd_y_m", "sd_z_m"),

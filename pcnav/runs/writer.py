@@ -16,14 +16,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TextIO
+from typing import IO, Any, Self, TextIO
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import xyzw_from_rotation
 from pcnav.dynamics.blocks import ATTITUDE, Block
-from pcnav.files.new_folder import new_folder
+from pcnav.files.new_folder import Place, new_place
 from pcnav.runs.estimate import Estimate, FeaturePoint, FeatureUse, Note, Output
 from pcnav.runs.nis_window import NisWindow
 from pcnav.runs.records import MEASUREMENT_COLUMNS, pose_fields
@@ -36,6 +36,7 @@ from pcnav.runs.result_files import (
     POINTS_FILE,
     POSES_FILE,
     RAW_COVARIANCES_FILE,
+    RESULT_FILES,
     SEGMENT_COLUMNS,
     SEGMENTS_FILE,
     STATES_FILE,
@@ -61,14 +62,14 @@ class RunWriter:
 
     def __init__(self, folder: Path, output: Output, overwrite: bool = False) -> None:
         self.folder = folder
-        self._place = new_folder(folder, overwrite, STATES_FILE)
+        self._new = new_place(folder, overwrite, STATES_FILE)
         self._output = output
         self._tables: _Tables | None = None
 
     def __enter__(self) -> Self:
         with ExitStack() as begun:
-            self._staging = begun.enter_context(self._place)
-            self._tables = begun.enter_context(_Tables(self._staging, self._output))
+            self._place: Place = begun.enter_context(self._new)
+            self._tables = begun.enter_context(_Tables(self.staging, self._output))
             self._begun = begun.pop_all()
         return self
 
@@ -85,7 +86,19 @@ class RunWriter:
     @property
     def staging(self) -> Path:
         """Where the files are while it is written; its name is the folder's in the end."""
-        return self._staging
+        return self._place.path
+
+    def appear(self) -> None:
+        """Put the folder in place while it is still written, an earlier one replaced: whatever is
+        written from then on stays, however the process ends. Raises `InputError`."""
+        self._place.appear(RESULT_FILES)
+        if self._tables is not None:
+            self._tables.folder = self.staging
+
+    def flush(self) -> None:
+        """Hand what was written to the system: then it stays when this process is killed."""
+        if self._tables is not None:
+            self._tables.flush()
 
     def add(self, estimate: Estimate) -> Estimate:
         """Append one frame; what is returned has the NIS of its window, too.
@@ -102,7 +115,7 @@ class RunWriter:
         if self._tables is None:
             raise RuntimeError("frames cannot be revised after finish_tables()")
         self._tables.close()
-        with _Tables(self._staging, self._output) as self._tables:
+        with _Tables(self.staging, self._output) as self._tables:
             for estimate in estimates:
                 self._tables.add(estimate)
 
@@ -114,11 +127,11 @@ class RunWriter:
         if self._tables is not None:
             self._tables.finish()
             self._tables = None
-        return self._staging
+        return self.staging
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file of the result folder."""
-        (self._staging / name).write_text(text, encoding="utf-8")
+        (self.staging / name).write_text(text, encoding="utf-8")
 
     def write_json(self, name: str, content: Mapping[str, object]) -> None:
         """Write a JSON file of the result folder. Raises ``ValueError`` on nan and infinity."""
@@ -129,8 +142,9 @@ class _Tables:
     """The tables of a run while it goes on; closed in any case where the block ends."""
 
     def __init__(self, folder: Path, output: Output) -> None:
-        self._folder, self._output = folder, output
+        self.folder, self._output = folder, output
         self._files = ExitStack()
+        self._opened: list[IO[Any]] = []
         self._window = NisWindow()
         self._times = array("d")
         self._seen: Counter[int] = Counter()
@@ -150,6 +164,7 @@ class _Tables:
             self._poses = self._text(POSES_FILE)
         raw = (folder / RAW_COVARIANCES_FILE).open("wb")
         self._covariances = self._files.enter_context(raw)
+        self._opened.append(raw)
 
     def __enter__(self) -> Self:
         return self
@@ -159,6 +174,10 @@ class _Tables:
 
     def close(self) -> None:
         self._files.close()
+
+    def flush(self) -> None:
+        for file in self._opened:
+            file.flush()
 
     def add(self, estimate: Estimate) -> Estimate:
         self._check(estimate)
@@ -193,10 +212,11 @@ class _Tables:
                 table.writerows(self._feature_rows())
         if self._output.layout.blocks:
             self._pack_covariances()
-        (self._folder / RAW_COVARIANCES_FILE).unlink()
+        (self.folder / RAW_COVARIANCES_FILE).unlink()
 
     def _text(self, name: str) -> TextIO:
-        file = (self._folder / name).open("w", encoding="utf-8", newline="")
+        file = (self.folder / name).open("w", encoding="utf-8", newline="")
+        self._opened.append(file)
         return self._files.enter_context(file)
 
     def _table(self, name: str, columns: Sequence[str]) -> Any:
@@ -273,8 +293,8 @@ class _Tables:
         """Copy the raw covariances behind the header that needed to know their count."""
         size = self._output.layout.size
         header = {"descr": "<f8", "fortran_order": False, "shape": (len(self._times), size, size)}
-        with zipfile.ZipFile(self._folder / COVARIANCES_FILE, "w") as archive:
-            raw = (self._folder / RAW_COVARIANCES_FILE).open("rb")
+        with zipfile.ZipFile(self.folder / COVARIANCES_FILE, "w") as archive:
+            raw = (self.folder / RAW_COVARIANCES_FILE).open("rb")
             with raw, archive.open("P.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array_header_1_0(member, header)
                 shutil.copyfileobj(raw, member)
