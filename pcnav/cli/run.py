@@ -56,7 +56,7 @@ def run(
     sequences: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RECORDING...",
+            metavar="SEQUENCE...",
             help="Folder of a depth sequence, of depth images, of feature tracks or of images of "
             "one camera; a bag, an array file or a video: see docs/formats.md. Of several each "
             "gets a result folder of its own, in that of -o.",
@@ -141,7 +141,7 @@ def run(
     Exit code 3 when nothing was found in any frame; the result folder is written all the same, and
     a warning says why.
 
-    Examples: `pcnav run runs/boxsat -o runs/boxsat-result`,
+    Example: `pcnav run runs/boxsat -o runs/boxsat-result`, or
     `pcnav run --follow frames --target sat.stl -o runs/live`
     """
     from pcnav.core.errors import InputError
