@@ -11,7 +11,7 @@ WORKERS ?= 2
 RUNS ?= runs
 STUDIES := $(patsubst studies/%/study.py,%,$(wildcard studies/*/study.py))
 TYPED := $(wildcard pcnav studies benchmarks tests)
-LINTED := $(wildcard pcnav studies benchmarks meshes tests docs/examples)
+LINTED := $(wildcard pcnav studies benchmarks meshes tests docs)
 STAMP := $(VENV)/.installed
 
 # Exact versions, also for the build backend that pip runs in an environment of its own (which
@@ -26,7 +26,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-study golden lint format types check bench studies constraints clean distclean
+.PHONY: help setup demo docs test test-study golden lint format types check bench studies constraints clean distclean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -46,12 +46,16 @@ $(STAMP): pyproject.toml constraints.txt
 	    $$python -m venv --clear $(VENV); \
 	fi; \
 	echo "setup 2/2: installing up to $$(grep -c '==' constraints.txt) pinned packages (300 MB to download, a minute or more the first time)"; \
-	$(BIN)/python -m pip install --quiet --editable '.[dev,bench,images,formats,bags]'; \
+	$(BIN)/python -m pip install --quiet --editable '.[dev,docs,bench,images,formats,bags]'; \
 	touch $@; \
 	echo "setup done: $(BIN)/pcnav --help"
 
 demo: setup ## Simulate the shipped satellite, navigate, print the table, write the report
 	$(BIN)/pcnav demo --overwrite
+
+docs: setup ## Build the documentation site, build/docs/index.html
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html -d build/doctrees docs build/docs
+	@echo "docs done: build/docs/index.html"
 
 test: setup ## Run the tests (WORKERS=2 processes)
 	$(PYTEST)
@@ -73,7 +77,7 @@ format: setup ## Apply the formatting and the safe fixes
 types: setup ## Check the types (strict for pcnav)
 	$(BIN)/mypy $(TYPED)
 
-check: lint types test ## All of lint, types and test
+check: lint types docs test ## All of lint, types, docs and test
 
 bench: setup ## Measure pcnav against its peers
 	$(BIN)/python -m benchmarks
@@ -92,7 +96,7 @@ constraints: ## Resolve constraints.txt anew from pyproject.toml, newest version
 	$(PYTHON) -m venv "$$folder/venv"; \
 	PIP_CONSTRAINT= "$$folder/venv/bin/python" -m pip install --quiet uv; \
 	printf 'hatchling\neditables\n' > "$$folder/build.txt"; \
-	"$$folder/venv/bin/uv" pip compile pyproject.toml "$$folder/build.txt" --extra dev --extra bench --extra images --extra formats --extra bags \
+	"$$folder/venv/bin/uv" pip compile pyproject.toml "$$folder/build.txt" --extra dev --extra bench --extra images --extra formats --extra bags --extra docs \
 	    --universal --fork-strategy fewest --python-version 3.11 \
 	    --no-annotate --no-header --quiet --output-file "$$folder/pins.txt"; \
 	{ echo '# Exact versions of everything pcnav runs on, is tested with, is measured against and is built with,'; \

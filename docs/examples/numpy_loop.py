@@ -1,4 +1,4 @@
-"""From your own arrays to poses. Needs satellite.stl, and frames.npz with depth, time_s and K."""
+"""From your own arrays to poses. Needs satellite.stl and frames.npz."""
 
 import numpy as np
 

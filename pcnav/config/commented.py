@@ -5,6 +5,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -25,7 +26,47 @@ _BOUNDS = {
 _HEAD = """\
 # A pipeline file: every key, at {values}.
 # Keys that are commented out have no value; a file of your own needs no more than what differs.
+
 """
+
+
+@dataclass(frozen=True)
+class ExplainedKey:
+    """A key of a table."""
+
+    name: str
+    value: str | None
+    """As TOML has it; None where there is none."""
+    allowed: str
+    """Which values it takes, as far as that is a list or a bound."""
+    explained: str
+    """What it means; a file has no None, so a key without a value is absent."""
+
+
+@dataclass(frozen=True)
+class ExplainedTable:
+    """A table of a pipeline file; the keys before the first table are one without a name."""
+
+    name: str
+    explained: str
+    keys: tuple[ExplainedKey, ...]
+    is_stated: bool = True
+    """Whether it is there: some are only where they are asked for."""
+
+
+def explained_tables(pipeline: Pipeline | None = None) -> Iterator[ExplainedTable]:
+    """All tables of a pipeline, of one with the defaults unless told, from its models."""
+    pipeline = pipeline or Pipeline()
+    tables, schema = tables_of(Pipeline), Pipeline.model_json_schema()
+    plain = {name: getattr(pipeline, name) for name in Pipeline.model_fields if name not in tables}
+    yield ExplainedTable("", "", tuple(_keys(Pipeline, plain, schema["properties"], schema)))
+    for name, model in tables.items():
+        value = getattr(pipeline, name)
+        values = {key: getattr(value, key, None) for key in model.model_fields}
+        values |= (value.model_extra or {}) if value is not None else {}
+        keys = _keys(model, values, schema["$defs"][model.__name__]["properties"], schema)
+        text = _without_none(inspect.getdoc(model) or "")
+        yield ExplainedTable(name, text, tuple(keys), value is not None)
 
 
 def commented_toml(
@@ -35,26 +76,24 @@ def commented_toml(
 
     `read_pipeline` reads it back as it is. Raises ``KeyError`` for a table that there is not.
     """
-    tables, schema = tables_of(Pipeline), Pipeline.model_json_schema()
+    tables = {each.name: each for each in explained_tables(pipeline)}
     if table is not None:
-        return "\n".join(_table(table, tables[table], getattr(pipeline, table), schema)) + "\n"
-    plain = {name: getattr(pipeline, name) for name in Pipeline.model_fields if name not in tables}
-    lines = [_HEAD.format(values=values), *_keys(Pipeline, plain, schema["properties"], schema)]
-    for name, model in tables.items():
-        lines += ["", *_table(name, model, getattr(pipeline, name), schema)]
-    return "\n".join(lines) + "\n"
+        return "\n".join(_lines(tables[table])) + "\n"
+    written = ("\n".join(_lines(each)) + "\n" for each in tables.values())
+    return _HEAD.format(values=values) + "\n".join(written)
 
 
-def _table(
-    name: str, model: type[BaseModel], value: BaseModel | None, schema: Mapping[str, Any]
-) -> Iterator[str]:
-    """The lines of a table; all of one that is None are comments."""
-    off = "# " if value is None else ""
-    yield from _comment(inspect.getdoc(model) or "")
-    yield f"{off}[{name}]"
-    values = {key: getattr(value, key, None) for key in model.model_fields}
-    values |= (value.model_extra or {}) if value is not None else {}
-    yield from _keys(model, values, schema["$defs"][model.__name__]["properties"], schema)
+def _lines(table: ExplainedTable) -> Iterator[str]:
+    """The lines of a table; all of one that is not there are comments."""
+    yield from _comment(table.explained)
+    if table.name:
+        yield f"{'' if table.is_stated else '# '}[{table.name}]"
+    for key in table.keys:
+        yield from _comment(key.explained)
+        if key.value is None:
+            yield f"# {key.name} =  # {key.allowed or 'text'}"
+        else:
+            yield f"{key.name} = {key.value}{f'  # {key.allowed}' if key.allowed else ''}"
 
 
 def _keys(
@@ -62,15 +101,16 @@ def _keys(
     values: Mapping[str, Any],
     properties: Mapping[str, Any],
     schema: Mapping[str, Any],
-) -> Iterator[str]:
+) -> Iterator[ExplainedKey]:
     said = _explained(model)
-    for key, value in values.items():
-        yield from _comment(said.get(key, ""))
-        allowed = _allowed(properties.get(key, {}), schema)
-        if value is None:
-            yield f"# {key} =  # {allowed or 'text'}"
-        else:
-            yield f"{key} = {_inline(value)}{f'  # {allowed}' if allowed else ''}"
+    for name, value in values.items():
+        allowed = _allowed(properties.get(name, {}), schema)
+        stated = None if value is None else _inline(value)
+        yield ExplainedKey(name, stated, allowed, _without_none(said.get(name, "")))
+
+
+def _without_none(text: str) -> str:
+    return re.sub(r"\bNone\b", "no value", text)
 
 
 def _inline(value: Any) -> str:
@@ -82,8 +122,7 @@ def _inline(value: Any) -> str:
 
 
 def _comment(text: str) -> Iterator[str]:
-    # A file has no None: a key without a value is absent.
-    for paragraph in re.sub(r"\bNone\b", "no value", text).split("\n\n"):
+    for paragraph in text.split("\n\n"):
         for line in textwrap.wrap(" ".join(paragraph.split()), _WIDTH):
             yield f"# {line}"
 

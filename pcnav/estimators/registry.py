@@ -152,6 +152,7 @@ ESTIMATORS: Mapping[str, EstimatorEntry] = {
         judged_over_trace=True,
     ),
 }
+"""By the name that pipelines, `pcnav run --estimator` and grids of `pcnav table` give them."""
 
 
 def make_estimator(key: str, given: Given) -> Estimator:
