@@ -56,7 +56,6 @@ def run(
     sequences: Annotated[
         list[Path],
         typer.Argument(
-            metavar="SEQUENCE...",
             help="Folder of a depth sequence, of depth images, of feature tracks or of images of "
             "one camera; a bag, an array file or a video: see docs/formats.md. Of several each "
             "gets a result folder of its own, in that of -o.",
