@@ -23,6 +23,7 @@ from pcnav.config.motion import MotionTable
 from pcnav.config.principal_axes import PrincipalAxesTable
 from pcnav.config.recording import RecordingTable
 from pcnav.config.region import RegionTable
+from pcnav.config.scan import ScanTable
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.config.sensors import (
     CameraTable,
@@ -135,6 +136,7 @@ class Pipeline(Table):
     body: BodyTable = BodyTable()
     motion: MotionTable = MotionTable()
     camera: CameraTable = CameraTable()
+    scan: ScanTable = ScanTable()
     noise: NoiseTable = NoiseTable()
     miscalibration: MiscalibrationTable = MiscalibrationTable()
     background: BackgroundTable = BackgroundTable()

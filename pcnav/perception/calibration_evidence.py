@@ -5,7 +5,6 @@ from collections.abc import Collection
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import pixel_rays
 from pcnav.perception.calibration_fields import FIELD_NAMES, by_fields
 from pcnav.perception.correlated_ranges import face_field, range_evidence
 from pcnav.perception.face_evidence import WITHOUT_RANGES
@@ -20,9 +19,9 @@ def evidence_of_fields(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
 
 def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     residuals, rendered, noise = seen.residuals, seen.rendered, seen.noise
-    window, inside = rendered.window, residuals.inside
+    window, pixels = rendered.window, residuals.pixels
     total = np.zeros((POSE_SIZE + noise.n_shared, len(FIELD_NAMES)))
-    rays, depth_m = pixel_rays(rendered.camera)[window][inside], rendered.depth_m[window][inside]
+    rays, depth_m = rendered.rays[window][pixels], rendered.depth_m[window][pixels]
     for face, fit in seen.ranges.items():
         if face not in faces:
             continue

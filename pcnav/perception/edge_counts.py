@@ -152,8 +152,8 @@ def _sides(
     triangle = rendered.triangle[v, u]
     near_triangle, far_triangle = triangle[:, reach], triangle[:, -1]
     near_plane, far_plane = (
-        rendered.planes_at(seen, row)
-        for seen, row in ((near_triangle, v[:, reach]), (far_triangle, v[:, -1]))
+        rendered.planes_at(seen, (v[:, k], u[:, k]))
+        for seen, k in ((near_triangle, reach), (far_triangle, -1))
     )
     edge_z = crossings.p_cam[:, 2]
     edge_rays = crossings.p_cam / edge_z[:, None]

@@ -15,8 +15,8 @@ from pcnav.target.rendering import RenderedDepth
 _MANY_EDGES, _MIN_SPAN_PX = 10_000, 1.0
 """Of more edges than this, those that are imaged shorter are not looked at: a crossing counts
 beside two others of its edge."""
-_ROW_ROUNDS = 2
-"""A row's time moves a point by far less than the rows between."""
+_PIXEL_ROUNDS = 2
+"""A pixel's time moves a point by far less than the pixels between."""
 
 
 @dataclass(frozen=True)
@@ -89,26 +89,26 @@ class _Imaging:
 
     @property
     def is_bent(self) -> bool:
-        return self.rendered.camera.distortion is not None or self.rendered.row_planes is not None
+        return self.rendered.camera.distortion is not None or self.rendered.moving is not None
 
     def pixels(self, p_cam: FloatArray) -> FloatArray:
         """(..., 2) of points (..., 3) of the target where the pose has them."""
         camera = self.rendered.camera
         pixels = project(camera, p_cam)
-        if self.rendered.row_planes is None:
+        if self.rendered.moving is None:
             return pixels
-        # The row of a point is that in which it is when that row is exposed.
-        for _ in range(_ROW_ROUNDS):
-            pixels = project(camera, self.at_row(p_cam, pixels[..., 1]))
+        # The pixel of a point is that in which it is when that pixel is exposed.
+        for _ in range(_PIXEL_ROUNDS):
+            pixels = project(camera, self.when_seen(p_cam, pixels))
         return pixels
 
-    def at_row(self, p_cam: FloatArray, row: FloatArray) -> FloatArray:
-        """(..., 3) where the points are when rows are exposed."""
-        moving = self.rendered.row_planes
+    def when_seen(self, p_cam: FloatArray, pixels: FloatArray) -> FloatArray:
+        """(..., 3) where the points are when pixels (..., 2) are exposed."""
+        moving = self.rendered.moving
         if moving is None:
             return p_cam
         p_model = (p_cam - self.T_cam_model[:3, 3]) @ self.T_cam_model[:3, :3]
-        return moving.moved(p_model, row)
+        return moving.moved(p_model, pixels)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def edge_crossings(
     found = _crossings(_bounding(edges, imaging), rendered.camera, imaging.is_bent)
     if not imaging.is_bent:
         return found
-    found = replace(found, p_cam=imaging.at_row(found.p_cam, found.pixels[:, 1]))
+    found = replace(found, p_cam=imaging.when_seen(found.p_cam, found.pixels))
     # The segments of an edge that runs left or up follow each other against their crossings.
     return picked(found, np.lexsort((found.major, found.upright, found.edge)))
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.core.camera import pixel_rays
 from pcnav.perception.calibration_fields import FIELD_NAMES, by_fields
 from pcnav.perception.modality import POSE_SIZE, SeenFrame
 from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX
@@ -101,9 +100,9 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     residuals."""
     residuals, rendered = seen.residuals, seen.rendered
     chosen = residuals.agrees & np.isin(residuals.face, list(faces))
-    window, inside = rendered.window, residuals.inside
-    rays = pixel_rays(rendered.camera)[window][inside][chosen]
-    p_cam = rays * rendered.depth_m[window][inside][chosen].astype(np.float64)[:, None]
+    window, pixels = rendered.window, residuals.pixels
+    rays = rendered.rays[window][pixels][chosen]
+    p_cam = rays * rendered.depth_m[window][pixels][chosen].astype(np.float64)[:, None]
     jacobian = residuals.jacobian[chosen]
     sigma_m = np.broadcast_to(residuals.sigma_m, residuals.agrees.shape)[chosen]
     misfit = {face: max(fit.chi_square_per_dof, 1.0) for face, fit in seen.ranges.items()}

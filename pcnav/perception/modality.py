@@ -101,8 +101,10 @@ class RangeResiduals:
     """(n,) predicted."""
     sigma_m: float | FloatArray
     """White noise of each, or of all."""
-    inside: BoolArray
-    """(height, width) of the window of the view: the pixels they are of."""
+    pixels: tuple[IntArray, IntArray]
+    """(n,) rows and (n,) columns, in the window of the view, that they are of."""
+    shape: tuple[int, int]
+    """(height, width) of that window."""
 
     @property
     def dropout(self) -> float:
@@ -112,21 +114,22 @@ class RangeResiduals:
         """
         if self.returned.all():
             return 0.0
-        seen = np.zeros(self.inside.shape, dtype=np.bool_)
-        seen[self.inside] = self.returned
-        beside = self.inside[:, 1:] & seen[:, :-1]
+        inside, seen = np.zeros((2, *self.shape), dtype=np.bool_)
+        inside[self.pixels] = True
+        seen[self.pixels] = self.returned
+        beside = inside[:, 1:] & seen[:, :-1]
         n = int(np.count_nonzero(beside))
         return np.count_nonzero(beside & ~seen[:, 1:]) / n if n else 1.0
 
     @cached_property
     def v(self) -> FloatArray:
         """(n,) row in the window."""
-        return np.nonzero(self.inside)[0].astype(np.float64)
+        return self.pixels[0].astype(np.float64)
 
     @cached_property
     def u(self) -> FloatArray:
         """(n,) column in the window."""
-        return np.nonzero(self.inside)[1].astype(np.float64)
+        return self.pixels[1].astype(np.float64)
 
 
 @dataclass(frozen=True)

@@ -113,13 +113,13 @@ class FrameReader:
         self._measured: BoolArray | None = None
         self.row_readout_s = 0.0
         """Time from the exposure of the first row of a frame to that of the last."""
+        self.frames_take_time = False
+        """Whether a target moves while a frame is taken."""
 
-    def expect_motion(self, twist: FloatArray | None) -> None:
-        """How the target moves in the camera when the next frame is taken, see `Readout`; None for
-        not known. It matters where rows are read out one after the other."""
-        self._readout = None
-        if twist is not None and self.row_readout_s > 0.0:
-            self._readout = Readout(twist, self.row_readout_s)
+    def expect_motion(self, motion: Readout | None) -> None:
+        """How the target moves in the camera when the next frame is taken; None for not known. It
+        matters where its pixels are not exposed at once."""
+        self._readout = motion
         for comparer in self._comparers.values():
             comparer.readout = self._readout
 
@@ -297,7 +297,8 @@ class FrameReader:
             )
         comparer = self._comparers[frame.camera]
         comparer.unseen = frame.unseen
-        comparer.readout = self._readout
+        comparer.readout, comparer.row_readout_s = self._readout, self.row_readout_s
+        comparer.beams = frame.beams
         return comparer
 
     def is_doubted(

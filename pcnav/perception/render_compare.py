@@ -17,6 +17,7 @@ import numpy as np
 
 from pcnav.config.depth import MODALITIES_BY_DEFAULT, ModalityName
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.beams import Beams
 from pcnav.core.camera import PinholeCamera
 from pcnav.perception.agreement import Agreement, judged
 from pcnav.perception.contour import contour_reach
@@ -26,12 +27,13 @@ from pcnav.perception.modality import SeenFrame
 from pcnav.perception.outline_frame import outline_frame
 from pcnav.perception.pose_doubt import GATE_SIGMA, PoseDoubt
 from pcnav.perception.predicted_view import rectangle_of_triangle
+from pcnav.perception.scans import exposure_of_scan, outline_of_scan, strided_beams
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surface_pixels import FEW_PIXELS, surface_pixels
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
 from pcnav.target.parts import has_several_bodies
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
-from pcnav.target.row_motion import Readout
+from pcnav.target.row_motion import Exposure, Readout, row_times
 from pcnav.target.satellite import Target
 
 _LOOSE_FRACTION = 0.01
@@ -92,9 +94,13 @@ class RenderComparer:
         self._face_of_triangle = rectangle_of_triangle(target)
         self._diameter_m = target.diameter_m
         self.readout: Readout | None = None
-        """How the target moves while rows are read out; None while that is unknown or nothing."""
+        """How the target moves while a frame is taken; None while that is unknown or nothing."""
+        self.row_readout_s = 0.0
+        """From the exposure of the first row of an image to that of its last."""
         self._surroundings = SurroundingsFinder(target.diameter_m)
         self._unseen: BoolArray | None = None
+        self.beams: Beams | None = None
+        """Of the scan compared next; None of an image."""
 
     def coarse(
         self, depth_m: DepthImage, T_cam_model: FloatArray | None = None
@@ -122,6 +128,8 @@ class RenderComparer:
             self._coarser[stride]._surroundings = self._surroundings
             self._coarser[stride].unseen = self._unseen
         self._coarser[stride].readout = self.readout
+        self._coarser[stride].row_readout_s = self.row_readout_s
+        self._coarser[stride].beams = self.beams
         return self._coarser[stride]
 
     def _span_px(self, T_cam_model: FloatArray) -> float:
@@ -153,10 +161,24 @@ class RenderComparer:
 
     def _view(self, T_cam_model: FloatArray) -> RenderedDepth:
         """From a pose (4, 4), as far as it is seen."""
-        row_poses = None
-        if self.readout is not None:
-            row_poses = self.readout.poses(T_cam_model, self.camera.height, self._stride)
-        rendered = self._renderer.render(T_cam_model, row_poses)
+        return self._as_seen(self._renderer.render(T_cam_model, self._exposure(T_cam_model)))
+
+    def _exposure(self, T_cam_model: FloatArray) -> Exposure | None:
+        """When the pixels see a target at a pose (4, 4); None where all do at the frame's time."""
+        beams, readout = self._beams_here(), self.readout
+        if beams is not None:
+            return exposure_of_scan(beams, self.camera.strided(self._stride), T_cam_model, readout)
+        if readout is None or self.row_readout_s == 0.0:
+            return None
+        times_s = row_times(self.row_readout_s, self.camera.height)[:: self._stride]
+        width = -(-self.camera.width // self._stride)
+        return Exposure.by_rows(readout.poses(T_cam_model, times_s), width)
+
+    def _beams_here(self) -> Beams | None:
+        """Those of the scan on the grid compared on."""
+        return None if self.beams is None else strided_beams(self.beams, self._stride)
+
+    def _as_seen(self, rendered: RenderedDepth) -> RenderedDepth:
         unseen = self._unseen_here()
         return rendered if unseen is None else rendered.without(unseen)
 
@@ -252,7 +274,9 @@ class RenderComparer:
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
             is_beaten: whether no face is worth being measured, the frame being explained so.
         """
-        rendered = self._view(T_cam_model)
+        beams = self._beams_here()
+        whole = self._renderer.render(T_cam_model, self._exposure(T_cam_model))
+        rendered = self._as_seen(whole)
         noise = self._noise_beside_facets(T_cam_model)
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
@@ -267,8 +291,10 @@ class RenderComparer:
         doubt_px = self.doubt_px(T_cam_model, pose_covariance)
         # A coarse grid is made of more.
         few_pixels = FEW_PIXELS if self._stride == 1 else 0
-        pixels = surface_pixels(rendered, doubted_m, doubt_px, noise, few_pixels)
-        residuals = pixels.residuals(depth_m, rendered, doubt, noise, self._face_of_triangle)
+        whole = rendered if beams is None else whole
+        pixels = surface_pixels(whole, doubted_m, doubt_px, noise, few_pixels, beams)
+        face_of_triangle = self._face_of_triangle
+        residuals = pixels.residuals(depth_m, rendered, doubt, noise, face_of_triangle, beams)
         face_of_triangle = pooled_faces(self._face_of_triangle, residuals, few_pixels)
         residuals = replace(residuals, face=face_of_triangle[pixels.triangle])
         variance = residuals.pose_variance_m2
@@ -280,9 +306,11 @@ class RenderComparer:
         outline = outline_frame(
             *(depth_m, rendered, surroundings, tolerance, reach, self._unseen_here())
         )
+        if beams is not None:
+            outline = outline_of_scan(beams, rendered.camera, depth_m, outline)
         if surroundings is not None:
             # Lone returns are false ones: where they are, one is lost.
-            is_thing = surroundings.labels[rendered.window][pixels.inside] > 0
+            is_thing = surroundings.labels[rendered.window][pixels.pixels] > 0
             residuals = replace(residuals, returned=is_thing)
         if self._measured is not None:
             agrees = residuals.agrees & self._measured[pixels.triangle]
@@ -311,5 +339,5 @@ def _labels(seen: SeenFrame) -> IntArray:
         label_of_face[face] = label
     labels = np.full(seen.depth_m.shape, -1, dtype=np.intp)
     shown = np.where(residuals.agrees, label_of_face[residuals.face], -1)
-    labels[rendered.window][residuals.inside] = shown
+    labels[rendered.window][residuals.pixels] = shown
     return labels

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray, neighbours
-from pcnav.core.camera import pixel_rays, range_per_depth
+from pcnav.core.beams import Beams
+from pcnav.core.camera import range_per_depth
 from pcnav.perception.modality import RangeResiduals
 from pcnav.perception.pose_doubt import GATE_SIGMA, PoseDoubt
 from pcnav.perception.sensor_noise import SensorNoise
@@ -34,8 +35,8 @@ hardly any others are left. Where they show the neighbour's face, gates tell."""
 class SurfacePixels:
     """Pixels inside the surfaces of a rendered view (n of them)."""
 
-    inside: BoolArray
-    """(height, width) of the rendered window: which they are."""
+    pixels: tuple[IntArray, IntArray]
+    """(n,) rows and (n,) columns of them in the rendered window."""
     triangle: IntArray
     """(n,) of the mesh."""
     rays: FloatArray
@@ -46,6 +47,8 @@ class SurfacePixels:
     """(n,)"""
     m: FloatArray
     """(n, 3) plane, ``m . ray = 1 / range``."""
+    beam: IntArray | None = None
+    """(n,) number of the beam of a scan; None where the pixels see for themselves."""
 
     def residuals(
         self,
@@ -54,9 +57,14 @@ class SurfacePixels:
         doubt: PoseDoubt,
         noise: SensorNoise,
         face_of_triangle: IntArray,
+        beams: Beams | None = None,
     ) -> RangeResiduals:
-        """Of a frame (height, width) beside the view, whose pose is so uncertain."""
-        seen_m = depth_m[rendered.window][self.inside] * self.range_per_depth
+        """Of a frame (height, width), or of the beams of one, beside the view, whose pose is so
+        uncertain."""
+        if beams is None or self.beam is None:
+            seen_m = depth_m[rendered.window][self.pixels] * self.range_per_depth
+        else:
+            seen_m = beams.within(depth_m).depth_m[self.beam] * self.range_per_depth
         returned = seen_m > 0.0
         residual = seen_m - self.range_m
         sigma_m = noise.sigma_at(self.range_m)
@@ -75,7 +83,8 @@ class SurfacePixels:
             pose_variance_m2=variance,
             range_m=self.range_m,
             sigma_m=sigma_m,
-            inside=self.inside,
+            pixels=self.pixels,
+            shape=rendered.triangle[rendered.window].shape,
         )
 
 
@@ -93,8 +102,9 @@ def surface_pixels(
     doubt_px: float,
     noise: SensorNoise,
     few_pixels: int = FEW_PIXELS,
+    beams: Beams | None = None,
 ) -> SurfacePixels:
-    """Those of a view.
+    """Those of a view, or of a scan all beams in such pixels.
 
     Args:
         rendered: the view.
@@ -102,6 +112,7 @@ def surface_pixels(
         doubt_px: how far the view may be displaced.
         noise: of the sensor.
         few_pixels: of a view that covers no more, all take part.
+        beams: of a scan; the view shows those pixels, too, that none of them fell in.
     """
     # A displaced view shows the neighbour's face in the place of a pixel's own, as far as it is
     # displaced: by that part of the bend its range is then off.
@@ -111,21 +122,44 @@ def surface_pixels(
         inside = _away_from_creases(rendered, _CREASE_SIGMA * sigma_m, bend_sigma * sigma_m)
         if noise.may_have_footprint:
             inside = _whole(inside, noise)
-    triangle = rendered.triangle[rendered.window][inside]
-    per_depth = range_per_depth(rendered.camera)[rendered.window][inside]
-    m = rendered.inverse_depth_planes[triangle]
-    if rendered.row_planes is not None:
-        m = rendered.row_planes.at(triangle, np.nonzero(inside)[0] + rendered.window[0].start)
+    top, left = (part.start for part in rendered.window)
+    if beams is None:
+        rows, columns = np.nonzero(inside)
+        pixels, beam = (rows, columns), None
+        per_depth = range_per_depth(rendered.camera)[rendered.window][pixels]
+        unit = rendered.rays[rendered.window][pixels] / per_depth[:, None]
+        triangle = rendered.triangle[rendered.window][pixels]
+        m = rendered.planes_at(triangle, (pixels[0] + top, pixels[1] + left))
+    else:
+        pixels, beam = _beams_inside(beams, inside, (top, left))
+        rays = beams.rays[beam]
+        per_depth = np.linalg.norm(rays, axis=1)
+        unit = rays / per_depth[:, None]
+        triangle = rendered.triangle[rendered.window][pixels]
+        assert rendered.moving is not None, "a scan is seen through its own rays"
+        m = rendered.moving.at(triangle, beams.slice[beam])
     norm = np.linalg.norm(m, axis=1)
-    unit = pixel_rays(rendered.camera)[rendered.window][inside] / per_depth[:, None]
     inverse = np.einsum("ij,ij->i", m, unit)
     steep = inverse < _MIN_COSINE * norm
     if steep.any():
-        inside[inside] = ~steep
+        pixels = pixels[0][~steep], pixels[1][~steep]
+        beam = None if beam is None else beam[~steep]
         triangle, per_depth, m, unit, inverse = (
             part[~steep] for part in (triangle, per_depth, m, unit, inverse)
         )
-    return SurfacePixels(inside, triangle, unit, 1.0 / inverse, per_depth, m)
+    return SurfacePixels(pixels, triangle, unit, 1.0 / inverse, per_depth, m, beam)
+
+
+def _beams_inside(
+    beams: Beams, inside: BoolArray, corner: tuple[int, int]
+) -> tuple[tuple[IntArray, IntArray], IntArray]:
+    """Rows and columns in a window, of pixels marked inside, and the beams that fell in them."""
+    v, u = np.divmod(beams.pixel, beams.shown.shape[1])
+    v, u = v - corner[0], u - corner[1]
+    height, width = inside.shape
+    beam = np.flatnonzero((v >= 0) & (v < height) & (u >= 0) & (u < width))
+    beam = beam[inside[v[beam], u[beam]]]
+    return (v[beam], u[beam]), beam
 
 
 def _away_from_creases(rendered: RenderedDepth, crease_m: float, bend_m: float) -> BoolArray:
@@ -133,7 +167,7 @@ def _away_from_creases(rendered: RenderedDepth, crease_m: float, bend_m: float) 
     crease that makes no difference to the pixel, or a bend that makes little."""
     triangle = rendered.triangle[rendered.window]
     depth = rendered.depth_m[rendered.window].astype(np.float64)
-    rays = pixel_rays(rendered.camera)[rendered.window]
+    rays = rendered.rays[rendered.window]
     inside = np.asarray(triangle >= 0)
     # Slices, for a target out of view leaves an empty window.
     inside[:1] = inside[-1:] = False

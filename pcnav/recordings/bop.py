@@ -2,8 +2,11 @@
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from pcnav.config.length_unit import LengthUnit
 from pcnav.config.recording import AS_IT_IS, RecordingTable
@@ -11,7 +14,8 @@ from pcnav.core.errors import InputError
 from pcnav.recordings.bop_models import model_of
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE, SceneCamera, read_scene_camera
 from pcnav.recordings.depth_form import PLAIN
-from pcnav.recordings.depth_image import SUFFIXES, first_size, image_of
+from pcnav.recordings.depth_image import SUFFIXES, ImageSize, first_size, image_of
+from pcnav.recordings.scan_files import SCAN_FILE, ScanTable, read_scan_table, scan_of
 from pcnav.recordings.sequence import Sequence, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, read_sequence_file, stated_time_zero
 from pcnav.recordings.time_line import zero_of
@@ -60,9 +64,13 @@ def read_bop(
     info = replace(info, time_zero_s=zero_s)
     assumed += _doubt_of_zero(info, float(scene.time_s[0]))
     images, numbers = path / DEPTH_FOLDER, scene.numbers.tolist()
-    files = _images(images, numbers, skip_bad_frames)
+    table_of_scans = path / SCAN_FILE
+    scans = read_scan_table(table_of_scans) if table_of_scans.is_file() else None
+    files = _images(images, numbers, skip_bad_frames, scan_of if scans else image_of)
     if assumed:
         _LOG.warning("%s: %s", path, "; ".join(assumed))
+    if scans is not None:
+        return _of_scans(path, info, scene, files, scans)
     return Sequence(
         path=path,
         info=info,
@@ -75,6 +83,25 @@ def read_bop(
         T_cam_world=scene.T_cam_world,
         form=form,
         object_id=table.object,
+    )
+
+
+def _of_scans(
+    path: Path, info: SequenceInfo, scene: SceneCamera, files: tuple[str, ...], scans: ScanTable
+) -> Sequence:
+    """Scans: cam_K says nothing, the grid is that of their table."""
+    camera = scans.camera
+    return Sequence(
+        path=path,
+        info=replace(info, scan_s=scans.lasts_s, row_readout_s=0.0),
+        images=path / DEPTH_FOLDER,
+        files=files,
+        size=ImageSize(camera.width, camera.height),
+        times_s=scene.time_s - info.time_zero_s,
+        intrinsics=np.tile([camera.fx, camera.fy, camera.cx, camera.cy], (len(files), 1)),
+        depth_step_m=scene.depth_step_m,
+        T_cam_world=scene.T_cam_world,
+        read_scan=scans.read,
     )
 
 
@@ -107,14 +134,19 @@ def _stem(number: int) -> str:
     return f"{number:06d}"
 
 
-def _images(folder: Path, numbers: list[int], may_be_missing: bool) -> tuple[str, ...]:
+def _images(
+    folder: Path,
+    numbers: list[int],
+    may_be_missing: bool,
+    find: Callable[[Path, str, set[str]], str | None],
+) -> tuple[str, ...]:
     """Names of the depth images of frames. Raises `InputError` for one that is not there."""
     if not folder.is_dir():
         raise InputError(folder, "folder", "expected a folder with the depth images")
     present = {file.name for file in folder.iterdir()}
     files = []
     for number in numbers:
-        file = image_of(folder, _stem(number), present)
+        file = find(folder, _stem(number), present)
         if file is None and may_be_missing:
             file = depth_file_name(number)
         elif file is None:

@@ -14,6 +14,7 @@ from pcnav.config.length_unit import LengthUnit
 from pcnav.config.scenario import InertiaRatios
 from pcnav.config.table import Positive, Vector3
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
+from pcnav.core.beams import Beams
 from pcnav.core.camera import PinholeCamera, pixels_without_ray
 from pcnav.core.errors import InputError
 from pcnav.recordings.calibration import Calibration
@@ -34,6 +35,7 @@ from pcnav.recordings.frame_checks import (
     required_numbers,
 )
 from pcnav.recordings.recording import RecordingKind
+from pcnav.recordings.scan import Scan
 
 _ThreePositive = Annotated[tuple[Positive, Positive, Positive], Strict(False)]
 _FivePositive = Annotated[tuple[Positive, Positive, Positive, Positive, Positive], Strict(False)]
@@ -61,6 +63,8 @@ class Frame:
     unseen: BoolArray | None = None
     """(height, width) pixels of which nothing is known, not even that nothing is there: outside a
     region of interest, or nearer than the near gate. None where there is no such pixel."""
+    beams: Beams | None = None
+    """Of a scan, whose image ``depth_m`` is: where and when its pixels look. None of an image."""
 
     def __post_init__(self) -> None:
         where = f"frame {self.index}"
@@ -79,6 +83,15 @@ class Frame:
         depth_m, unseen = np.zeros(shape, dtype=np.float32), np.ones(shape, dtype=np.bool_)
         return Frame(index, time_s, depth_m, camera, T_cam_world, unseen)
 
+    @staticmethod
+    def of_scan(
+        index: int, time_s: float, scan: Scan, camera: PinholeCamera, T_cam_world: FloatArray
+    ) -> "Frame":
+        """A scan laid over a camera's pixels; of those without a beam nothing is known."""
+        beams = scan.on(camera)
+        unseen = None if beams.is_seen.all() else ~beams.is_seen
+        return Frame(index, time_s, beams.image, camera, T_cam_world, unseen, beams)
+
     def __repr__(self) -> str:
         returns = self.depth_m[self.depth_m > 0.0]
         size, what = f"{self.camera.width} x {self.camera.height}", "no return"
@@ -96,7 +109,8 @@ class Frame:
         if self.unseen is not None:
             unseen = np.ascontiguousarray(self.unseen[::stride, ::stride])
         camera = self.camera.strided(stride)
-        return replace(self, depth_m=depth_m, camera=camera, unseen=unseen)
+        beams = None if self.beams is None else self.beams.strided(stride)
+        return replace(self, depth_m=depth_m, camera=camera, unseen=unseen, beams=beams)
 
 
 class InitialPrior(FirstPoseTable):
@@ -142,6 +156,8 @@ class SequenceInfo:
     row_readout_s: float = 0.0
     """Time from the exposure of the first row to that of the last; 0 of a global shutter. The
     time of a frame is that of its middle row."""
+    scan_s: float = 0.0
+    """Time that a scan takes, of which each return has a time of its own; 0 of images."""
     time_zero_s: float = 0.0
     """Time stamp of the recording that is time 0 of its frames."""
     first_pose: FirstPosePrior | None = None
@@ -163,7 +179,13 @@ class SequenceInfo:
             camera_position_sd_m=self.camera_position_sd_m,
             camera_attitude_sd_rad=self.camera_attitude_sd_rad,
             row_readout_s=self.row_readout_s,
+            scan_s=self.scan_s,
         )
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether a frame shows a target that moves meanwhile."""
+        return self.row_readout_s > 0.0 or self.scan_s > 0.0
 
 
 def stated_or_default_sigma(info: SequenceInfo, chosen_m: float | None = None) -> float:
@@ -199,6 +221,8 @@ class Sequence:
     """What a stored pixel means."""
     read_image: Callable[[Path], StoredDepth] = read_depth_image
     """Reads one of the images, which need not be a file of its own. Raises `InputError`."""
+    read_scan: Callable[[Path], Scan] | None = None
+    """Of a recording of scans, reads one; its images are what they show on a grid of pixels."""
     object_id: int | None = None
     """Which of the objects of a BOP scene is the target; None where that was not asked."""
 
@@ -225,6 +249,11 @@ class Sequence:
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         path = self.images / self.files[index]
+        if self.read_scan is not None:
+            camera, time_s = self.camera(index), float(self.times_s[index])
+            return Frame.of_scan(
+                index, time_s, self.read_scan(path), camera, self.T_cam_world[index]
+            )
         depth_m = self._in_metres(path, self.read_image(path), index)
         camera, time_s = self.camera(index), float(self.times_s[index])
         unseen = pixels_without_ray(camera)

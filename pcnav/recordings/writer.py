@@ -18,6 +18,7 @@ from pcnav.recordings.bop import DEPTH_FOLDER, depth_file_name
 from pcnav.recordings.bop_scene import OBJECT_ID, SCENE_CAMERA_FILE, SCENE_GT_FILE
 from pcnav.recordings.depth_form import DepthForm
 from pcnav.recordings.depth_png import MAXIMUM_UNITS, RawDepth, write_depth_png
+from pcnav.recordings.scan_files import ScanWriter
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.sequence_file import SEQUENCE_FILE, write_sequence_file
 from pcnav.recordings.truth import write_truth
@@ -49,13 +50,17 @@ def write_sequence(
         info = replace(info, target_mesh=_copied_mesh(info.target_mesh, folder))
         numbers: list[int] = []
         lenses: set[Distortion | None] = set()
+        scans = ScanWriter(folder)
 
         def entries() -> Iterator[tuple[int, object]]:
             for frame in frames:
                 if numbers and frame.index <= numbers[-1]:
                     raise ValueError(f"frame {frame.index} after frame {numbers[-1]}")
-                units = _units(frame, depth_step_m, out)
-                write_depth_png(folder / DEPTH_FOLDER / depth_file_name(frame.index), units)
+                file = folder / DEPTH_FOLDER / depth_file_name(frame.index)
+                if frame.beams is None:
+                    write_depth_png(file, _units(frame, depth_step_m, out))
+                else:
+                    scans.write(frame, file.with_suffix(""))
                 numbers.append(frame.index)
                 lenses.add(frame.camera.distortion)
                 yield frame.index, _camera_entry(frame, depth_step_m, info.time_zero_s)

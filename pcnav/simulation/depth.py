@@ -19,6 +19,7 @@ from pcnav.dynamics.trajectory import Trajectory
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.recordings.first_pose import POSITION_SD_SHARE
 from pcnav.recordings.recording import RecordingKind
+from pcnav.recordings.scan import Scan, grid_of
 from pcnav.recordings.sequence import FirstPosePrior, Frame, SequenceInfo
 from pcnav.recordings.writer import write_sequence
 from pcnav.simulation.camera_pose import recorded_poses
@@ -27,6 +28,8 @@ from pcnav.simulation.miscalibration import Miscalibration, stated_calibration
 from pcnav.simulation.motion import TrueMotion, frame_times, true_motion
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.simulation.readout import RowTimes
+from pcnav.simulation.scan_patterns import Pattern, pattern_of
+from pcnav.simulation.scans import FineMotion, Scanner
 from pcnav.simulation.simulation import OnFrame, Simulation, counted
 from pcnav.simulation.stamps import recorded_times
 from pcnav.simulation.surroundings.part import Part
@@ -63,7 +66,8 @@ class Scene:
     @staticmethod
     def of(pipeline: Pipeline, mesh: trimesh.Trimesh, source: Path | str = "pipeline") -> "Scene":
         """The scene of a pipeline. ``source`` is the file that an `InputError` names."""
-        motion = true_motion(pipeline, source)
+        scans = pipeline.scan.is_used
+        motion = FineMotion.of(pipeline, source)[1] if scans else true_motion(pipeline, source)
         mesh = Miscalibration.of(pipeline).true_mesh(mesh)
         parts = scenery(pipeline, motion, mesh, source)
         # The truth of a frame is that of its true time, under the time that is recorded.
@@ -91,6 +95,7 @@ class Scene:
         """What a recording of the scene states."""
         pipeline = self.pipeline
         distance_m = float(np.linalg.norm(pipeline.orbit.r_hill_m))
+        scans = pipeline.scan.is_used
         return SequenceInfo(
             self.name,
             pipeline.orbit.mean_motion_rad_s,
@@ -100,7 +105,8 @@ class Scene:
             first_pose=stated_first_pose(pipeline, self.truth.poses[0]),
             camera_position_sd_m=pipeline.camera.position_sd_m,
             camera_attitude_sd_rad=float(np.deg2rad(pipeline.camera.attitude_sd_deg)),
-            row_readout_s=pipeline.camera.row_readout_s,
+            row_readout_s=0.0 if scans else pipeline.camera.row_readout_s,
+            scan_s=pipeline.scan.duration_s if scans and pipeline.scan.states_times else 0.0,
             calibration=stated_calibration(pipeline),
         )
 
@@ -112,10 +118,15 @@ class Scene:
 
         Raises `InputError` for a depth that does not fit the file.
         """
+        if self.pipeline.scan.is_used:
+            return self.frames()
         return (as_recorded(frame, self.pipeline.noise) for frame in self.frames())
 
     def frames(self, blind: range = range(0)) -> Iterator[Frame]:
         """The depth frames one by one; those in ``blind`` have no returns."""
+        if self.pipeline.scan.is_used:
+            yield from self._scans(blind)
+            return
         pipeline, stated = self.pipeline, self.pipeline.camera.pinhole
         camera = Miscalibration.of(pipeline).true_camera(stated)
         poses, noise = self.truth.poses, pipeline.noise
@@ -134,6 +145,35 @@ class Scene:
                 systematic = errors.of_frame(view, k, time_s)
                 depth_m = add_sensor_faults(view, noise, pipeline.seed, k, systematic)
             yield Frame(k, time_s, depth_m, stated, recorded[k], pixels_without_ray(stated))
+
+    def _scans(self, blind: range) -> Iterator[Frame]:
+        """The scans one by one."""
+        pipeline, stated = self.pipeline, self.stated_pattern
+        true_camera = Miscalibration.of(pipeline).true_camera(pipeline.camera.pinhole)
+        scanner = Scanner.of(pipeline, true_camera, frame_times(pipeline))
+        poses, noise, grid = self.truth.poses, pipeline.noise, grid_of(stated.rays)
+        renderer = SceneRenderer(self.mesh, poses, self.parts, scanner.camera, scanner.times)
+        errors = SystematicErrors.of(pipeline, self.mesh, poses, self.parts)
+        recorded = recorded_poses(self.motion.T_cam_world, pipeline.camera, pipeline.seed)
+        for k, time_s in enumerate(self.truth.time_s.tolist()):
+            range_m = np.zeros(stated.time_s.shape, dtype=np.float32)
+            if k not in blind:
+                view = scanner.spread(renderer.render(k), renderer, k)
+                systematic = errors.of_frame(view, k, time_s)
+                depth_m = add_sensor_faults(view, noise, pipeline.seed, k, systematic)
+                # As floats of 32 bits, which are what is stored.
+                range_m = (depth_m * view.seen.range_per_depth).astype(np.float32)
+            ranges = range_m.ravel().astype(np.float64)
+            scan = Scan(stated.rays.reshape(-1, 3), ranges, stated.time_s.ravel())
+            yield Frame.of_scan(k, time_s, scan, grid, recorded[k])
+
+    @property
+    def stated_pattern(self) -> Pattern:
+        """What a recording says of the beams of a scenario that scans."""
+        table = self.pipeline.scan
+        pattern = pattern_of(table, self.pipeline.camera.pinhole)
+        time_s = pattern.time_s if table.states_times else np.zeros_like(pattern.time_s)
+        return Pattern(pattern.rays, time_s)
 
     def write(self, out: Path, overwrite: bool = False, on_frame: OnFrame | None = None) -> str:
         """See `Simulation.write`; the same pipeline writes the same images, bit for bit."""

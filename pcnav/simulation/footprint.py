@@ -129,6 +129,39 @@ def with_footprint(
     return SceneView(seen, target, part)
 
 
+def with_samples(
+    view: SceneView, samples: Sequence[SceneView], noise: NoiseTable, width_rad: float
+) -> SceneView:
+    """A clean view of beams that are so wide, from views along rays that share each beam evenly.
+
+    Beams all of whose rays see one face keep what their middle sees.
+    """
+    found = _of_views([each.seen for each in samples], [each.part for each in samples])
+    alone = [np.where(each.target.triangle >= 0, 0, -1) for each in samples]
+    of_target = _of_views([each.target for each in samples], alone)
+    edged = (found.face != found.face[..., :1]).any(axis=-1)
+    edged |= (of_target.face != of_target.face[..., :1]).any(axis=-1)
+    if not edged.any():
+        return view
+    rows, columns = np.nonzero(edged)
+    pixels = rows, columns
+    found, of_target = (
+        _Samples(s.depth_m[pixels], s.face[pixels], s.part[pixels]) for s in (found, of_target)
+    )
+    seen, part = _covered(view.seen, view.part, pixels, found, noise, width_rad)
+    own = np.where(view.target.triangle >= 0, 0, -1)
+    target, _ = _covered(view.target, own, pixels, of_target, noise, width_rad)
+    return SceneView(seen, target, part)
+
+
+def _of_views(rendered: Sequence[RenderedDepth], parts: Sequence[IntArray]) -> _Samples:
+    """What rays meet that each are a view's, with the views along the last axis."""
+    depth = np.stack([each.depth_m for each in rendered], axis=-1).astype(np.float64)
+    face = np.stack([each.triangle for each in rendered], axis=-1)
+    depth = np.where(face >= 0, depth, np.inf)
+    return _Samples(depth, face, np.stack(parts, axis=-1))
+
+
 def pixels_on_edges(camera: PinholeCamera, edges_cam: FloatArray) -> BoolArray:
     """(height, width) the pixels that edges (n, 2, 3) pass through; parts behind the camera are
     left out."""

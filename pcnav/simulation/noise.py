@@ -7,7 +7,6 @@ import numpy as np
 
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray
-from pcnav.core.camera import range_per_depth
 from pcnav.recordings.depth_png import MAXIMUM_UNITS
 from pcnav.simulation.surroundings.view import SceneView
 from pcnav.target.rendering import RenderedDepth, depth_beyond_edge
@@ -47,7 +46,7 @@ def add_sensor_faults(
     systematic = systematic or Systematic()
     streams = np.random.SeedSequence(seed, spawn_key=(frame_index,)).spawn(5)
     mixed, gaussian, outliers, dropouts = (_Stream(view, each, False) for each in streams[:4])
-    ratio = range_per_depth(view.seen.camera)
+    ratio = view.seen.range_per_depth
     depth = view.seen.depth_m.astype(np.float64)
     seen = depth > 0.0
     if noise.mixed_pixel_fraction > 0.0:
@@ -86,13 +85,25 @@ def _stored(view: SceneView, depth: FloatArray, noise: NoiseTable) -> DepthImage
 
     A target beyond what 16 bits hold is left to whoever stores it, who refuses it.
     """
+    if view.seen.own_rays is not None:
+        return _stored_range(view, depth, noise)
     units = np.maximum(np.rint(depth / noise.quantisation_m), 0.0)
     beyond = (units > MAXIMUM_UNITS) & ~view.shows_target
     if noise.max_range_m is not None:
-        beyond |= depth * range_per_depth(view.seen.camera) > noise.max_range_m
+        beyond |= depth * view.seen.range_per_depth > noise.max_range_m
     image = np.zeros_like(view.seen.depth_m)
     image[:] = np.where(beyond, 0.0, units) * noise.quantisation_m
     return image
+
+
+def _stored_range(view: SceneView, depth: FloatArray, noise: NoiseTable) -> DepthImage:
+    """The same of a scan: its ranges are stored as floats, whatever they are."""
+    ratio = view.seen.range_per_depth
+    steps = np.maximum(np.rint(depth * ratio / noise.quantisation_m), 0.0)
+    range_m = np.where(depth > 0.0, steps * noise.quantisation_m, 0.0)
+    if noise.max_range_m is not None:
+        range_m[range_m > noise.max_range_m] = 0.0
+    return np.asarray(range_m / ratio, dtype=np.float32)
 
 
 class _Stream:

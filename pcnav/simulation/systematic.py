@@ -9,7 +9,6 @@ import trimesh
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.sensors import NoiseTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.camera import pixel_rays, range_per_depth
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.simulation.miscalibration import Miscalibration
 from pcnav.simulation.noise import Systematic
@@ -61,7 +60,7 @@ class SystematicErrors:
         """Of the clean image of a frame."""
         error = self._frame_offset(k, time_s) + self._face_errors(view, k, time_s)
         error = error + self._multipath(view, k)
-        range_m = view.seen.depth_m.astype(np.float64) * range_per_depth(view.seen.camera)
+        range_m = view.seen.depth_m.astype(np.float64) * view.seen.range_per_depth
         error = error + self.miscalibration.range_error(range_m)
         return Systematic(error, self._lost(view, k), self.false_span_m)
 
@@ -97,7 +96,7 @@ class SystematicErrors:
         drawn = self._varying(1, 3 * count, noise.face_correlation_s, k, time_s).reshape(count, 3)
         shown = view.shows_target
         face = self.face[view.seen.triangle[shown]]
-        p_cam = (pixel_rays(view.seen.camera) * view.seen.depth_m[..., None])[shown][:, :2]
+        p_cam = (view.seen.rays * view.seen.depth_m[..., None])[shown][:, :2]
         pixels = np.maximum(np.bincount(face, minlength=count), 1)
         middle = np.stack([np.bincount(face, x, count) / pixels for x in p_cam.T], axis=1)
         slope = np.tan(np.deg2rad(noise.face_tilt_sd_deg)) * drawn[:, 1:]
@@ -122,9 +121,14 @@ class SystematicErrors:
 
     def _p_model(self, view: SceneView, k: int) -> FloatArray:
         """(n, 3) points of the target that are seen, model frame, in the order of the pixels."""
-        rays = pixel_rays(view.seen.camera)[view.shows_target]
+        rays = view.seen.rays[view.shows_target]
         depth = view.seen.depth_m[view.shows_target].astype(np.float64)
-        return transform_points(invert_transform(self.poses[k]), rays * depth[:, None])
+        p_cam, moving = rays * depth[:, None], view.target.moving
+        if moving is None:
+            return transform_points(invert_transform(self.poses[k]), p_cam)
+        poses = moving.exposure.poses[moving.exposure.index[view.shows_target]]
+        p_moved = p_cam - poses[:, :3, 3]
+        return np.asarray(np.einsum("nji,nj->ni", poses[:, :3, :3], p_moved))
 
     def _is_dark(self, p_model: FloatArray) -> BoolArray:
         """(n,) whether points lie in dark patches: below a level of a smooth random field."""
@@ -184,8 +188,8 @@ def incidence_cosine(view: SceneView) -> FloatArray:
     hit = seen.triangle >= 0
     planes = seen.inverse_depth_planes[seen.triangle[hit]]
     # The normal of a plane 1 / z = m . ray is m; the ray times the plane is 1 / z.
-    ratio = range_per_depth(seen.camera)[hit]
-    inverse_depth = np.sum(planes * pixel_rays(seen.camera)[hit], axis=1)
+    ratio = seen.range_per_depth[hit]
+    inverse_depth = np.sum(planes * seen.rays[hit], axis=1)
     cosine[hit] = np.abs(inverse_depth) / (np.linalg.norm(planes, axis=1) * ratio)
     return cosine
 

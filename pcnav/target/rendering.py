@@ -7,11 +7,11 @@ import trimesh
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
-from pcnav.core.camera import PinholeCamera, pixel_rays, project
+from pcnav.core.camera import PinholeCamera, pixel_rays, project, range_per_depth
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.target.bent_window import seeing_pixels
 from pcnav.target.mesh import half_space_directions
-from pcnav.target.row_motion import RowPlanes
+from pcnav.target.row_motion import Exposure, MovingPlanes
 
 Window = tuple[slice, slice]
 
@@ -38,14 +38,28 @@ class RenderedDepth:
     inverse_depth_planes: FloatArray
     """(n_faces, 3) m with ``1 / z = m . ray`` for a ray (z = 1) that meets the face's plane; of a
     mesh of very many faces zero for those that no pixel shows."""
-    row_planes: RowPlanes | None = None
-    """The same row by row, where the target moves while the rows are read out."""
+    moving: MovingPlanes | None = None
+    """The same pixel by pixel, where the target moves while they are exposed."""
+    own_rays: FloatArray | None = None
+    """(height, width, 3) of pixels that look elsewhere than through their centres."""
 
-    def planes_at(self, triangle: IntArray, row: IntArray) -> FloatArray:
-        """(k, 3) m of faces (k,) as rows (k,) see them."""
-        if self.row_planes is None:
+    @property
+    def rays(self) -> FloatArray:
+        """(height, width, 3) that the pixels look along, z = 1."""
+        return pixel_rays(self.camera) if self.own_rays is None else self.own_rays
+
+    @property
+    def range_per_depth(self) -> FloatArray:
+        """(height, width) range along the rays divided by z-depth."""
+        if self.own_rays is None:
+            return range_per_depth(self.camera)
+        return np.asarray(np.linalg.norm(self.own_rays, axis=-1))
+
+    def planes_at(self, triangle: IntArray, pixels: tuple[IntArray, IntArray]) -> FloatArray:
+        """(k, 3) m of faces (k,) as pixels see them: rows (k,) and columns (k,)."""
+        if self.moving is None:
             return np.asarray(self.inverse_depth_planes[triangle])
-        return self.row_planes.at(triangle, row)
+        return self.moving.at(triangle, self.moving.exposure.index[pixels])
 
     def without(self, pixels: BoolArray) -> "RenderedDepth":
         """The same with nothing shown at pixels (height, width)."""
@@ -70,40 +84,44 @@ class DepthRenderer:
         # Embree where it is installed, else trimesh's own slow search.
         self._scene = mesh.ray
 
-    def render(self, T_cam_model: FloatArray, row_poses: FloatArray | None = None) -> RenderedDepth:
+    def render(self, T_cam_model: FloatArray, exposure: Exposure | None = None) -> RenderedDepth:
         """Depth image of the mesh at a pose. (4, 4), metres.
 
-        Each row is seen at the pose of its own time where ``row_poses`` (height, 4, 4) are given.
+        Each pixel sees it as ``exposure`` has it, where that is given.
         """
         camera = self._camera
         outer_cam = transform_points(T_cam_model, self._outer_vertices)
         depth_m = np.zeros((camera.height, camera.width), dtype=np.float32)
         triangle = np.full((camera.height, camera.width), -1, dtype=np.intp)
-        row_planes, poses, outer = None, T_cam_model[None], outer_cam
-        if row_poses is not None:
-            row_planes = RowPlanes(self._normals, self._offsets, row_poses)
-            poses = np.stack([T_cam_model, row_poses[0], row_poses[-1]])
+        moving, poses, outer = None, T_cam_model[None], outer_cam
+        own_rays = None if exposure is None else exposure.rays
+        pixel_ray = pixel_rays(camera) if own_rays is None else own_rays
+        if exposure is not None:
+            moving = MovingPlanes(self._normals, self._offsets, exposure)
+            poses = np.stack([T_cam_model, exposure.poses[0], exposure.poses[-1]])
             # The vertices move along lines that are as good as straight.
             outer = np.vstack([transform_points(T, self._outer_vertices) for T in poses])
         window, seeing = self._pixels(outer)
-        rays = pixel_rays(camera)[window][seeing]
+        if exposure is not None and exposure.is_scattered:
+            window, seeing = (slice(0, camera.height), slice(0, camera.width)), depth_m == 0.0
+        rays = pixel_ray[window][seeing]
         faces = np.empty(0, dtype=np.intp)
         if len(rays) > 0:
             nearest_z = float(outer[:, 2].min())
-            if row_poses is None:
+            if exposure is None:
                 faces = self._first_faces(rays, T_cam_model, nearest_z)
             else:
-                rows = np.nonzero(seeing)[0] + window[0].start
-                faces = self._first_faces_by_row(rays, row_poses[rows], nearest_z)
+                index = exposure.index[window][seeing]
+                faces = self._first_faces_moving(rays, exposure.poses[index], nearest_z)
         hit = faces >= 0
         planes = self._inverse_depth_planes(T_cam_model, faces[hit])
         if len(rays) > 0:
-            m = planes[faces[hit]] if row_planes is None else row_planes.at(faces[hit], rows[hit])
+            m = planes[faces[hit]] if moving is None else moving.at(faces[hit], index[hit])
             depth = np.zeros(len(rays))
             depth[hit] = self._depths(rays[hit], faces[hit], m, poses)
             depth_m[window][seeing] = depth
             triangle[window][seeing] = faces
-        return RenderedDepth(camera, depth_m, triangle, window, planes, row_planes)
+        return RenderedDepth(camera, depth_m, triangle, window, planes, moving, own_rays)
 
     def cast(self, rays_cam: FloatArray, T_cam_model: FloatArray) -> tuple[FloatArray, IntArray]:
         """z-depth (n,), m, and face (n,) that rays (n, 3), z = 1, meet first; 0 and -1 for none."""
@@ -177,7 +195,7 @@ class DepthRenderer:
         origins = invert_transform(T_cam_model)[:3, 3] + start * directions
         return np.asarray(self._scene.intersects_first(origins, directions), dtype=np.intp)
 
-    def _first_faces_by_row(
+    def _first_faces_moving(
         self, rays_cam: FloatArray, T_cam_model: FloatArray, nearest_z_m: float
     ) -> IntArray:
         """The same of rays that each have a pose (n, 4, 4) of their own."""

@@ -1,4 +1,4 @@
-"""A target that moves while the rows of an image are read out one after the other."""
+"""A target that moves while an image is taken, whose pixels are exposed at times of their own."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,21 @@ from pcnav.core.spatial import exp_rotation
 
 @dataclass(frozen=True)
 class Readout:
-    """How a target moves before a sensor that reads its rows out one after the other."""
+    """How a target moves in the camera while a frame is taken: to second order in time."""
 
     twist: FloatArray
     """(6,) rate of its pose in the camera: of the model origin (m/s, camera axes) and rotation
     (rad/s, model axes)."""
-    row_readout_s: float
-    """From the exposure of the first row to that of the last."""
+    bend: FloatArray | None = None
+    """(6,) half of what that changes by, per second; None for not known."""
 
-    def poses(self, T_cam_model: FloatArray, height: int, stride: int = 1) -> FloatArray:
-        """(rows, 4, 4) when each of so many rows is exposed, or every so many of them, of a target
-        with a pose (4, 4) at the time of the frame, which is that of the middle row."""
-        times_s = row_times(self.row_readout_s, height)[::stride]
+    def poses(self, T_cam_model: FloatArray, times_s: FloatArray) -> FloatArray:
+        """(k, 4, 4) at times (k,) from that of the frame on, of a target with a pose (4, 4) at the
+        time of the frame."""
         moved = np.broadcast_to(T_cam_model, (len(times_s), 4, 4)).copy()
         motion = times_s[:, None] * self.twist
+        if self.bend is not None:
+            motion = motion + times_s[:, None] ** 2 * self.bend
         moved[:, :3, 3] += motion[:, :3]
         moved[:, :3, :3] = moved[:, :3, :3] @ exp_rotation(motion[:, 3:])
         return moved
@@ -35,34 +36,62 @@ def row_times(row_readout_s: float, height: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class RowPlanes:
-    """A mesh that moves, and the planes of its faces, as each row of an image sees them."""
+class Exposure:
+    """Where a target is when each pixel of an image is exposed."""
+
+    poses: FloatArray
+    """(k, 4, 4) T_cam_model at some times; of an image that is read out by rows, at each row's."""
+    index: IntArray
+    """(height, width) which of them holds for a pixel."""
+    rays: FloatArray | None = None
+    """(height, width, 3) that the pixels look along, z = 1; None for those through their centres,
+    read out by rows."""
+    is_scattered: bool = False
+    """Whether they look anywhere, and not about the pixels' own centres."""
+
+    @staticmethod
+    def by_rows(row_poses: FloatArray, width: int) -> "Exposure":
+        """Of rows that are read out one after the other, with a pose (height, 4, 4) each."""
+        height = len(row_poses)
+        return Exposure(row_poses, np.broadcast_to(np.arange(height)[:, None], (height, width)))
+
+
+@dataclass(frozen=True)
+class MovingPlanes:
+    """A mesh that moves, and the planes of its faces, as the pixels of an image see them."""
 
     normals: FloatArray
     """(n_faces, 3) model frame."""
     offsets: FloatArray
     """(n_faces,) of the planes from the model origin along them, m."""
-    row_poses: FloatArray
-    """(height, 4, 4) T_cam_model when each row is exposed."""
+    exposure: Exposure
 
-    def at(self, triangle: IntArray, row: IntArray) -> FloatArray:
-        """(k, 3) m of faces (k,) at rows (k,), with ``1 / z = m . ray`` for a ray (z = 1)."""
-        R, p = self.row_poses[row, :3, :3], self.row_poses[row, :3, 3]
+    def at(self, triangle: IntArray, index: IntArray) -> FloatArray:
+        """(k, 3) m of faces (k,) at poses (k,), with ``1 / z = m . ray`` for a ray (z = 1)."""
+        poses = self.exposure.poses
+        R, p = poses[index, :3, :3], poses[index, :3, 3]
         normal = np.einsum("kij,kj->ki", R, self.normals[triangle])
         # n . x = offset in the model frame is n_cam . (x_cam - p) = offset in the camera's.
         distance = self.offsets[triangle] + np.einsum("ki,ki->k", normal, p)
         return np.asarray(normal / np.where(distance == 0.0, np.nan, distance)[:, None])
 
-    def moved(self, p_model: FloatArray, row: FloatArray) -> FloatArray:
-        """(..., 3) where points (..., 3) of the model are in the camera when rows (...), also
-        between two, are exposed, m."""
-        last = len(self.row_poses) - 1
-        at = np.clip(row, 0.0, last)
-        below = np.minimum(np.floor(at).astype(np.intp), max(last - 1, 0))
+    def moved(self, p_model: FloatArray, pixels: FloatArray) -> FloatArray:
+        """(..., 3) where points (..., 3) of the model are in the camera when pixels (..., 2), also
+        between two rows, are exposed, m."""
+        if self.exposure.rays is not None:
+            last = np.array(self.exposure.index.shape)[::-1] - 1.0
+            u, v = np.moveaxis(np.rint(np.clip(pixels, 0.0, last)).astype(np.intp), -1, 0)
+            return self._carried(p_model, self.exposure.index[v, u])
+        last_row = len(self.exposure.poses) - 1
+        at = np.clip(pixels[..., 1], 0.0, last_row)
+        below = np.minimum(np.floor(at).astype(np.intp), max(last_row - 1, 0))
         share = (at - below)[..., None]
-        first, second = (
-            np.einsum("...ij,...j->...i", self.row_poses[k, :3, :3], p_model)
-            + self.row_poses[k, :3, 3]
-            for k in (below, np.minimum(below + 1, last))
-        )
+        first = self._carried(p_model, below)
+        second = self._carried(p_model, np.minimum(below + 1, last_row))
         return np.asarray(first + share * (second - first))
+
+    def _carried(self, p_model: FloatArray, index: IntArray) -> FloatArray:
+        poses = self.exposure.poses[index]
+        return np.asarray(
+            np.einsum("...ij,...j->...i", poses[..., :3, :3], p_model) + poses[..., :3, 3]
+        )

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcnav.core.arrays import DepthImage
+from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.distortion import Distortion, DistortionModel
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.contour import contour_runs
 from pcnav.perception.pose_doubt import PoseDoubt
 from pcnav.perception.sensor_noise import SensorNoise
-from pcnav.target.row_motion import Readout
+from pcnav.target.row_motion import Exposure, Readout, row_times
 from tests.perception.outlines import (
     BOX,
     FACING,
@@ -54,6 +54,10 @@ def test_counts_along_bent_edges_are_the_displacement_without_bias(
     sampled(view, lambda rng: random_pose(rng, 11.0, 14.0), sd, 60).check(7e-3, 0.1)
 
 
+def by_rows(motion: Readout, T_cam_model: FloatArray, readout_s: float) -> Exposure:
+    return Exposure.by_rows(motion.poses(T_cam_model, row_times(readout_s, 256)), 256)
+
+
 def test_counts_of_rows_read_out_in_turn_are_the_displacement_without_bias(
     camera: PinholeCamera, random_pose: DrawPose
 ) -> None:
@@ -62,11 +66,11 @@ def test_counts_of_rows_read_out_in_turn_are_the_displacement_without_bias(
     rng, parts = np.random.default_rng(8), []
     for _ in range(60):
         T = random_pose(rng, 18.0, 22.0)
-        readout = Readout(rng.normal(size=6) * np.repeat([1.0, 0.5], 3), 0.1)
+        motion = Readout(rng.normal(size=6) * np.repeat([1.0, 0.5], 3))
         error = rng.normal(size=6) * np.repeat(sd, 3)
         true = moved(T, error)
-        frame = view.renderer.render(true, readout.poses(true, 256)).depth_m
-        rendered = view.renderer.render(T, readout.poses(T, 256))
+        frame = view.renderer.render(true, by_rows(motion, true, 0.1)).depth_m
+        rendered = view.renderer.render(T, by_rows(motion, T, 0.1))
         doubt = PoseDoubt(T, np.diag(np.square(np.repeat(sd, 3))), SIGMA)
         runs = contour_runs(view.edges, frame, rendered, doubt, 0.0, SensorNoise(SIGMA))
         parts.append((runs.value, runs.jacobian @ error, runs.variance, is_mean(runs)))

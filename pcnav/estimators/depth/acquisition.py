@@ -173,7 +173,8 @@ class Acquisition:
         """
         predicted = self._start.predicted(frame.time_s, frame.T_cam_world)
         best = self._start.best
-        self._reader.expect_motion(None if best is None else best.twist(len(best.observations) - 1))
+        last = None if best is None else best.motion_at(len(best.observations) - 1)
+        self._reader.expect_motion(last)
         if self._refined and best is not None:
             doubt = _DOUBT_WITHOUT_RATE if len(best.observations) == 1 else 1.0
             found = compared_poses(predicted, frame, self._reader, doubt)
@@ -278,10 +279,10 @@ class Acquisition:
         ):
             pose, comparison = observation.pose, observation.pose.comparison
             is_known = comparison is not None
-            if comparison is None or self._reader.row_readout_s > 0.0:
+            if comparison is None or self._reader.frames_take_time:
                 # It was fitted in another of the target's equivalent attitudes, or before anything
                 # was known of how the target moves.
-                self._reader.expect_motion(motion.twist(len(views)))
+                self._reader.expect_motion(motion.motion_at(len(views)))
                 comparison = self._reader.compare(frame, pose.T_cam_model, pose.covariance)
             kept = comparison.faces
             if is_known:

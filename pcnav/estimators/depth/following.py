@@ -18,6 +18,7 @@ from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.initial_arc import Fit, InitialArc, Timed, condensed, filter_from
 from pcnav.estimators.depth.kinematic import (
     KinematicFilter,
+    KinematicModel,
     densities_through,
     with_belief,
     with_mass,
@@ -26,7 +27,7 @@ from pcnav.estimators.depth.mass import learnt_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.motion_contest import WINDOW_FRAMES, MotionContest
-from pcnav.filtering.error_state import Measurement
+from pcnav.filtering.error_state import Measurement, MotionModel
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.filtering.predictive import predicted
 
@@ -166,6 +167,12 @@ class FollowedMotion:
     def is_torque_free(self) -> bool:
         """Whether the target is followed as a free body now."""
         return self._free_in_force
+
+    @property
+    def model(self) -> MotionModel[NavigationState]:
+        """As the filter in force has the target move, but for what it does not know."""
+        model = self._setup.model
+        return model if self._free_in_force else KinematicModel(model.mean_motion_rad_s)
 
     @property
     def kalman(self) -> Kalman:

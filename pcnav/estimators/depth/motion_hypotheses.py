@@ -9,9 +9,10 @@ import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
+from pcnav.estimators.depth.motion_within import motion_about
 from pcnav.estimators.depth.pose_fit import SingleFramePose
-from pcnav.estimators.depth.pose_measurement import twist_between
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, NATS_PER_CONFLICT, odds_over
+from pcnav.target.row_motion import Readout
 from pcnav.target.satellite import Target
 
 _MAX_STEP_RAD = 0.5
@@ -140,14 +141,9 @@ class MotionHypothesis:
         share = (time_s - last.time_s) / (last.time_s - before.time_s)
         return np.asarray(last.p_world_model + share * (last.p_world_model - before.p_world_model))
 
-    def twist(self, k: int) -> FloatArray | None:
-        """(6,) rate of the pose in the camera about observation k: m/s, camera axes, rad/s, model
-        axes; None of a single one."""
-        first, last = max(k - 1, 0), min(k + 1, len(self.observations) - 1)
-        if first == last:
-            return None
-        before, after = self.observations[first], self.observations[last]
-        return twist_between((before.time_s, before.T_cam_model), (after.time_s, after.T_cam_model))
+    def motion_at(self, k: int) -> Readout | None:
+        """How the target moves in the camera about observation k; None of a single one."""
+        return motion_about([(o.time_s, o.T_cam_model) for o in self.observations], k)
 
     def _last_rate(self) -> FloatArray:
         before, last = self.observations[-2:]

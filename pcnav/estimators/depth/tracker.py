@@ -37,9 +37,10 @@ from pcnav.estimators.depth.measuring import (
     pose_of,
 )
 from pcnav.estimators.depth.motion_hypotheses import MIN_FRAMES
+from pcnav.estimators.depth.motion_within import TimedPose, motion_about, predicted_motion
 from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.part_learning import PartLearner
-from pcnav.estimators.depth.pose_measurement import ObserverPose, twist_between
+from pcnav.estimators.depth.pose_measurement import ObserverPose
 from pcnav.estimators.depth.recovering import Recovery
 from pcnav.estimators.depth.repeats import Repeats
 from pcnav.estimators.depth.scale_learning import ScaleLearner
@@ -97,9 +98,11 @@ class Tracker(Estimator):
         self._reader = FrameReader(target, perception, noise, seed)
         self._noise = NoiseLearner(self._reader, perception.range_sigma_m or info.range_sigma_m)
         self._reader.row_readout_s = info.row_readout_s
+        self._reader.frames_take_time = info.takes_time
         self._scale = ScaleLearner(self._reader, perception.mesh_scale_sd, info.calibration)
         self._parts = PartLearner(target, self._reader)
-        self._seen_poses: deque[tuple[float, FloatArray]] = deque(maxlen=2)
+        self._seen_poses: deque[TimedPose] = deque(maxlen=2)
+        self._camera: TimedPose | None = None
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
         self._model = MassCentreModel(
@@ -180,6 +183,7 @@ class Tracker(Estimator):
         else:
             estimate, view = self._follow(frame, observer, self._track)
         self._remember(estimate)
+        self._camera = frame.time_s, frame.T_cam_world
         if estimate.status != self._status:
             self._log_status(frame, estimate, view.inlier_ratio)
             self._status = Status(estimate.status)
@@ -227,11 +231,15 @@ class Tracker(Estimator):
 
     def _expect_motion(self, observer: ObserverPose, track: Track) -> None:
         """Tell the reader how the target moves in the camera, where it matters."""
-        known = list(self._seen_poses)
-        # A noisy camera pose would be taken for a jolt: the last two frames tell more.
-        if not observer.noise.is_there or len(known) < 2:
-            known.append((track.motion.time_s, pose_of(track.motion.kalman, observer)))
-        self._reader.expect_motion(twist_between(*known[-2:]) if len(known) > 1 else None)
+        known, info = list(self._seen_poses), self._info
+        if observer.noise.is_there and len(known) > 1:
+            # A noisy camera pose would be taken for a jolt: the last two frames tell more.
+            self._reader.expect_motion(motion_about(known, len(known) - 1))
+            return
+        lasts_s = max(info.row_readout_s, info.scan_s)
+        at = track.motion.kalman.state, track.motion.time_s, track.motion.model
+        motion = predicted_motion(*at, observer, self._camera, lasts_s, info.mean_motion_rad_s)
+        self._reader.expect_motion(motion)
 
     def _observer(self, frame: Frame) -> ObserverPose:
         info = self._info
@@ -298,7 +306,7 @@ class Tracker(Estimator):
         if np.count_nonzero(frame.depth_m) < _MIN_RETURNS:
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, observer), view
-        if self._info.row_readout_s > 0.0:
+        if self._info.takes_time:
             self._expect_motion(observer, track)
         recovery = self._recovery(frame, observer, track)
         kalman, start = track.motion.kalman, recovery.start(track.motion)

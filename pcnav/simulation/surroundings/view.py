@@ -8,9 +8,10 @@ import trimesh
 
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera
-from pcnav.simulation.readout import RowTimes
+from pcnav.simulation.readout import Exposures
 from pcnav.simulation.surroundings.part import Part
 from pcnav.target.rendering import DepthRenderer, RenderedDepth, Window
+from pcnav.target.row_motion import Exposure
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,10 @@ class SceneRenderer:
         T_cam_model: FloatArray,
         parts: Sequence[Part],
         camera: PinholeCamera,
-        row_times: RowTimes | None = None,
+        exposures: Exposures | None = None,
     ) -> None:
-        """``row_times`` of a sensor that reads its rows out one after the other."""
-        self._row_times, self._height = row_times, camera.height
+        """``exposures`` of a sensor whose pixels are not exposed at once."""
+        self._exposures, self._camera = exposures, camera
         self.meshes = (mesh, *(part.mesh for part in parts))
         """The target's first."""
         self.renderers = tuple(DepthRenderer(each, camera) for each in self.meshes)
@@ -58,10 +59,11 @@ class SceneRenderer:
         """(4, 4) of the meshes in frame k; nan of those that are not there."""
         return [poses[k] for poses in self._poses]
 
-    def render(self, k: int) -> SceneView:
-        """The clean image of frame k, of the rays through the pixels' centres."""
+    def render(self, k: int, rays: FloatArray | None = None) -> SceneView:
+        """The clean image of frame k, of the rays that the pixels look along; of others of a scan,
+        (height, width, 3), where they are given."""
         rendered = [
-            (number, renderer.render(poses[k], self._row_poses(poses, k)))
+            (number, renderer.render(poses[k], self._exposure(number, k, rays)))
             for number, (renderer, poses) in enumerate(
                 zip(self.renderers, self._poses, strict=True)
             )
@@ -72,8 +74,12 @@ class SceneRenderer:
             view = _with_part(view, part, number)
         return view
 
-    def _row_poses(self, poses: FloatArray, k: int) -> FloatArray | None:
-        return None if self._row_times is None else self._row_times.poses(poses, k, self._height)
+    def _exposure(self, number: int, k: int, rays: FloatArray | None) -> Exposure | None:
+        """When the pixels of frame k see one of the meshes; None where all do at once."""
+        if self._exposures is None:
+            return None
+        found = self._exposures.of_frame(number, self._poses[number], k, self._camera)
+        return found if found is None or rays is None else replace(found, rays=rays)
 
 
 def _with_part(view: SceneView, part: RenderedDepth, number: int) -> SceneView:
@@ -87,7 +93,7 @@ def _with_part(view: SceneView, part: RenderedDepth, number: int) -> SceneView:
         triangle=np.where(nearer, part.triangle + faces, seen.triangle),
         window=_around(seen.window, part.window),
         inverse_depth_planes=np.vstack([seen.inverse_depth_planes, part.inverse_depth_planes]),
-        row_planes=None,
+        moving=None,
     )
     return replace(view, seen=merged, part=np.where(nearer, number, view.part))
 
