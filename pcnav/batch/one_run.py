@@ -27,7 +27,7 @@ from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.estimators.interface import Estimator, EstimatorEntry, FirstPose, Given
 from pcnav.estimators.peers.icp import disturbed
 from pcnav.estimators.registry import ESTIMATORS
-from pcnav.evaluation.bound import SceneBound, pose_jacobian
+from pcnav.evaluation.bound import SceneBound, compared, pose_jacobian
 from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.collector import RunCollector, collected
@@ -126,10 +126,11 @@ def simulated(basis: GridBasis, pipeline: Pipeline, target: Target | None) -> Si
 
 
 class LeastErrors:
-    """The posterior Cramer-Rao bound of a scene, as the RMS errors that no estimator can beat."""
+    """The least RMS errors of a scene that its frames allow, compared as pcnav compares them."""
 
     def __init__(self, scene: Scene, target: Target) -> None:
-        self._motion, self._bound = scene.motion, SceneBound(scene, target)
+        self._motion = scene.motion
+        self._bound = SceneBound(scene, target, compared(scene, target))
 
     def step(self, frame: Frame) -> FloatArray:
         """(5,) roots of the traces of the bound's blocks after the next frame, as in `BOUNDED`."""

@@ -45,9 +45,9 @@ class Followed:
     frame_s: FloatArray
     """(n,) processor time on each frame."""
     bound: Mapping[str, FloatArray]
-    """(n,) by column of `BOUNDED`: roots of the traces of the posterior Cramer-Rao bound's blocks,
-    SI, the least RMS error of the pose's position, the attitude, the rate, the mass centre and the
-    inertia ratios. Empty where it does not hold."""
+    """(n,) by column of `BOUNDED`: roots of the traces of the blocks of the bound of what is
+    compared, SI, the least RMS error of the pose's position, the attitude, the rate, the mass
+    centre and the inertia ratios. Empty where it does not hold."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def default_layouts(runs: pd.DataFrame, measured: Measured = ()) -> tuple[TableL
         ("consistency", "Consistency", cases, of_family(Family.CONSISTENCY)),
         (
             "bound",
-            "RMS error over the posterior Cramer-Rao bound",
+            "RMS error over the least that the comparison of frames allows",
             cases,
             of_family(Family.BOUND),
         ),

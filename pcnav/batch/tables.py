@@ -299,8 +299,9 @@ _NOTES = {
     "they have to lie in if the stated covariances are right: those of the NEES are as wide as if "
     "each run were one frame, because the errors of its frames are correlated; the NIS counts "
     "every frame.",
-    Family.BOUND: " RMS of the error over the bound on its standard deviation, frame by frame; 1 "
-    "is the best that can be.",
+    Family.BOUND: " RMS of the error over the least standard deviation, frame by frame, that "
+    "pcnav's comparison of the frames at the true poses allows (a posterior Cramer-Rao bound of "
+    "these comparisons; all rays of an exact camera and mesh would allow less).",
 }
 _TRAJECTORY = ("ate_rmse_m", "rpe_translation_rmse_m", "rpe_rotation_rmse_deg")
 

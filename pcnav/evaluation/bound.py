@@ -1,15 +1,19 @@
-"""The posterior Cramer-Rao bound: the covariance no tracker can beat on a given motion.
+"""Posterior Cramer-Rao bounds: the covariance no tracker can beat on a given motion.
 
-Tichavsky, Muravchik and Nehorai 1998, with the information of each frame taken at the true state.
+Tichavsky, Muravchik and Nehorai 1998, with the information of each frame taken at the true state:
+that of the rays and of the outline, or as much of it as pcnav's own comparison takes up. The latter
+bounds estimates from these comparisons only; other estimators may do better.
 The error of a pose is (6,): translation of the model origin (m, camera axes), then rotation (rad,
 model axes), ``p = p_hat + d``, ``R = R_hat exp(theta)``.
 """
 
 from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
+from pcnav.config.depth import ModalityName
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import skew
 from pcnav.dynamics.mass_prior import MassBelief
@@ -26,8 +30,10 @@ from pcnav.dynamics.state import (
 )
 from pcnav.estimators.depth.mass import prior_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
+from pcnav.evaluation.ray_information import ray_information
 from pcnav.filtering.error_state import MotionModel
-from pcnav.perception.render_compare import RenderComparer
+from pcnav.perception.modality import Evidence
+from pcnav.perception.render_compare import Comparison, RenderComparer
 from pcnav.recordings.sequence import Frame, stated_or_default_sigma
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion
@@ -98,15 +104,22 @@ class PosteriorBound:
         return self._P
 
 
-class SceneBound:
-    """The bound of a simulated scene, with the information that its own frames carry."""
+class FrameInformation(Protocol):
+    """From a frame, its true pose (4, 4) and the (6, 6) covariance with which that could be
+    predicted to the (6, 6) information that the frame carries about the error of its pose."""
 
-    def __init__(self, scene: Scene, target: Target) -> None:
+    def __call__(
+        self, frame: Frame, T_true: FloatArray, pose_covariance: FloatArray, /
+    ) -> FloatArray: ...
+
+
+class SceneBound:
+    """A bound of a simulated scene, with information of its own frames."""
+
+    def __init__(self, scene: Scene, target: Target, information: FrameInformation) -> None:
         """``target`` as pcnav knows it; the tracker's prior of the mass is the bound's, too."""
         pipeline, self._motion = scene.pipeline, scene.motion
-        camera = pipeline.camera.pinhole
-        sigma_m, modalities = stated_or_default_sigma(scene.info), pipeline.perception.modalities
-        self._comparer = RenderComparer(target, camera, sigma_m, modalities=modalities)
+        self._information = information
         model = MassCentreModel(
             pipeline.orbit.mean_motion_rad_s,
             pipeline.filter.acceleration_psd_m2_s3,
@@ -117,21 +130,58 @@ class SceneBound:
 
     def step(self, frame: Frame) -> FloatArray:
         """(20, 20) after the next frame, of the error that `NavigationState.ratio_error` gives."""
-        P = self._bound.step(partial(self._information, frame))
+        T_true = self._motion.truth.poses[frame.index]
+        P = self._bound.step(partial(self._information, frame, T_true))
         return ratio_covariance(self._motion.state(frame.index), P)
 
-    def _information(self, frame: Frame, pose_covariance: FloatArray) -> FloatArray:
-        """(6, 6) that a frame carries about its pose, known to (6, 6) before."""
-        T_true = self._motion.truth.poses[frame.index]
+
+def compared(scene: Scene, target: Target) -> FrameInformation:
+    """What the tracker's comparison of a frame with its view takes up at the true pose."""
+    compare = _at_truth(scene, target)
+
+    def information(frame: Frame, T_true: FloatArray, pose_covariance: FloatArray) -> FloatArray:
+        faces = compare(frame, T_true, pose_covariance).faces
+        return np.asarray(sum((face.information for face in faces), np.zeros((6, 6))))
+
+    return information
+
+
+def of_rays(scene: Scene, target: Target) -> FrameInformation:
+    """The ranges along all rays that meet the target (`ray_information`), and all of its outline.
+
+    The outline is noiseless but for the pixel grid: the errors of its edges are those that the
+    grid alone makes (`pcnav.perception.contour`).
+    """
+    compare, sigma_m = _at_truth(scene, target), stated_or_default_sigma(scene.info)
+    has_outline = ModalityName.OUTLINE in scene.pipeline.perception.modalities
+
+    def information(frame: Frame, T_true: FloatArray, pose_covariance: FloatArray) -> FloatArray:
+        seen = compare(frame, T_true, pose_covariance).seen
+        total = ray_information(seen.rendered, T_true, frame.depth_m > 0.0, sigma_m)
+        if has_outline:
+            runs = seen.contour
+            total = total + Evidence.of(runs.value, runs.variance, runs.jacobian).information
+        return total
+
+    return information
+
+
+def _at_truth(
+    scene: Scene, target: Target
+) -> Callable[[Frame, FloatArray, FloatArray], Comparison]:
+    """Compares a frame with its true pose (4, 4), which is known to (6, 6)."""
+    pipeline = scene.pipeline
+    sigma_m, modalities = stated_or_default_sigma(scene.info), pipeline.perception.modalities
+    comparer = RenderComparer(target, pipeline.camera.pinhole, sigma_m, modalities=modalities)
+
+    def compare(frame: Frame, T_true: FloatArray, pose_covariance: FloatArray) -> Comparison:
         # A tracker looks again from the pose it found, so what it compares the frame with in the
         # end is within a pixel, however vague its prediction was.
-        doubt_px = self._comparer.doubt_px(T_true, pose_covariance)
+        doubt_px = comparer.doubt_px(T_true, pose_covariance)
         share = min(1.0, _LOOKED_AGAIN_PX / doubt_px) ** 2
-        at_truth = self._comparer.compare(frame.depth_m, T_true, share * pose_covariance)
-        total = np.zeros((6, 6))
-        for face in at_truth.faces:
-            total = total + face.information
-        return total
+        return comparer.compare(frame.depth_m, T_true, share * pose_covariance)
+
+    return compare
 
 
 def prior_covariance(belief: MassBelief) -> FloatArray:

@@ -4,12 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pcnav.batch.monte_carlo import Case, Run
 from pcnav.config.principal_axes import FeatureMeasurements, PrincipalAxesTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import log_rotation
-from pcnav.dynamics.principal_inertia import middle_ratio, ratios_from_moments
+from pcnav.dynamics.principal_inertia import (
+    middle_ratio,
+    moments_from_ratios,
+    ratios_from_moments,
+)
 from pcnav.dynamics.state import NavigationState
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.features.photogrammetric_frame import photogrammetric_axes
@@ -22,6 +27,9 @@ from pcnav.simulation.simulation import Simulation
 from pcnav.simulation.stereo import StereoScenario, draw_points, observe, with_truth
 
 from . import paper
+
+LABELS = Rotation.create_group("O").as_matrix().round()
+"""(24, 3, 3) turns that permute and reverse axes."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,8 @@ class Judged:
     and p_z, position, velocity."""
     sd: FloatArray
     """(runs, n, 14) as the filter states them."""
+    label_free: FloatArray
+    """(runs, n, 14) errors from the nearest of the 24 names that the same axes may have."""
     middle_ratio_error: FloatArray
     """(runs, n) of p_y."""
     point_error: FloatArray
@@ -91,9 +101,10 @@ class Judged:
             np.full((1, len(time_s), *shape), np.nan)
             for shape in ((PA_MOTION_SIZE,), (points, 3), ())
         )
-        unknown = (motion, one, places, places.copy(), one.copy(), one.copy(), one.copy())
+        bare = motion.copy(), motion.copy()
+        unknown = (*bare, one, places, places.copy(), one.copy(), one.copy(), one.copy())
         lost, matches = np.zeros(1, dtype=np.bool_), np.zeros((1, 4), dtype=np.intp)
-        return Judged(time_s, motion.copy(), *unknown, lost, matches)
+        return Judged(time_s, motion, *unknown, lost, matches)
 
     def compare(
         self, n: int, true: PrincipalState, state: PrincipalState, P: FloatArray, slots: list[int]
@@ -101,15 +112,8 @@ class Judged:
         """Fill in a frame with an estimate, whose points are those of ``slots``."""
         plain = state.additive()
         sd = np.sqrt(np.diag(plain @ P @ plain.T))
-        self.error[0, n] = np.concatenate(
-            [
-                log_rotation(state.R_world_body.T @ true.R_world_body),
-                true.omega_body - state.omega_body,
-                true.ratios - state.ratios,
-                true.r_hill - state.r_hill,
-                true.v_hill - state.v_hill,
-            ]
-        )
+        self.error[0, n] = motion_error(state, true)
+        self.label_free[0, n] = motion_error(state, nearest_label(state, true))
         self.sd[0, n], self.point_sd[0, n, slots] = (
             sd[:PA_MOTION_SIZE],
             sd[PA_MOTION_SIZE:].reshape(-1, 3),
@@ -121,6 +125,33 @@ class Judged:
         self.nees[0, n] = local @ np.linalg.solve(P, local)
         self.motion_nees[0, n] = motion @ np.linalg.solve(motion_P, motion)
         self.size[0, n] = len(local)
+
+
+def motion_error(state: PrincipalState, true: PrincipalState) -> FloatArray:
+    """(14,) truth minus estimate."""
+    return np.concatenate(
+        [
+            log_rotation(state.R_world_body.T @ true.R_world_body),
+            true.omega_body - state.omega_body,
+            true.ratios - state.ratios,
+            true.r_hill - state.r_hill,
+            true.v_hill - state.v_hill,
+        ]
+    )
+
+
+def nearest_label(state: PrincipalState, true: PrincipalState) -> PrincipalState:
+    """The truth with its principal axes named and signed as is nearest to an estimate's."""
+    turned = state.R_world_body.T @ true.R_world_body
+    S = LABELS[np.argmax(np.einsum("ij,nji->n", turned, LABELS))]
+    moments = np.abs(S.T) @ moments_from_ratios(true.ratios)
+    return replace(
+        true,
+        R_world_body=true.R_world_body @ S,
+        omega_body=S.T @ true.omega_body,
+        ratios=ratios_from_moments(moments),
+        points=true.points @ S,
+    )
 
 
 def run_case(run: Run[Following]) -> Judged:

@@ -1,14 +1,16 @@
-"""Consistency: NEES and NIS over Monte Carlo runs, and errors beside the Cramer-Rao bound."""
+"""Consistency: NEES and NIS over Monte Carlo runs, and errors beside their Cramer-Rao bounds."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import MeanSquared, chi_square_bounds, mean_squared
-from pcnav.evaluation.bound import SceneBound
+from pcnav.evaluation.bound import SceneBound, compared, of_rays
 from pcnav.files.text_table import TextTable
+from pcnav.recordings.sequence import Frame
 from pcnav.report.panels import panels_figure
 from pcnav.simulation.depth import Scene
 
@@ -38,7 +40,9 @@ class ConsistencyRun:
     seed: int
     run: JudgedRun
     bound: FloatArray
-    """(n, 20) variance that no tracker can beat, after each frame."""
+    """(n, 20) variance that no tracker can beat, after each frame: by all rays and the outline."""
+    compared: FloatArray
+    """(n, 20) variance of the best estimate from what the tracker's own comparisons take up."""
 
 
 def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:
@@ -46,9 +50,15 @@ def run_consistency(seed: int, frames: int = FRAMES) -> ConsistencyRun:
     truth, target = tumble(seed, frames), boxsat().target
     noise = truth.noise.model_copy(update={"range_sigma_m": NOISE_M})
     scene = Scene.of(truth.model_copy(update={"noise": noise}), target.mesh)
-    bound, variances = SceneBound(scene, target), list[FloatArray]()
-    run = follow(scene, target, on_frame=lambda f: variances.append(np.diag(bound.step(f))))
-    return ConsistencyRun(seed, run, np.stack(variances))
+    bounds = [SceneBound(scene, target, of(scene, target)) for of in (of_rays, compared)]
+    variances: list[list[FloatArray]] = [[], []]
+
+    def on_frame(frame: Frame) -> None:
+        for bound, after in zip(bounds, variances, strict=True):
+            after.append(np.diag(bound.step(frame)))
+
+    run = follow(scene, target, on_frame=on_frame)
+    return ConsistencyRun(seed, run, *map(np.stack, variances))
 
 
 @dataclass(frozen=True)
@@ -145,28 +155,28 @@ def _nees_table(judged: Judged) -> TextTable:
 
 
 def _bound_table(judged: Judged) -> TextTable:
-    def compared(block: ShownBlock, k: int) -> list[float]:
-        errors = np.array([block.shown(each.run.state_error[k]) for each in judged.runs])
-        bounds = np.array([block.shown(np.sqrt(each.bound[k])) for each in judged.runs])
-        known = np.isfinite(errors).all(axis=1)
-        if not known.any():
-            return [np.nan] * 3
-        rmse, bound = (
-            float(np.sqrt(np.mean(np.sum(values[known] ** 2, axis=1))))
-            for values in (errors, bounds)
+    def sizes(block: ShownBlock, k: int) -> list[float]:
+        """RMS over the runs: of the error, by the bound of the rays and by that of comparisons."""
+        values = np.array(
+            [
+                [
+                    block.shown(each.run.state_error[k]),
+                    block.shown(np.sqrt(each.bound[k])),
+                    block.shown(np.sqrt(each.compared[k])),
+                ]
+                for each in judged.runs
+            ]
         )
-        return [rmse, bound, rmse / bound]
+        known = values[np.isfinite(values).all(axis=(1, 2))]
+        return list(np.sqrt(np.mean(np.sum(known**2, axis=2), axis=0))) if len(known) else 3 * [nan]
 
-    columns = [name for when in judged.times for name in (f"RMSE {when}", "bound", "ratio")]
-    return table(
-        "cramer_rao",
-        ("block", "unit", *columns),
-        [
-            (name, block.unit, *(x for k in judged.times.values() for x in compared(block, k)))
-            for name, block in BLOCKS.items()
-        ],
-        text_columns=2,
-    )
+    rows = []
+    for name, block in BLOCKS.items():
+        for when, k in judged.times.items():
+            rmse, bound, least = sizes(block, k)
+            rows.append((name, block.unit, when, rmse, bound, rmse / bound, least, rmse / least))
+    columns = ("RMSE", "bound of rays", "ratio", "of what is compared", "ratio")
+    return table("cramer_rao", ("block", "unit", "", *columns), rows, text_columns=3)
 
 
 def _worst_table(judged: Judged) -> TextTable:

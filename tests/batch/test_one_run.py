@@ -24,7 +24,7 @@ from pcnav.estimators.depth.tracker import Tracker
 from pcnav.estimators.interface import FirstPose, Given
 from pcnav.estimators.peers.icp import START_SHIFT_FRACTION, START_TURN_DEG
 from pcnav.estimators.registry import ESTIMATORS
-from pcnav.evaluation.bound import SceneBound
+from pcnav.evaluation.bound import SceneBound, compared
 from pcnav.evaluation.consistency import squared_normalised_errors
 from pcnav.evaluation.errors import errors
 from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
@@ -199,7 +199,8 @@ def test_a_run_says_what_pcnav_run_says(
 
 def test_the_bound_is_that_of_the_frames_on_disk(simulated: tuple[Path, Pipeline, Target]) -> None:
     folder, pipeline, target = simulated
-    scene_bound = SceneBound(Scene.of(pipeline, target.mesh), target)
+    scene = Scene.of(pipeline, target.mesh)
+    scene_bound = SceneBound(scene, target, compared(scene, target))
     bound = np.stack([scene_bound.step(frame) for frame in open_sequence(folder)])
     columns = OneRun(BASIS)(a_run(outlier_share=0.02)).columns
     deviation: FloatArray = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))

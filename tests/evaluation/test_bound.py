@@ -1,15 +1,16 @@
-"""The Cramer-Rao bound against the whole information matrix of a problem, and by hand."""
+"""Cramer-Rao bounds against the whole information matrix of a problem, and by hand."""
 
 from functools import partial
 
 import numpy as np
 import pytest
 
-from pcnav.config.depth import FilterTable
+from pcnav.config.depth import FilterTable, ModalityName
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
 from pcnav.core.arrays import FloatArray
-from pcnav.core.spatial import exp_rotation, log_rotation
+from pcnav.core.camera import pixel_rays
+from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
 from pcnav.dynamics.state import (
     COM_MODEL,
     INERTIA_RATIOS,
@@ -20,14 +21,18 @@ from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.evaluation.bound import (
     PosteriorBound,
     SceneBound,
+    compared,
     informed,
+    of_rays,
     pose_jacobian,
     predicted,
     prior_covariance,
 )
+from pcnav.evaluation.ray_information import ray_information
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.motion import TrueMotion, true_motion
 from pcnav.simulation.random_truth import satellite
+from pcnav.target.rendering import DepthRenderer
 
 MEAN_MOTION = 0.0011
 
@@ -173,7 +178,58 @@ def test_bound_of_a_scene_takes_the_prior_of_its_pipeline() -> None:
         scenario = of.pipeline.scenario.model_copy(update={"frames": 1})
         changed = {"filter": table, "scenario": scenario}
         scene = Scene.of(of.pipeline.model_copy(update=changed), of.target.mesh)
-        P = SceneBound(scene, of.target).step(next(iter(scene)))
+        P = SceneBound(scene, of.target, compared(scene, of.target)).step(next(iter(scene)))
         stds.append(np.sqrt(np.diag(P)))
     assert np.all(stds[1][COM_MODEL] < 0.0101) and np.all(stds[0][COM_MODEL] > 0.1)
     assert np.all(stds[1][INERTIA_RATIOS] < 0.05) and np.all(stds[0][INERTIA_RATIOS] > 0.1)
+
+
+@pytest.fixture(scope="module")
+def oblique() -> Scene:
+    """One frame of boxsat by ranges alone."""
+    of = satellite("boxsat")
+    pipeline = of.pipeline.model_copy(
+        update={
+            "scenario": of.pipeline.scenario.model_copy(update={"frames": 1}),
+            "perception": of.pipeline.perception.model_copy(
+                update={"modalities": (ModalityName.RANGES,)}
+            ),
+        }
+    )
+    return Scene.of(pipeline, of.target.mesh)
+
+
+def test_information_of_rays_is_that_of_ranges_moved_with_the_pose(oblique: Scene) -> None:
+    """Numerically: rays cast at poses on both sides, where they meet the same triangle."""
+    target, camera = satellite("boxsat").target, oblique.pipeline.camera.pinhole
+    renderer, T = DepthRenderer(target.mesh, camera), oblique.motion.truth.poses[0]
+    step, slopes, same = 1e-4, [], np.ones((camera.height, camera.width), dtype=bool)
+
+    def ranges(error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        view = renderer.render(
+            make_transform(T[:3, :3] @ exp_rotation(error[3:]), T[:3, 3] + error[:3])
+        )
+        z = np.asarray(view.depth_m, dtype=np.float64)
+        return z * np.linalg.norm(pixel_rays(camera), axis=-1), view.triangle
+
+    _, triangle = ranges(np.zeros(6))
+    for unit in np.eye(6):
+        (ahead, a), (behind, b) = ranges(step * unit), ranges(-step * unit)
+        same &= (a == triangle) & (b == triangle) & (triangle >= 0)
+        slopes.append((ahead - behind) / (2.0 * step))
+    jacobian = np.stack([slope[same] for slope in slopes], axis=1)
+    expected = jacobian.T @ jacobian / 0.02**2
+    found = ray_information(renderer.render(T), T, same, 0.02)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=2e-3)
+
+
+def test_a_comparison_takes_up_most_of_what_the_rays_tell_and_never_more(oblique: Scene) -> None:
+    target, frame = satellite("boxsat").target, next(iter(oblique))
+    T, known = oblique.motion.truth.poses[0], 1e-8 * np.eye(6)
+    rays = of_rays(oblique, target)(frame, T, known)
+    taken = compared(oblique, target)(frame, T, known)
+    axes = np.linalg.inv(np.linalg.cholesky(rays))
+    shares = np.linalg.eigvalsh(axes @ taken @ axes.T)
+    assert 0.8 < shares[-1] <= 1.0 + 1e-6
+    assert shares[0] > 0.4

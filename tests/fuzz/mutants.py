@@ -1,7 +1,9 @@
 """Structured mutants of the files that pcnav reads: a fixed seed makes the same ones every time."""
 
+import contextlib
 import io
 import json
+import math
 import random
 import re
 import struct
@@ -160,6 +162,10 @@ def _binary_count(content: bytes, draw: random.Random) -> bytes:
         b"\0\0\x80\x7f",
         b"\xff" * 8,
         b"\0\0\0\x80",
+        *(struct.pack("<d", number) for number in (math.nan, math.inf, -1e308, 0.0, 1e300)),
+        *(struct.pack("<f", number) for number in (-math.inf, 3e38, -1.0)),
+        b"\x01",
+        b"\xff",
     )
     for _ in range(draw.choice((1, 3))):
         at = draw.randrange(max(1, min(len(changed), draw.choice((100, 100_000_000)))))
@@ -185,24 +191,36 @@ def _npz(content: bytes, draw: random.Random) -> bytes:
 
     import numpy as np
 
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+    except Exception:  # What was mutated before is no archive any more.
+        return content
     stream = io.BytesIO()
-    kind = draw.randrange(5)
-    with zipfile.ZipFile(stream, "w") as archive:
-        for name in ("P.npy", "time_s.npy"):
-            member = io.BytesIO()
-            array = {
-                0: np.array([None, {}], dtype=object),
-                1: np.zeros((3, 2, 2)),
-                2: np.full((3, 20, 20), np.nan),
-                3: np.array(["a"] * 3),
-                4: np.zeros(3),
-            }[kind]
-            np.save(member, array, allow_pickle=True)
-            data = member.getvalue()
-            if draw.random() < 0.5:
-                data = data.replace(
-                    b"(3,", b"(" + draw.choice((b"-3", b"9" * 12, b"1e9")) + b",", 1
+    for name in draw.sample(sorted(members), draw.choice((1, len(members)))):
+        with contextlib.suppress(ValueError):
+            was = np.load(io.BytesIO(members[name]))
+            array = draw.choice(
+                (
+                    np.array([None, {}], dtype=object),
+                    np.zeros((3, 2, 2)),
+                    np.full((3, 20, 20), np.nan),
+                    np.array(["a"] * 3),
+                    np.zeros(len(was) if was.ndim else 0),
+                    was.astype(complex),
+                    was.astype(bool),
+                    np.full(was.shape, draw.choice((math.nan, math.inf, 1e308, 0.0, -1.0))),
+                    was[..., None],
                 )
+            )
+            member = io.BytesIO()
+            np.save(member, array, allow_pickle=True)
+            size = f"({array.shape[0]}".encode() if array.ndim else b"()"
+            new = b"(" + draw.choice((b"-3", b"9" * 12, b"1e9"))
+            data = member.getvalue()
+            members[name] = data.replace(size, new, 1) if draw.random() < 0.3 else data
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, data in members.items():
             archive.writestr(name, data)
     whole = bytearray(stream.getvalue())
     if draw.random() < 0.4:
@@ -300,6 +318,12 @@ _BY_SUFFIX: dict[str, tuple[Mutation, ...]] = {
     ".tiff": _BINARY,
     ".parquet": (_parquet, _parquet, _parquet, _binary_count),
     ".viser": _BINARY,
+    ".bag": _BINARY,
+    ".mcap": _BINARY,
+    ".db3": _BINARY,
+    ".exr": _BINARY,
+    ".tif": _BINARY,
+    ".pcd": (*_BINARY, *_TEXT),
 }
 
 

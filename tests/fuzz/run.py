@@ -1,10 +1,11 @@
 """Read many mutants, each in a process of its own with little memory and little time.
 
-python -m tests.fuzz.run --mutants 2000 --seed 1 [--only meshes] [--keep FOLDER]
+python -m tests.fuzz.run --mutants 2000 --seed 1 [--first 500] [--only mesh] [--keep FOLDER] [--all]
 """
 
 import argparse
 import contextlib
+import importlib
 import io
 import logging
 import os
@@ -12,18 +13,20 @@ import random
 import resource
 import shutil
 import signal
+import sys
 import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pcnav.core.errors import InputError
 from tests.fuzz.mutants import mutated
-from tests.fuzz.subjects import SUBJECTS, Subject
+from tests.fuzz.subject import RefusedError, Subject
+from tests.fuzz.subjects import SUBJECTS
 
 MAX_S = 10.0
 MAX_WAIT_S = 180.0
@@ -51,22 +54,17 @@ class Outcome:
 
 
 def outcomes(
-    mutants: int, seed: int, only: str | None = None, keep: Path | None = None
+    numbers: range, seed: int, only: str | None = None, keep: Path | None = None
 ) -> Iterator[Outcome]:
-    """What came of so many mutants, spread evenly over all subjects; those kept that went wrong."""
+    """What came of mutants, by number spread evenly over all subjects; the faulty ones are kept."""
     subjects = [each for each in SUBJECTS if only is None or only in each.name]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         good = folder / "good"
         good.mkdir()
         for each in subjects:
-            each.build(good / each.name)
-        # What is not read as it is makes mutants that test nothing.
-        unread = {each.name: outcome_of(each, good / each.name) for each in subjects}
-        faults = [f"{name}: {came}" for name, came in unread.items() if came.kind != "accepted"]
-        if faults:
-            raise RuntimeError("not read as they are: " + "; ".join(faults))
-        for number in range(mutants):
+            _build(each, good / each.name)
+        for number in numbers:
             subject = subjects[number % len(subjects)]
             place = folder / "mutant"
             shutil.copytree(good / subject.name, place)
@@ -89,6 +87,32 @@ def outcomes(
 class _Came:
     kind: str
     text: str = ""
+
+
+def _build(subject: Subject, place: Path) -> None:
+    """Write the good files. Raises `RuntimeError` where they are not read as they are.
+
+    What is not accepted makes mutants that test nothing. What its reading imported is imported
+    here as well, or every mutant would spend its time on that. Only modules cross over: threads
+    that a reader starts would be lost to the processes forked later.
+    """
+    list_file = place.with_name(f"{place.name}.modules")
+
+    def read(folder: Path) -> None:
+        before = set(sys.modules)
+        subject.build(folder)
+        copy = folder.with_name(f"{folder.name}-copy")
+        shutil.copytree(folder, copy)
+        subject.read(copy)
+        shutil.rmtree(copy)
+        list_file.write_text("\n".join(sorted(set(sys.modules) - before)))
+
+    came = outcome_of(replace(subject, read=read), place)
+    if came.kind != "accepted":
+        raise RuntimeError(f"{subject.name} is not read as it is: {came}")
+    for name in list_file.read_text().splitlines():
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
 
 
 def outcome_of(subject: Subject, place: Path) -> _Came:
@@ -147,7 +171,7 @@ def _read(subject: Subject, place: Path) -> str:
         ):
             warnings.simplefilter("ignore")
             subject.read(place)
-    except InputError as error:
+    except (InputError, RefusedError) as error:
         return _judged(str(error))
     except MemoryError:
         return f"memory\n{_last_line()}"
@@ -177,14 +201,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--mutants", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first of them")
     parser.add_argument("--only")
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--all", action="store_true", help="print every outcome")
     asked = parser.parse_args()
     counts: Counter[str] = Counter()
     try:
-        for outcome in outcomes(asked.mutants, asked.seed, asked.only, asked.keep):
+        numbers = range(asked.first, asked.first + asked.mutants)
+        for outcome in outcomes(numbers, asked.seed, asked.only, asked.keep):
             counts[outcome.kind] += 1
-            if not outcome.is_good:
+            if asked.all or not outcome.is_good:
                 print(outcome, flush=True)
     finally:
         # Of those so far, where it is interrupted.

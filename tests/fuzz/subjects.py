@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +29,8 @@ from pcnav.target.satellite import load_target
 from pcnav.viewer.loading import load_run
 from pcnav.viewer.playback import read_recording
 from tests.batch.stored_batch import RUNS, stored
+from tests.fuzz.recording_subjects import RECORDING_SUBJECTS
+from tests.fuzz.subject import Subject
 from tests.made_runs import made_run
 from tests.recordings.conftest import write_scene
 from tests.recordings.test_images import folder_of
@@ -71,16 +72,6 @@ satellite = "boxsat"
 [[grid]]
 cross = { range_m = [15, 20.5], tumble_deg_s = [1, 2, 3], estimator = ["pcnav", "kiss_icp"] }
 """
-
-
-@dataclass(frozen=True)
-class Subject:
-    """A folder of good files, the patterns of those that are mutated, and how it is read."""
-
-    name: str
-    build: Callable[[Path], object]
-    patterns: tuple[str, ...]
-    read: Callable[[Path], object]
 
 
 def _sequence(folder: Path) -> None:
@@ -300,4 +291,5 @@ SUBJECTS = (
     Subject("batch tables", _batch, ("batch.json", "runs/*"), _tabulate),
     Subject("batch compare", _batch, ("batch.json", "runs/*"), _compare),
     Subject("playback", _viser, ("*",), lambda f: read_recording(f / "a.viser")),
+    *RECORDING_SUBJECTS,
 )

@@ -10,7 +10,8 @@ import pytest
 from pcnav.batch.record import read_record
 from pcnav.target.satellite import load_target
 from tests.fuzz.run import GOOD, outcome_of
-from tests.fuzz.subjects import SUBJECTS, Subject
+from tests.fuzz.subject import Subject
+from tests.fuzz.subjects import SUBJECTS
 
 pytestmark = pytest.mark.study
 _STANDS_FOR = (

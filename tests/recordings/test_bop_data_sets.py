@@ -25,8 +25,11 @@ IDENTITY = np.eye(3).ravel().tolist()
 
 @pytest.fixture
 def data_set(tmp_path: Path) -> Path:
+    return write_data_set(tmp_path / "cubes")
+
+
+def write_data_set(root: Path) -> Path:
     """Two scenes; in the second objects 2 and 9, in another order in frame 17."""
-    root = tmp_path / "cubes"
     for name in ("000001", "000007"):
         (root / "test" / name / "depth").mkdir(parents=True)
         (root / "test" / name / "mask_visib").mkdir()

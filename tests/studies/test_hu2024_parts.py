@@ -120,6 +120,10 @@ def test_errors_of_both_filters(runs):
     assert not unique.lost.any()
     assert ATTITUDE.share_inside(unique) == 1.0
     assert ATTITUDE.share_inside(free) < 0.9
+    # Only the names of the axes were lost.
+    for quantity in QUANTITIES:
+        assert quantity.share_inside(free, label_free=True) == 1.0
+    np.testing.assert_allclose(unique.label_free, unique.error, atol=1e-12)
     # The motion is the same in any axes.
     np.testing.assert_allclose(unique.error[0, -1, 8:], free.error[0, -1, 8:], atol=0.02)
 
