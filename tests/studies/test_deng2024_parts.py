@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pcnav.batch.cluster import Workers
+from pcnav.core.spatial import log_rotation
 from studies.deng2024 import consistency, paper
 from studies.deng2024.consistency import monte_carlo_cases, nees_table
 from studies.deng2024.filters import error_table, fitted_run, measured, printed_run, spin_table
@@ -35,6 +36,19 @@ def test_study_has_every_figure_and_the_ranks(study):
     met = {row[0]: row[3] for row in tables["verdict"].rows if row[0].startswith("rank")}
     assert set(met.values()) == {"yes"}
     assert set(study.summary_keys) <= set(tables)
+
+
+def test_the_printed_filter_is_told_the_noise_that_attitudes_have():
+    """R of (35) is of half angles, so that attitudes err by twice its root."""
+    long, motion = paper.nutation(400.0), paper.nutation(2.0)
+    noisy = measured(long, paper.HALF_ANGLE_SD_RAD, seed=4)
+    off = log_rotation(np.swapaxes(long.truth.R_world_body, -1, -2) @ noisy)[1:]
+    drawn = np.mean(off**2)
+    run = printed_run("as printed", motion, measured(motion, paper.HALF_ANGLE_SD_RAD, seed=4))
+    first, second = (np.trace(run.covariance[k, 0, :3, :3]) / 3.0 for k in (0, 1))
+    assert first == pytest.approx(drawn, rel=0.1)
+    # What went before is less well known by then, for the rate is not: more than half remains.
+    assert 0.5 * drawn < second < 0.8 * drawn
 
 
 def test_printed_filter_converges_in_nutation_only():

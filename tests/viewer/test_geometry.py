@@ -1,10 +1,14 @@
 """Ellipsoids, cones and axes against what they stand for."""
 
+from types import SimpleNamespace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
+from viser.transforms import SO3
 
+from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.rigid_body import inertia_from_ratios
 from pcnav.viewer.glyphs import (
     attitude_cone_scale,
@@ -15,8 +19,21 @@ from pcnav.viewer.glyphs import (
     sigma_ellipsoid,
     unit_cone,
 )
+from pcnav.viewer.render_options import place, wxyz_of
 
 _SEEDS = st.integers(0, 2**32 - 1)
+
+
+def test_viser_is_given_quaternions_scalar_first() -> None:
+    """By hand, and by viser's own class of rotations."""
+    turn = exp_rotation(np.array([0.0, 0.0, np.pi / 2.0]))
+    half = np.sqrt(0.5)
+    assert np.allclose(wxyz_of(turn), (half, 0.0, 0.0, half))
+    R = exp_rotation(np.array([0.3, -0.7, 1.1]))
+    node = SimpleNamespace()
+    place(node, make_transform(R, np.array([1.0, 2.0, 3.0])))  # type: ignore[arg-type]
+    assert np.allclose(SO3(np.array(node.wxyz)).as_matrix(), R)
+    assert np.allclose(node.position, (1.0, 2.0, 3.0))
 
 
 def covariance(seed: int) -> np.ndarray:

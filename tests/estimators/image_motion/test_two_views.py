@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from scipy.optimize import NonlinearConstraint, minimize
 from scipy.stats import chi2
 
 from pcnav.config.image_motion import ImageMotionTable, MatchSolver
@@ -103,6 +104,34 @@ def test_the_mirrored_rotation_turns_the_other_way_out_of_the_image_plane() -> N
     other = direction_given_rotation(turned, first, second)
     much = np.sqrt(np.mean(sampson(essential_of(turned, other), first, second) ** 2))
     assert FOCAL * wrong < 3.0 < FOCAL * much
+
+
+def test_sampson_errors_are_distances_to_the_nearest_pairs_that_agree() -> None:
+    """By hand, and against the nearest pair on the epipolar constraint."""
+    # A shift along x: lines are rows, and half of a step between rows is to be blamed on each view.
+    aside = essential_of(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    step = sampson(aside, np.array([[0.1, 0.2]]), np.array([[0.3, 0.2 + 1e-3]]))
+    assert np.abs(step) == pytest.approx(1e-3 / np.sqrt(2.0))
+    first, second, R, t = views(np.random.default_rng(6), 8.0, 0.5, count=3)
+    E = essential_of(R, t)
+    for a, b, found in zip(first, second, sampson(E, first, second), strict=True):
+        agreeing = nearest_pair(E, np.concatenate([a, b]))
+        off_px = FOCAL * np.linalg.norm(agreeing - np.concatenate([a, b]))
+        assert FOCAL * abs(found) == pytest.approx(off_px, rel=1e-3, abs=1e-4)
+
+
+def nearest_pair(E: FloatArray, pair: FloatArray) -> FloatArray:
+    """(4,) nearest to a match (4,) of those on the epipolar constraint."""
+    found = minimize(
+        lambda each: FOCAL**2 * np.sum((each - pair) ** 2),
+        pair,
+        constraints=NonlinearConstraint(
+            lambda each: FOCAL * (homogeneous(each[2:]) @ E @ homogeneous(each[:2])), 0.0, 0.0
+        ),
+        method="SLSQP",
+        options={"ftol": 1e-14},
+    )
+    return np.asarray(found.x)
 
 
 def test_least_squares_derivatives_and_gains_against_differences() -> None:

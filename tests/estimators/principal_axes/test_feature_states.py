@@ -117,6 +117,25 @@ def test_turns_and_shifts_are_straight_lines():
     np.testing.assert_allclose(view.at(moved)[0], view.at(state)[0], atol=1e-9)
 
 
+def test_the_torque_s_noise_is_that_of_draws_by_euler_s_equation():
+    """The same torque about all axes: a smaller moment turns it into more of a rate (22)."""
+    moments = np.array([8.0, 5.0, 4.0])
+    state = PrincipalState(
+        *(np.eye(3), np.zeros(3), ratios_from_moments(moments)),
+        *(np.array([0.0, 0.0, 12.0]), np.zeros(3), np.empty((0, 3))),
+    )
+    psd_x, step_s, parts = 1e-4, 0.5, 50
+    _, _, noise = PrincipalAxesModel(ORBIT, 0.0, psd_x).propagate(state, 0.0, step_s)
+    # Torques of one spectral density, whose acceleration about x is as told.
+    rng, dt = np.random.default_rng(4), step_s / parts
+    torque = rng.normal(size=(40_000, parts, 3)) * moments[0] * np.sqrt(psd_x / dt)
+    rates = np.cumsum(torque / moments, axis=1) * dt
+    drawn = rates[:, -1].std(axis=0), (rates.sum(axis=1) * dt).std(axis=0)
+    found = np.sqrt(np.diag(noise))
+    np.testing.assert_allclose(found[3:6], drawn[0], rtol=0.02)
+    np.testing.assert_allclose(found[:3], drawn[1], rtol=0.05)
+
+
 def test_plain_differences():
     rng = np.random.default_rng(11)
     state = random_state(rng)

@@ -1,0 +1,39 @@
+"""Alignment of the model: how far off it may be and still be found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
+from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import exp_rotation, make_transform
+from pcnav.estimators.interface import Given
+from pcnav.estimators.peers.icp import ModelAlignment, Open3dIcp, SmallGicp
+from pcnav.recordings.sequence import Frame
+from pcnav.target.rendering import DepthRenderer
+from pcnav.target.satellite import Target
+
+
+@pytest.mark.parametrize("peer", [Open3dIcp, SmallGicp])
+def test_a_jump_by_a_hundredth_of_the_target_is_followed_and_by_a_tenth_is_not(
+    peer: type[ModelAlignment], boxsat: Target, camera: PinholeCamera
+) -> None:
+    """Partners are looked for within 2 % of the diameter, as the documentation of peers says."""
+    if peer is SmallGicp:
+        pytest.importorskip("small_gicp", reason="the peers are installed with the extra `bench`")
+    D, renderer = boxsat.diameter_m, DepthRenderer(boxsat.mesh, camera)
+    at = make_transform(exp_rotation(np.array([0.4, -0.5, 0.3])), np.array([0.1, -0.2, 2.5 * D]))
+
+    def frame(T: FloatArray, k: int) -> Frame:
+        return Frame(k, 0.5 * k, renderer.render(T).depth_m, camera, np.eye(4))
+
+    for jump, is_followed in ((0.01, True), (0.1, False)):
+        aligned = peer(Given(Pipeline(), SimpleNamespace(range_sigma_m=0.01), boxsat, at))
+        aligned.pose(frame(at, 0))
+        ahead = at.copy()
+        ahead[2, 3] += jump * D
+        found = aligned.pose(frame(ahead, 1))
+        off = np.inf if found is None else np.linalg.norm(found[:3, 3] - ahead[:3, 3])
+        assert bool(off < 0.002 * D) is is_followed
