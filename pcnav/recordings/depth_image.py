@@ -19,6 +19,7 @@ from PIL import Image
 
 from pcnav.core._extras import openexr
 from pcnav.core.errors import InputError
+from pcnav.files.decoding import decoding
 from pcnav.files.npy_header import read_npy_header
 from pcnav.files.regular_file import read_bytes
 from pcnav.recordings.depth_png import MAX_IMAGE_BYTES, read_depth_png, require_few_pixels
@@ -107,18 +108,14 @@ def _bytes(path: Path) -> bytes:
 
 def _read_tiff(path: Path) -> StoredDepth:
     data = _bytes(path)
-    try:
-        # Pillow warns of damaged tags; those that matter make it raise.
-        with (
-            warnings.catch_warnings(action="ignore"),
-            Image.open(BytesIO(data), formats=["TIFF"]) as image,
-        ):
-            require_few_pixels(path, image)
-            mode, pixels = image.mode, np.asarray(image)
-    except InputError:
-        raise
-    except (OSError, SyntaxError, ValueError, KeyError, Image.DecompressionBombError) as error:
-        raise InputError(path, "file", f"expected an undamaged TIFF ({error})") from error
+    # Pillow warns of damaged tags; those that matter make it raise.
+    with (
+        warnings.catch_warnings(action="ignore"),
+        decoding(path, "an undamaged TIFF"),
+        Image.open(BytesIO(data), formats=["TIFF"]) as image,
+    ):
+        require_few_pixels(path, image)
+        mode, pixels = image.mode, np.asarray(image)
     if mode not in _GREY_MODES:
         expected = "expected one plane of 16-bit or 32-bit depth"
         raise InputError(path, "pixels", f"{expected}, got pixels of the kind {mode}")
@@ -143,13 +140,13 @@ def _read_exr(path: Path) -> StoredDepth:
     exr = openexr(f"depth images like {path.name}")
     # It knows but one error, and opens a file that is not there as if it were damaged.
     _bytes(path)
-    try:
-        with exr.File(str(path), separate_channels=True) as file:
-            # Closing the file takes its header and pixels with it.
-            header = dict(file.header())
-            planes = {name: np.array(c.pixels) for name, c in file.channels().items()}
-    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
-        raise InputError(path, "file", f"expected an undamaged EXR ({error})") from error
+    with (
+        decoding(path, "an undamaged EXR"),
+        exr.File(str(path), separate_channels=True) as file,
+    ):
+        # Closing the file takes its header and pixels with it.
+        header = dict(file.header())
+        planes = {name: np.array(c.pixels) for name, c in file.channels().items()}
     return _whole_window(path, _depth_channel(path, planes), header)
 
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from pcnav.core.errors import InputError
+from pcnav.files.decoding import decoding
 from pcnav.files.regular_file import read_bytes
 
 RawDepth = npt.NDArray[np.uint16]
@@ -38,14 +39,12 @@ def read_depth_png(path: Path) -> RawDepth:
         raise InputError(path, "file", "expected a PNG image")
     if data.rfind(_END_CHUNK) < 0:
         raise InputError(path, "file", "expected a whole PNG, but it ends early (cut short)")
-    try:
-        with Image.open(BytesIO(data), formats=["PNG"]) as image:
-            require_few_pixels(path, image)
-            mode, pixels = image.mode, np.asarray(image)
-    except InputError:
-        raise
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise InputError(path, "file", f"expected an undamaged PNG ({error})") from error
+    with (
+        decoding(path, "an undamaged PNG"),
+        Image.open(BytesIO(data), formats=["PNG"]) as image,
+    ):
+        require_few_pixels(path, image)
+        mode, pixels = image.mode, np.asarray(image)
     if mode != "I;16":
         expected = f"expected 16-bit grey depth, got {_PIXELS.get(mode, mode)}"
         raise InputError(path, "pixels", expected)

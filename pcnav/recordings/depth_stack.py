@@ -7,6 +7,8 @@ options, from depth_camera.toml beside the file, and from NAME.toml as from a se
 """
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,12 @@ from pcnav.core.errors import InputError
 from pcnav.core.spatial import invert_transform
 from pcnav.dynamics.blocks import POSE_LAYOUT
 from pcnav.dynamics.trajectory import Trajectory
+from pcnav.files.decoding import decoding
 from pcnav.recordings.array_files import ArrayFile
 from pcnav.recordings.assembling import Parts, assembled
 from pcnav.recordings.depth_camera import DepthCamera, camera_file, depth_camera
 from pcnav.recordings.depth_image import StoredDepth
+from pcnav.recordings.depth_png import require_few_pixels
 from pcnav.recordings.frame_checks import checked_transform
 from pcnav.recordings.sequence import Sequence
 
@@ -175,27 +179,28 @@ class _Pages:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        try:
-            with warnings.catch_warnings(action="ignore"), self._opened() as image:
-                count = int(getattr(image, "n_frames", 1))
-        except (OSError, SyntaxError, ValueError, KeyError) as error:
-            raise InputError(path, "file", f"expected an undamaged TIFF ({error})") from error
+        with self._opened(path) as image:
+            count = int(getattr(image, "n_frames", 1))
         if count > _MAX_PAGES:
             raise InputError(path, "pages", f"expected at most {_MAX_PAGES:,}")
         self.names = tuple(f"page {k}" for k in range(count))
 
     def read(self, path: Path) -> StoredDepth:
         """One page, by its name."""
-        try:
-            with warnings.catch_warnings(action="ignore"), self._opened() as image:
-                image.seek(int(path.name.split()[1]))
-                pixels = np.asarray(image)
-        except (OSError, SyntaxError, ValueError, KeyError, EOFError) as error:
-            raise InputError(path, "file", f"expected an undamaged TIFF ({error})") from error
+        with self._opened(path) as image:
+            image.seek(int(path.name.split()[1]))
+            require_few_pixels(path, image)
+            pixels = np.asarray(image)
         if pixels.ndim != 2 or pixels.dtype.kind not in "uif" or pixels.dtype == np.uint8:
             expected = "expected one plane of 16-bit or 32-bit depth"
             raise InputError(path, "pixels", f"{expected}, got {pixels.dtype} {pixels.shape}")
         return pixels
 
-    def _opened(self) -> Image.Image:
-        return Image.open(self._path, formats=["TIFF"])
+    @contextmanager
+    def _opened(self, path: Path) -> Iterator[Image.Image]:
+        with (
+            warnings.catch_warnings(action="ignore"),
+            decoding(path, "an undamaged TIFF"),
+            Image.open(self._path, formats=["TIFF"]) as image,
+        ):
+            yield image

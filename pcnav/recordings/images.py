@@ -26,6 +26,7 @@ from pcnav.core.camera import PinholeCamera
 from pcnav.core.errors import InputError
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.csv_table import read_csv, write_csv
+from pcnav.files.decoding import decoding
 from pcnav.files.new_folder import new_folder
 from pcnav.files.regular_file import require_regular
 from pcnav.recordings.attitudes import read_camera_attitudes, write_camera_attitudes
@@ -210,14 +211,9 @@ def _open_video(path: Path) -> ImageSequence:
 def _pictures(files: tuple[Path, ...], camera: PinholeCamera) -> Iterator[GreyImage]:
     for path in files:
         require_regular(path, MAX_IMAGE_BYTES)
-        try:
-            with Image.open(path) as opened:
-                require_few_pixels(path, opened)
-                grey = _eight_bits(opened)
-        except InputError:
-            raise
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            raise InputError(path, "file", f"expected an undamaged image ({error})") from error
+        with decoding(path, "an undamaged image"), Image.open(path) as opened:
+            require_few_pixels(path, opened)
+            grey = _eight_bits(opened)
         yield _sized(path, grey, camera)
 
 

@@ -12,6 +12,7 @@ from PIL import Image
 from pcnav.config.region import OWN_MASKS, RegionTable
 from pcnav.core.arrays import BoolArray
 from pcnav.core.errors import InputError
+from pcnav.files.decoding import decoding
 from pcnav.files.regular_file import read_bytes
 from pcnav.recordings.bop_scene import SCENE_GT_FILE, object_places
 from pcnav.recordings.depth_png import MAX_IMAGE_BYTES, require_few_pixels
@@ -102,15 +103,13 @@ def _mask(folder: Path, name: str, mask_object: int | None) -> BoolArray:
 
 
 def _marked(path: Path) -> BoolArray:
-    try:
-        data = read_bytes(path, MAX_IMAGE_BYTES, "a mask as PNG")
-        with Image.open(BytesIO(data), formats=["PNG"]) as image:
-            require_few_pixels(path, image)
-            pixels = np.asarray(image.convert("RGB") if image.mode in ("LA", "RGBA") else image)
-    except InputError:
-        raise
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise InputError(path, "file", f"expected a mask as PNG ({error})") from error
+    data = read_bytes(path, MAX_IMAGE_BYTES, "a mask as PNG")
+    with (
+        decoding(path, "a mask as PNG"),
+        Image.open(BytesIO(data), formats=["PNG"]) as image,
+    ):
+        require_few_pixels(path, image)
+        pixels = np.asarray(image.convert("RGB") if image.mode in ("LA", "RGBA") else image)
     marked = pixels != 0
     return np.asarray(marked.any(axis=2) if marked.ndim == 3 else marked)
 

@@ -299,7 +299,11 @@ def _tum_rows(path: Path, *, growing: bool) -> FloatArray:
         raise InputError(path, "file", f"expected rows of numbers ({error})") from error
     if any(len(row) != len(_TUM_FIELDS) for row in rows):
         raise InputError(path, "file", f"expected {' '.join(_TUM_FIELDS)} in every line")
-    return np.array(rows).reshape(-1, len(_TUM_FIELDS))
+    found = np.array(rows).reshape(-1, len(_TUM_FIELDS))
+    finite = np.isfinite(found).all(axis=1)
+    if not finite.all():
+        raise InputError(path, f"line {int(np.argmin(finite)) + 1}", "expected finite numbers")
+    return found
 
 
 def _segments(folder: Path, run: Run) -> tuple[Segment, ...]:

@@ -1,6 +1,7 @@
 """Depth images of every format and form, written by others and by hand, against known depths."""
 
 import json
+import struct
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from pcnav.core.errors import InputError
 from pcnav.recordings.bop import read_bop
 from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs
 from pcnav.recordings.depth_image import read_depth_image
+from pcnav.recordings.depth_stack import read_depth_stack
 from pcnav.recordings.depth_units import depth_in_metres
 
 MakeScene = Callable[..., Path]
@@ -260,3 +262,16 @@ def test_a_missing_library_is_told_in_one_line(
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     with pytest.raises(InputError, match=r"expected the extra `formats` to be installed.*a\.exr"):
         read_depth_image(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize("pages", [False, True])
+def test_a_decoder_that_stumbles_is_one_line(tmp_path: Path, pages: bool) -> None:
+    """A TIFF without its width: Pillow raises an error of types."""
+    write_tiff_tifffile(tmp_path / "a.tif", np.full((6, 8), 1000, dtype=np.uint16))
+    data = (tmp_path / "a.tif").read_bytes()
+    width = struct.pack("<HHI", 256, 4, 1)
+    assert data.count(width) == 1
+    (tmp_path / "a.tif").write_bytes(data.replace(width, struct.pack("<HHI", 32768, 4, 1)))
+    (tmp_path / "depth_camera.toml").write_text("fx = 20\nfy = 20\ncx = 3.5\ncy = 2.5\n")
+    with pytest.raises(InputError, match=r"a\.tif: file: expected an undamaged TIFF \("):
+        read_depth_stack(tmp_path / "a.tif") if pages else read_depth_image(tmp_path / "a.tif")

@@ -39,6 +39,7 @@ def test_half_an_estimate_is_refused(tmp_path: Path) -> None:
         ("measurements.csv", 2, 2, "long", "line 3, length_m"),
         ("poses.tum", 0, 0, "99.0", "poses.tum: timestamp"),
         ("poses.tum", 0, 1, "x", "expected rows of numbers"),
+        ("poses.tum", 0, 4, "nan", "poses.tum: line 1: expected finite numbers"),
     ],
 )
 def test_a_damaged_field_is_told_in_one_line(
