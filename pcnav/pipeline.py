@@ -10,13 +10,14 @@ from pathlib import Path
 from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.length_unit import LengthUnit
 from pcnav.config.pipeline_file import EstimatorTable, Pipeline
+from pcnav.config.scenario import OrbitTable
 from pcnav.core.errors import InputError
 from pcnav.estimators.choice import chosen
 from pcnav.estimators.image_motion.source import TrackedImages
 from pcnav.evaluation.answer.model import RunState
 from pcnav.files.new_folder import refuse_unless_replaceable
 from pcnav.navigation import Inputs, Navigation, RunSummary, Truth
-from pcnav.recordings.given_frames import DepthRecording
+from pcnav.recordings.given_frames import DepthRecording, GivenFrames
 from pcnav.recordings.images import ImageSequence
 from pcnav.recordings.intake import Intake, skipped_frames_csv
 from pcnav.recordings.opening import open_recording
@@ -189,6 +190,10 @@ def inputs_of(
         as_run["target_mesh"] = str(mesh.resolve())
         as_run["mesh_unit"] = mesh_unit
         as_run["time_zero_s"] = recording.info.time_zero_s
+    if isinstance(recording, GivenFrames):
+        # There is no recording that tells it.
+        rate = recording.info.mean_motion_rad_s
+        as_run["orbit"] = OrbitTable(mean_motion_rad_s=rate)
     if isinstance(recording, Sequence):
         as_run["region"] = resolved(pipeline.region, recording.path)
     for each in inputs:

@@ -3,7 +3,6 @@
 It is a thin layer over the estimators that ``pcnav run`` uses, and leaves the same result folder.
 """
 
-import math
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from pcnav.recordings.frame_checks import checked_time, checked_transform
 from pcnav.recordings.given_frames import GivenFrames
 from pcnav.recordings.recording import RecordingKind
 from pcnav.recordings.region import Region, restricted
+from pcnav.recordings.region_files import gates_of
 from pcnav.recordings.sequence import Frame, SequenceInfo
 from pcnav.recordings.time_line import zero_of
 from pcnav.recordings.writer import depth_step, write_sequence
@@ -110,7 +110,8 @@ class Tracker:
         if initial_pose is not None:
             table = first_pose_table(np.asarray(initial_pose), initial_pose_sd)
             self._as_run = self._as_run.model_copy(update={"initial_pose": table})
-        self._region = _region(self._as_run)
+        hint = ": step() takes the mask of a frame"
+        self._region = gates_of(self._as_run.region, "Tracker", hint)
         self._target, self._keeps_frames = target, keep_frames
         self.reset()
 
@@ -356,13 +357,3 @@ def _settings(pipeline: Pipeline, estimator: str | None, range_sigma_m: float | 
         perception = pipeline.perception.model_copy(update={"range_sigma_m": range_sigma_m})
         changes["perception"] = perception
     return pipeline.model_copy(update=changes)
-
-
-def _region(pipeline: Pipeline) -> Region:
-    """What every frame is restricted to. Raises `InputError` for files that belong to frames."""
-    table = pipeline.region
-    if table.masks is not None or table.background is not None:
-        expected = "expected no masks and no background: step() takes the mask of a frame"
-        raise InputError("Tracker", "region", expected)
-    far_m = math.inf if table.max_range_m is None else table.max_range_m
-    return Region(None, table.min_range_m or 0.0, far_m, table.box_px)

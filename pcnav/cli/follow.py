@@ -1,5 +1,7 @@
 """``pcnav run --follow``: frames are answered as they arrive."""
 
+import os
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -93,12 +95,22 @@ def follow_arriving(
 
 
 def _source_of(path: Path, pipeline: "Pipeline", target_mesh: Path | None) -> "Arriving":
+    table = pipeline.recording
+    if path == STREAM:
+        from pcnav.recordings.bag_stream import BagStream
+        from pcnav.recordings.mcap_messages import McapMessages
+        from pcnav.recordings.region_files import gates_of
+        from pcnav.recordings.sequence import SequenceInfo
+
+        info = SequenceInfo("stream", 0.0, None, target_mesh)
+        # A descriptor of its own: the thread that reads it must not hold up the process's end.
+        stream = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
+        return BagStream(McapMessages(stream), info, table, gates_of(pipeline.region, path))
     from pcnav.recordings.growing_folder import GrowingFolder
     from pcnav.recordings.opening import open_sequence
 
     if not path.is_dir():
         expected = "expected a folder that frames are written to, or - for standard input"
         raise InputError(path, "--follow", expected)
-    table = pipeline.recording
     opened = partial(open_sequence, path, target_mesh, True, table)
     return GrowingFolder(path, opened, pipeline.region, table.frames)

@@ -26,6 +26,11 @@ def rosbags(part: str, needed_for: str) -> ModuleType:
     return _module(f"rosbags.{part}", "rosbags", "bags", needed_for)
 
 
+def mcap(part: str, needed_for: str) -> ModuleType:
+    """A module of mcap, like "stream_reader". Raises `InputError` where it is not installed."""
+    return _module(f"mcap.{part}", "mcap", "bags", needed_for)
+
+
 def small_gicp(needed_for: str) -> ModuleType:
     """The module small_gicp. Raises `InputError` where it is not installed."""
     return _module("small_gicp", "small_gicp", "bench", needed_for)

@@ -41,7 +41,7 @@ from pcnav.recordings.sequence import Sequence
 
 METADATA = "metadata.yaml"
 _SUFFIXES = (".bag", ".mcap")
-_TF, _TF_STATIC = "/tf", "/tf_static"
+TF, TF_STATIC = "/tf", "/tf_static"
 _MODELS = {
     "plumb_bob": DistortionModel.OPENCV,
     "rational_polynomial": DistortionModel.OPENCV,
@@ -81,9 +81,9 @@ def read_bag(
     if seen is not None:
         root, T = seen
         known = np.isfinite(T[:, 0, 0])
-        where = f"the camera ({frame}) in {root} by {_TF}"
+        where = f"the camera ({frame}) in {root} by {TF}"
         if not known.any():
-            raise InputError(path, _TF, f"expected transforms of {frame} at the images' times")
+            raise InputError(path, TF, f"expected transforms of {frame} at the images' times")
         if not known.all():
             remarks.append(f"{int((~known).sum())} images without a transform left out")
         names = tuple(name for name, here in zip(names, known, strict=True) if here)
@@ -147,7 +147,7 @@ class _Bag:
 
     def scanned(self, topic: str, info: str | None) -> _Found:
         """One pass. Raises `InputError` for a bag without images."""
-        wanted = {topic, _TF, _TF_STATIC} | ({info} if info else set())
+        wanted = {topic, TF, TF_STATIC} | ({info} if info else set())
         stamps, recorded, frame, camera = [], [], "", None
         tree, origin_s = TransformTree(), None
         with self.guarded():
@@ -161,7 +161,7 @@ class _Bag:
                 elif connection.topic == info:
                     camera = camera or self._message(connection, raw)
                 elif connection.topic != info:
-                    static = connection.topic == _TF_STATIC
+                    static = connection.topic == TF_STATIC
                     tree.add(self._message(connection, raw), static, origin_s)
         if not stamps:
             raise InputError(self.path, topic, "expected at least one image")
@@ -199,11 +199,7 @@ class _BagImages:
         """Raises `InputError`, which names the image, for a message that holds no depth."""
         kind, message = self.message(self._places[path.name])
         try:
-            if kind == IMAGE:
-                return depth_of_image(message)
-            if kind == COMPRESSED:
-                return depth_of_compressed(message)
-            return depth_of_points(points_of_cloud(message))
+            return depth_of_message(kind, message)
         except ValueError as error:
             raise InputError(path, "message", str(error)) from error
 
@@ -227,7 +223,7 @@ def _camera(path: Path, table: RecordingTable, found: _Found, images: _BagImages
     if table.camera_px is not None:
         return DepthCamera(table.camera_px, None, table.unit_m)
     if found.info is not None:
-        return _of_info(path, found.info, table.unit_m)
+        return camera_of_info(path, found.info, table.unit_m)
     kind, message = images.message(0)
     if kind != CLOUD:
         expected = "expected CameraInfo beside the images, --camera-topic or --camera FX FY CX CY"
@@ -238,7 +234,16 @@ def _camera(path: Path, table: RecordingTable, found: _Found, images: _BagImages
         raise InputError(path / images.names[0], "points", str(error)) from error
 
 
-def _of_info(path: Path, info: Any, unit_m: float | None) -> DepthCamera:
+def depth_of_message(kind: str, message: Any) -> StoredDepth:
+    """(height, width) of a message of depth. Raises `ValueError` for one that holds none."""
+    if kind == IMAGE:
+        return depth_of_image(message)
+    if kind == COMPRESSED:
+        return depth_of_compressed(message)
+    return depth_of_points(points_of_cloud(message))
+
+
+def camera_of_info(path: Path, info: Any, unit_m: float | None) -> DepthCamera:
     """Of a CameraInfo, whose letters are capitals in ROS 1."""
     K, D = (np.array(getattr(info, n, getattr(info, n.upper(), ()))) for n in ("k", "d"))
     if K.size != 9 or not np.isfinite(K).all() or not (K[0] > 0.0 and K[4] > 0.0):

@@ -1,5 +1,6 @@
 """The pose of the camera from a bag's tree of transforms (/tf and /tf_static)."""
 
+from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +12,8 @@ from pcnav.core.spatial import invert_transform, make_transform
 from pcnav.recordings.timed_poses import TimedPoses, interpolated
 
 _MAX_DEPTH = 64
+_MAX_KEPT = 1000
+"""Transforms of one frame that are kept in any case."""
 
 
 @dataclass
@@ -45,6 +48,17 @@ class TransformTree:
             stamp = each.header.stamp
             edge.time_s.append(int(stamp.sec) - origin_s + int(stamp.nanosec) * 1e-9)
             edge.rows.append(row)
+
+    def forget(self, before_s: float) -> None:
+        """Drop most of what was before a time: of a stream nobody asks for it any more."""
+        for edge in self._edges.values():
+            if len(edge.time_s) > _MAX_KEPT:
+                # One before the time is needed to tell what was then; one static one is enough.
+                kept = (
+                    len(edge.time_s) - 1 if edge.is_static else bisect_left(edge.time_s, before_s)
+                )
+                first = max(kept - 1, 0)
+                del edge.time_s[:first], edge.rows[:first]
 
     def camera_poses(self, frame: str, time_s: FloatArray) -> tuple[str, FloatArray] | None:
         """The frame at the root above a camera's, and (n, 4, 4) T_root_cam at times (n,).

@@ -70,6 +70,14 @@ def region_of(table: RegionTable, sequence: Sequence) -> RegionOfFrames:
     return RegionOfFrames(region, masks, table.mask_object, places)
 
 
+def gates_of(table: RegionTable, where: Path | str, hint: str = "") -> Region:
+    """The region of frames that lie in no files. Raises `InputError` for masks and background."""
+    if table.masks is not None or table.background is not None:
+        raise InputError(where, "region", f"expected no masks and no background{hint}")
+    far_m = math.inf if table.max_range_m is None else table.max_range_m
+    return Region(None, table.min_range_m or 0.0, far_m, table.box_px)
+
+
 def resolved(table: RegionTable, recording: Path) -> RegionTable:
     """The table with its files as absolute paths. Raises `InputError` for one that is not there."""
     changes: dict[str, str] = {}
