@@ -4,6 +4,7 @@ import io
 import os
 import time
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from pcnav.recordings.sequence import SequenceInfo
 from tests.recordings.other_formats import Scene, write_bag
 
 
-def streamed(stream: io.BufferedIOBase, table: RecordingTable = AS_IT_IS) -> BagStream:
+def streamed(stream: IO[bytes], table: RecordingTable = AS_IT_IS) -> BagStream:
     info = SequenceInfo("stream", 0.0, None, None)
     return BagStream(McapMessages(stream), info, table, Region())
 
