@@ -20,14 +20,11 @@ from pcnav.evaluation.errors import Errors, errors
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.collector import collected
 from pcnav.runs.run import Run
-from pcnav.runs.status import Status
+from pcnav.runs.status import CLAIMED, WRONG_SHIFT_FRACTION, WRONG_TURN_RAD
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
 
 from .blocks import ShownBlock
-
-CLAIMS = frozenset({str(Status.LOCKED), str(Status.AMBIGUOUS)})
-"""The statuses with which a tracker says that its pose can be relied on."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class JudgedRun:
     @property
     def claims(self) -> BoolArray:
         """(n,) frames called locked or ambiguous."""
-        return np.array([word in CLAIMS for word in self.said.status])
+        return np.array([word in CLAIMED for word in self.said.status])
 
     @property
     def lock(self) -> int | None:
@@ -95,6 +92,10 @@ class JudgedRun:
     def is_within(self, angle_rad: float, distance_m: float) -> BoolArray:
         """(n,) frames whose pose is off by less than both."""
         return np.asarray((self.attitude_rad < angle_rad) & (self.position_m < distance_m))
+
+    def is_right(self, target: Target) -> BoolArray:
+        """(n,) frames whose pose is none that would make a claim a wrong lock."""
+        return self.is_within(WRONG_TURN_RAD, WRONG_SHIFT_FRACTION * target.diameter_m)
 
     @property
     def state_error(self) -> FloatArray:
@@ -134,7 +135,7 @@ def follow(
         estimates.append(tracker.step(frame))
         seconds.append(time.process_time() - started)
         on_frame(frame)
-        if until_lock and estimates[-1].status in CLAIMS:
+        if until_lock and estimates[-1].status in CLAIMED:
             break
     said = collected("depth", tracker.output, estimates)
     judged = _judged(scene, target, said, np.array(seconds))

@@ -18,13 +18,9 @@ from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
 from pcnav.evaluation.model_distance import model_distances, surface_points
 from pcnav.evaluation.trajectory import absolute_errors, relative_errors, root_mean_square
 from pcnav.runs.run import Run
-from pcnav.runs.status import Status
+from pcnav.runs.status import CLAIMED, WRONG_SHIFT_FRACTION, WRONG_TURN_RAD
 from pcnav.target.satellite import Target
 
-CLAIMS = frozenset({str(Status.LOCKED), str(Status.AMBIGUOUS)})
-"""The statuses that say that a pose can be relied on."""
-RIGHT_FRACTION, RIGHT_DEG = 0.1, 10.0
-"""A lock within this share of the target's diameter and this angle is right."""
 BOUNDED = {
     "crb_position_m": 1.0,
     "crb_attitude_deg": float(np.rad2deg(1.0)),
@@ -139,13 +135,13 @@ def _trajectory(truth: Trajectory, run: Trajectory) -> dict[str, float]:
 
 
 def _locking(run: Run, found: Errors, target: Target | None) -> dict[str, float]:
-    claims: BoolArray = np.array([word in CLAIMS for word in run.status])
+    claims: BoolArray = np.array([word in CLAIMED for word in run.status])
     attitude = next(quantity.of(found) for quantity in QUANTITIES if quantity.name == "attitude")
     assert attitude is not None, "all estimators have one"
     # Comparisons with nan are false: a claim without a pose is wrong.
-    near = _norm(attitude) <= RIGHT_DEG
+    near = _norm(attitude) <= np.rad2deg(WRONG_TURN_RAD)
     if target is not None:
-        near &= _norm(found.p_cam_m) <= RIGHT_FRACTION * target.diameter_m
+        near &= _norm(found.p_cam_m) <= WRONG_SHIFT_FRACTION * target.diameter_m
     locks = np.flatnonzero(claims)
     first = int(locks[0]) if locks.size else len(run)
     elapsed_s = run.time_s[first] - run.time_s[0] if locks.size else np.nan

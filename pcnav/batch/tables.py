@@ -321,5 +321,5 @@ def _note(metrics: Sequence[Metric], window: EvaluationWindow) -> str:
     if Family.LOCKING in families:
         text += " Locking is judged over all frames of a run; the share of frames with a pose is "
         text += f"that of {window.text}."
-        text += " Wrong: off by more than 10 % of the target's size or 10 deg, up to symmetry."
+        text += " Wrong: off by more than 5 % of the target's diameter or 5 deg, up to symmetry."
     return text

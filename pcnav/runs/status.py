@@ -2,6 +2,8 @@
 
 from enum import StrEnum
 
+import numpy as np
+
 
 class Status(StrEnum):
     """What an estimate is worth."""
@@ -15,3 +17,7 @@ class Status(StrEnum):
 
 CLAIMED = (Status.LOCKED, Status.AMBIGUOUS)
 """What an estimator calls an estimate that it stands for."""
+
+WRONG_TURN_RAD, WRONG_SHIFT_FRACTION = float(np.deg2rad(5.0)), 0.05
+"""A claimed pose is a wrong lock where its attitude is off by this angle or its position by this
+share of the target's diameter, up to symmetry. By the same measure is a pose too vague to claim."""

@@ -13,7 +13,6 @@ from pcnav.simulation.depth import Scene
 from ..following import JudgedRun, follow, status_shares
 from ..tables import Claim, marked_frames, table_of
 from .cases_abroad import CASES as SCENES
-from .starts import RIGHT_FRACTION, RIGHT_RAD
 
 NAME = "abroad"
 FRAMES = 60
@@ -55,8 +54,7 @@ class AbroadRun:
     @property
     def wrong(self) -> BoolArray:
         """(n,) frames called locked or ambiguous that are not right, up to symmetry."""
-        limit_m = RIGHT_FRACTION * SCENES[self.case].base.found.target.diameter_m
-        return self.run.claims & ~self.run.is_within(RIGHT_RAD, limit_m)
+        return self.run.claims & ~self.run.is_right(SCENES[self.case].base.found.target)
 
     @property
     def right(self) -> BoolArray:

@@ -17,7 +17,6 @@ from ..folder import StudyFigure
 from ..following import JudgedRun, follow, status_sequence
 from ..panels import error_panel
 from ..tables import Claim, always, at_most, table_of
-from .starts import RIGHT_FRACTION, RIGHT_RAD
 from .tumbles import FRAME_RATE_HZ, boxsat, tumble
 
 NAME = "blackouts"
@@ -68,7 +67,7 @@ class Blackout:
     @property
     def relocked(self) -> int | None:
         """Frames with returns until one is called locked or ambiguous and is right."""
-        right = self.run.is_within(RIGHT_RAD, RIGHT_FRACTION * boxsat().target.diameter_m)
+        right = self.run.is_right(boxsat().target)
         found = np.flatnonzero((self.run.claims & right)[self.last_blind + 1 :])
         return int(found[0]) + 1 if found.size else None
 

@@ -22,10 +22,6 @@ from .tumbles import boxsat, tumble
 
 NAME = "faults"
 FRAMES = 100
-_WRONG_RAD = float(np.deg2rad(2.0))
-_WRONG_FRACTION = 0.03
-"""A pose further off than either (share of the diameter) that is called locked is a silent wrong
-lock."""
 _MAX_WRONG = 10
 """Frames in a row for which a satellite that is another one may be called locked."""
 _BOX_M = (0.3, 0.5, 0.4)
@@ -115,9 +111,7 @@ class FaultRun:
         """(n,) frames called locked or ambiguous that are wrong."""
         if self.fault == WRONG_TARGET:
             return self.run.claims
-        limit_m = _WRONG_FRACTION * boxsat().target.diameter_m
-        far = (self.run.attitude_rad > _WRONG_RAD) | (self.run.position_m > limit_m)
-        return self.run.claims & far
+        return self.run.claims & ~self.run.is_right(boxsat().target)
 
     @property
     def longest_silent(self) -> int:

@@ -20,7 +20,6 @@ from ..following import JudgedRun, follow
 from ..tables import Claim, never, table_of
 from .knowable import Knowledge, knowledge
 from .shapes import SHAPES, shape
-from .starts import RIGHT_RAD
 
 NAME = "few returns"
 FRAMES = 20
@@ -37,8 +36,6 @@ _NEAREST, _FARTHEST, _RATE_DEG_S, _SPEED = 3.2, 6.0, (0.0, 20.0), 0.002
 _SMALL_PX, _CUT_PX = 64, 96
 _CUT_SHARE = 0.3
 """How far the middle of a target that is cut may be from the edge, over its diameter."""
-_WRONG_FRACTION = 0.1
-"""A claim off by this share of the diameter, or by `RIGHT_RAD`, is wrong."""
 _HALF_TURN_RAD = float(np.deg2rad(150.0))
 _STARTED_BAR = 0.8
 
@@ -132,7 +129,7 @@ def _judged(
     of: Satellite,
 ) -> FewStart:
     D, claims = of.target.diameter_m, run.claims
-    wrong = claims & ~run.is_within(RIGHT_RAD, _WRONG_FRACTION * D)
+    wrong = claims & ~run.is_right(of.target)
     said = Counter(word for word, is_wrong in zip(run.said.status, wrong, strict=True) if is_wrong)
     return FewStart(
         target=name,

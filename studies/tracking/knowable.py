@@ -10,13 +10,14 @@ from pcnav.estimators.depth.target_odds import CLEAR_LEAD
 from pcnav.perception.modality import Evidence
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.recordings.sequence import stated_or_default_sigma
+from pcnav.runs.status import WRONG_SHIFT_FRACTION, WRONG_TURN_RAD
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Satellite
 from pcnav.target.rendering import DepthRenderer
 
-_KNOWN_SD_RAD, _KNOWN_SD_FRACTION = float(np.deg2rad(1.5)), 0.03
+_KNOWN_SD_RAD, _KNOWN_SD_FRACTION = WRONG_TURN_RAD / 3.0, WRONG_SHIFT_FRACTION / 3.0
 """Deviations, the position's over the diameter, under which an error that makes a claim wrong is
-one of more than three of them."""
+one of three of them."""
 _TIGHT_SD_FRACTION, _TIGHT_SD_RAD = 1e-3, 1e-3
 _RIVAL_SD_FRACTION, _RIVAL_SD_RAD = 0.05, 0.1
 """Of the truth and of a rival, before they are compared with a frame."""

@@ -10,7 +10,7 @@ import numpy as np
 from pcnav.core.statistics import mean, percentile, share
 from pcnav.files.text_table import TextTable
 from pcnav.report.panels import Curve, Panel, Scale, panels_figure
-from pcnav.runs.status import Status
+from pcnav.runs.status import WRONG_TURN_RAD, Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.random_truth import Satellite, Spread, random_truth, satellite
 
@@ -26,9 +26,6 @@ FRAMES = 5
 FRAME_RATE_HZ = 5.0
 _SPREAD = Spread(range_m=(10.0, 30.0), rate_deg_s=(0.0, 20.0), speed_m_s=0.02)
 """Of `boxsat`; lengths go with the diameter for the others."""
-RIGHT_RAD = float(np.deg2rad(5.0))
-RIGHT_FRACTION = 0.05
-"""A lock within this angle and this share of the diameter is right."""
 _RIGHT_BAR, _SECONDS_BAR = 0.99, 0.5
 
 
@@ -80,7 +77,7 @@ def start_of(name: str, of: Satellite, spread: Spread, seed: int) -> Start:
     outcome, attitude, position = Outcome.NOT_YET, np.nan, np.nan
     if run.lock is not None:
         attitude, position = float(run.attitude_rad[-1]), float(run.position_m[-1])
-        right = run.is_within(RIGHT_RAD, RIGHT_FRACTION * of.target.diameter_m)[-1]
+        right = run.is_right(of.target)[-1]
         outcome = Outcome.RIGHT if right else Outcome.WRONG
     return Start(
         satellite=name,
@@ -198,7 +195,7 @@ def start_figures(found: Starts) -> list[StudyFigure]:
                 row_in=2.3,
                 at_label="attitude error at lock, deg",
                 log_at=True,
-                marked=[float(np.rad2deg(RIGHT_RAD))],
+                marked=[float(np.rad2deg(WRONG_TURN_RAD))],
             ),
         ),
     ]

@@ -83,14 +83,15 @@ def test_a_lock_is_right_up_to_one_symmetry_of_the_run(twinwing: tuple[Scene, Ta
 
 
 def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -> None:
-    """acquiring, right, lost, ambiguous and right, locked 11 deg off, a metre off, coasting."""
+    """acquiring, right, lost, ambiguous and right, locked 6 deg off, 6 % off, coasting."""
     scene, target = twinwing
     truth = scene.truth
     assert truth.T_cam_target is not None
     T = truth.T_cam_target.copy()
     T[0] = T[2] = np.nan
-    T[4] = T[4] @ make_transform(exp_rotation(np.deg2rad([0.0, 11.0, 0.0])), np.zeros(3))
-    T[5, 0, 3] += 1.0
+    T[4] = T[4] @ make_transform(exp_rotation(np.deg2rad([0.0, 6.0, 0.0])), np.zeros(3))
+    T[5, 0, 3] += 0.06 * target.diameter_m
+    T[3, 0, 3] += 0.04 * target.diameter_m
     status = ["acquiring", "locked", "lost", "ambiguous", "locked", "locked", "coasting"]
     values = run_metrics(told(scene, T, status), truth, target).values
     assert values["time_to_lock_s"] == 0.5
@@ -98,7 +99,8 @@ def test_locks_are_counted_by_status_and_error(twinwing: tuple[Scene, Target]) -
     assert values["share_locked_wrong"] == pytest.approx(2 / 7)
     assert values["share_unlocked"] == pytest.approx(3 / 7)
     assert values["frames_lost"] == 2.0
-    assert values["ate_rmse_m"] == pytest.approx(np.sqrt(1.0 / 5))
+    off = target.diameter_m * np.sqrt((0.06**2 + 0.04**2) / 5)
+    assert values["ate_rmse_m"] == pytest.approx(off)
 
     silent = run_metrics(told(scene, np.full_like(T, np.nan), ["acquiring"] * 7), truth, target)
     assert np.isnan(silent.values["time_to_lock_s"])

@@ -88,7 +88,7 @@ def test_a_blackout_ends_with_a_right_lock_and_keeps_what_was_known() -> None:
 
 def test_silent_wrong_frames_are_those_called_locked() -> None:
     words = ("locked", "ambiguous", "coasting", "locked", "locked", "acquiring")
-    far = np.array([0.1, 0.5, 0.5, 0.5, 0.5, 0.5])  # 3 % of 10 m is 0.3 m
+    far = np.array([0.1, 0.6, 0.6, 0.6, 0.6, 0.6])  # 5 % of 10 m is 0.5 m
     run = faults.FaultRun("none", 1, judged_run(words, far))
     assert run.silent.tolist() == [0, 1, 0, 1, 1, 0] and run.longest_silent == 2
     other = faults.FaultRun(faults.WRONG_TARGET, 1, judged_run(words))

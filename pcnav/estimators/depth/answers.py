@@ -13,12 +13,8 @@ from pcnav.estimators.depth.views import FrameView
 from pcnav.filtering.error_state import UpdateResult
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.estimate import Estimate
-from pcnav.runs.status import Status
+from pcnav.runs.status import WRONG_SHIFT_FRACTION, WRONG_TURN_RAD, Status
 from pcnav.target.satellite import Target
-
-_MAX_SHIFT_SD_FRACTION, _MAX_TURN_SD_RAD = 0.05, 0.087
-"""A pose that may be off by more, in any direction, is none that could be claimed: the share of the
-diameter, and the angle, that make a pose a wrong one."""
 
 
 def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
@@ -32,7 +28,8 @@ def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
         float(np.sqrt(np.linalg.eigvalsh(covariance[part, part])[-1]))
         for part in (slice(0, 3), slice(3, 6))
     )
-    return shift < _MAX_SHIFT_SD_FRACTION * target.diameter_m and turn < _MAX_TURN_SD_RAD
+    # One that may be off by as much as makes a pose a wrong one is none that could be claimed.
+    return shift < WRONG_SHIFT_FRACTION * target.diameter_m and turn < WRONG_TURN_RAD
 
 
 def answer_of_frame(
