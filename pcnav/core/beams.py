@@ -49,6 +49,11 @@ class Beams:
         """Whether they were seen one after the other."""
         return len(self.slice_times_s) > 1
 
+    @property
+    def reach_s(self) -> float:
+        """How far from the time of the frame they were seen."""
+        return float(np.abs(self.time_s).max(initial=0.0))
+
     @cached_property
     def image(self) -> DepthImage:
         """(height, width) z-depth of the beams shown, m; 0 = no return, or none known."""

@@ -87,7 +87,11 @@ def smoothed_points(window: Window, size: int) -> FloatArray:
 
 
 def returns_of(frame: Frame) -> FloatArray:
-    """(n, 3) points of a frame's returns, camera frame, m."""
+    """(n, 3) points of a frame's returns, camera frame, m; of a scan all of them, as they were."""
+    if frame.beams is not None:
+        beams = frame.beams.within(frame.depth_m)
+        seen = beams.depth_m > 0.0
+        return np.asarray(beams.rays[seen] * beams.depth_m[seen, None])
     window = window_of_returns(frame)
     if window is None:
         return np.empty((0, 3))

@@ -1,8 +1,9 @@
 """Bags of ROS 1 (.bag) and ROS 2 (a folder with metadata.yaml) and .mcap files of ROS messages.
 
-Depth comes from Image (16UC1 in mm, 32FC1 in m), compressed depth (PNG) or organised PointCloud2;
-the camera and its lens from CameraInfo; its pose in the world from /tf and /tf_static, where the
-tree reaches above the camera's frame. NAME.toml beside a file says what a sequence.toml says.
+Depth comes from Image (16UC1 in mm, 32FC1 in m), compressed depth (PNG) or PointCloud2, in the rows
+and columns of a pinhole or of a LiDAR; the camera and its lens from CameraInfo; its pose in the
+world from /tf and /tf_static, where the tree reaches above the camera's frame.
+NAME.toml beside a file says what a sequence.toml says.
 """
 
 import logging
@@ -22,26 +23,32 @@ from pcnav.core._extras import rosbags
 from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
-from pcnav.recordings.assembling import Parts, assembled
+from pcnav.core.spatial import make_transform
+from pcnav.recordings.assembling import Parts, assembled, settings_file
 from pcnav.recordings.bag_images import (
     CLOUD,
     COMPRESSED,
     IMAGE,
+    cloud_of,
     depth_of_compressed,
     depth_of_image,
-    points_of_cloud,
 )
 from pcnav.recordings.bag_topics import camera_topic, depth_topic
 from pcnav.recordings.bag_transforms import TransformTree
+from pcnav.recordings.cloud import Cloud
+from pcnav.recordings.cloud_scans import CloudScans, scans_assembled
 from pcnav.recordings.depth_camera import DepthCamera
 from pcnav.recordings.depth_form import DepthForm
 from pcnav.recordings.depth_image import ImageSize, StoredDepth
 from pcnav.recordings.organised import depth_of_points, pinhole_of
 from pcnav.recordings.sequence import Sequence
+from pcnav.recordings.sequence_file import stated_axes
 
 METADATA = "metadata.yaml"
 _SUFFIXES = (".bag", ".mcap")
 TF, TF_STATIC = "/tf", "/tf_static"
+_TRIED = 10
+"""Clouds by which a sensor without a CameraInfo is known."""
 _MODELS = {
     "plumb_bob": DistortionModel.OPENCV,
     "rational_polynomial": DistortionModel.OPENCV,
@@ -73,7 +80,10 @@ def read_bag(
     info = camera_topic(path, bag.kinds, topic, table.camera_topic)
     found = bag.scanned(topic, info)
     images = _BagImages(bag, topic, found.bag_ns)
-    camera = _camera(path, table, found, images)
+    camera, scans = _camera(path, table, found, images), None
+    if not isinstance(camera, DepthCamera):
+        scans = CloudScans.of(path, camera, stated_axes(settings_file(path)), table.unit_m)
+        camera = scans.depth_camera
     names, stamp_s = images.names, found.time_s
     T_cam_world, frame, remarks = None, found.frame, []
     seen = found.tree.camera_transforms(frame, found.time_s)
@@ -88,6 +98,8 @@ def read_bag(
             remarks.append(f"{int((~known).sum())} images without a transform left out")
         names = tuple(name for name, here in zip(names, known, strict=True) if here)
         stamp_s, T_cam_world = stamp_s[known], T[known]
+        if scans is not None:
+            T_cam_world = make_transform(scans.axes.R_cam_cloud, np.zeros(3)) @ T_cam_world
     lens = "options" if table.camera_px is not None else info or "the points"
     _LOG.info("%s: depth of %s, camera of %s, %s", path, topic, lens, where)
     parts = Parts(
@@ -97,6 +109,8 @@ def read_bag(
         assumed=tuple(remarks),
         origin_s=found.origin_s,
     )
+    if scans is not None:
+        return scans_assembled(parts, target_mesh, table, skip_bad_frames, scans, images.read_cloud)
     return assembled(parts, target_mesh, table, skip_bad_frames)
 
 
@@ -203,6 +217,14 @@ class _BagImages:
         except ValueError as error:
             raise InputError(path, "message", str(error)) from error
 
+    def read_cloud(self, path: Path) -> Cloud:
+        """Raises `InputError`, which names the cloud, for a message that holds none."""
+        _, message = self.message(self._places[path.name])
+        try:
+            return cloud_of(message)
+        except ValueError as error:
+            raise InputError(path, "message", str(error)) from error
+
     def message(self, place: int) -> tuple[str, Any]:
         """Kind and message of an image by its place."""
         with self._bag.guarded():
@@ -219,19 +241,26 @@ class _BagImages:
             return found
 
 
-def _camera(path: Path, table: RecordingTable, found: _Found, images: _BagImages) -> DepthCamera:
+def _camera(
+    path: Path, table: RecordingTable, found: _Found, images: _BagImages
+) -> DepthCamera | list[Cloud]:
+    """The camera of the images; the first clouds where that of clouds is none."""
     if table.camera_px is not None:
         return DepthCamera(table.camera_px, None, table.unit_m)
     if found.info is not None:
         return camera_of_info(path, found.info, table.unit_m)
-    kind, message = images.message(0)
+    kind, _ = images.message(0)
     if kind != CLOUD:
         expected = "expected CameraInfo beside the images, --camera-topic or --camera FX FY CX CY"
         raise InputError(path, "camera", expected)
-    try:
-        return DepthCamera(pinhole_of(points_of_cloud(message)), None, table.unit_m)
-    except ValueError as error:
-        raise InputError(path / images.names[0], "points", str(error)) from error
+    clouds = [images.read_cloud(path / name) for name in images.names[:_TRIED]]
+    first = clouds[0]
+    if first.time is None and min(first.points.shape[:2]) > 1:
+        try:
+            return DepthCamera(pinhole_of(first.points), None, table.unit_m)
+        except ValueError:
+            pass
+    return clouds
 
 
 def depth_of_message(kind: str, message: Any) -> StoredDepth:
@@ -240,7 +269,10 @@ def depth_of_message(kind: str, message: Any) -> StoredDepth:
         return depth_of_image(message)
     if kind == COMPRESSED:
         return depth_of_compressed(message)
-    return depth_of_points(points_of_cloud(message))
+    points = cloud_of(message).points
+    if min(points.shape[:2]) < 2:
+        raise ValueError(f"expected rows and columns, got {points.shape[1]} points in one row")
+    return depth_of_points(points)
 
 
 def camera_of_info(path: Path, info: Any, unit_m: float | None) -> DepthCamera:

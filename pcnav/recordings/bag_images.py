@@ -1,4 +1,4 @@
-"""Depth images in messages of ROS: Image, CompressedDepth and organised PointCloud2."""
+"""Depth images in messages of ROS: Image, CompressedDepth and PointCloud2."""
 
 import struct
 from io import BytesIO
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pcnav.core.arrays import FloatArray
+from pcnav.recordings.cloud import Cloud, time_name
 from pcnav.recordings.depth_image import StoredDepth
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -19,7 +19,7 @@ _HEADER = struct.Struct("<iff")
 """Of a compressed depth image: kind of compression, and the two parameters of inverse depth."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MAX_PIXELS = 64_000_000
-_FIELD_TYPES = {7: "f4", 8: "f8"}
+_FIELD_TYPES = dict(enumerate(("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"), start=1))
 
 
 def depth_of_image(message: Any) -> StoredDepth:
@@ -69,13 +69,11 @@ def depth_of_compressed(message: Any) -> StoredDepth:
         return np.where(units > 0.0, a / (units - b), 0.0).astype(np.float32)
 
 
-def points_of_cloud(message: Any) -> FloatArray:
-    """(height, width, 3) x, y, z of an organised PointCloud2. Raises `ValueError`."""
+def cloud_of(message: Any) -> Cloud:
+    """The points of a PointCloud2, with their times where it has them. Raises `ValueError`."""
     height, width = int(message.height), int(message.width)
-    if height < 2:
-        raise ValueError(f"expected an organised cloud, got {width} points in one row")
-    if height * width > _MAX_PIXELS:
-        raise ValueError(f"expected at most {_MAX_PIXELS:,} points")
+    if not 0 < height * width <= _MAX_PIXELS:
+        raise ValueError(f"expected 1 to {_MAX_PIXELS:,} points, got {height} x {width}")
     places = {str(field.name): field for field in message.fields}
     if not {"x", "y", "z"} <= places.keys():
         raise ValueError(f"expected fields x, y, z, got {', '.join(places)[:100]}")
@@ -83,20 +81,19 @@ def points_of_cloud(message: Any) -> FloatArray:
     data = np.asarray(message.data, dtype=np.uint8)
     if row < width * step or height * row != len(data):
         raise ValueError(f"expected {height} rows of {row} bytes, got {len(data)} bytes")
-    order = ">" if message.is_bigendian else "<"
-    kinds = [_FIELD_TYPES.get(int(places[axis].datatype), "") for axis in "xyz"]
-    if "" in kinds or any(int(places[axis].offset) + 8 > step + 4 for axis in "xyz"):
-        raise ValueError("expected x, y and z as floats within each point")
-    form = np.dtype(
-        {
-            "names": list("xyz"),
-            "formats": [order + kind for kind in kinds],
-            "offsets": [int(places[axis].offset) for axis in "xyz"],
-            "itemsize": step,
-        }
-    )
+    time = time_name(places)
+    names = ["x", "y", "z", *([time] if time else [])]
+    kinds = [_FIELD_TYPES.get(int(places[name].datatype), "") for name in names]
+    if "" in kinds or not {"f4", "f8"} >= set(kinds[:3]):
+        raise ValueError("expected x, y and z as floats, and a number for a time")
+    order, offsets = ">" if message.is_bigendian else "<", [int(places[n].offset) for n in names]
+    formats = [np.dtype(order + kind) for kind in kinds]
+    if any(at + form.itemsize > step for at, form in zip(offsets, formats, strict=True)):
+        raise ValueError("expected x, y and z within each point")
+    form = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
     rows = np.ascontiguousarray(data.reshape(height, row)[:, : width * step]).view(form)
-    return np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    points = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    return Cloud(points, rows[time].astype(np.float64) if time else None)
 
 
 def _native(pixels: StoredDepth) -> StoredDepth:

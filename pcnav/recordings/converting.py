@@ -81,6 +81,9 @@ def _good_rows(sequence: Sequence) -> Iterator[int]:
 
 def _step_m(sequence: Sequence, skip_bad: bool) -> float:
     """The unit that the images have, where they are integers that stay what they are."""
+    if sequence.read_scan is not None:
+        # Ranges of scans are floats.
+        return 0.001
     steps = np.unique(sequence.depth_step_m)
     stored_z = sequence.form.depth_is is DepthIs.Z
     first = next(_frames(sequence, skip_bad, [], None), None)

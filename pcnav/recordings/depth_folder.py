@@ -60,7 +60,7 @@ def read_depth_folder(
         twice = next(stem for stem in stems if stems.count(stem) > 1)
         raise InputError(images, twice, "expected one depth image of each name")
     camera = depth_camera(images if camera_file(images) else path, table, path)
-    stamp_s = _stamps(path, stems)
+    stamp_s = stamps_of(path, stems)
     parts = Parts(path, images, files, camera, stamp_s, _poses(path, stamp_s))
     return assembled(parts, target_mesh, table, skip_bad_frames)
 
@@ -82,7 +82,11 @@ def number_of(name: str) -> tuple[list[int], str]:
     return [int(digits) for digits in _NUMBERS.findall(name)], name
 
 
-def _stamps(path: Path, stems: list[str]) -> FloatArray | None:
+def stamps_of(path: Path, stems: list[str]) -> FloatArray | None:
+    """(n,) seconds of files with such names, by times.csv or by their names; None of neither.
+
+    Raises `InputError` for a times.csv of another length.
+    """
     table = path / TIMES_FILE
     if table.is_file():
         time_s = read_csv(table, ("time_s",)).times()

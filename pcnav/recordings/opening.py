@@ -78,6 +78,10 @@ FORMATS = (
         frozenset({"camera_px", "unit_m", "topic", "camera_topic"}),
     ),
     RecordingFormat(
+        *("point clouds", RecordingKind.DEPTH, ".pcd, .ply, .bin, or arrays of points"),
+        *(is_clouds, read_clouds, _OF_IMAGES),
+    ),
+    RecordingFormat(
         *("folder of depth images", RecordingKind.DEPTH, "depth images with their camera"),
         *(is_depth_folder, read_depth_folder, _OF_IMAGES),
     ),
@@ -93,10 +97,6 @@ FORMATS = (
     RecordingFormat(
         *("tsdf-fusion recording", RecordingKind.DEPTH, INTRINSICS_FILE),
         *(_holds(INTRINSICS_FILE), read_tsdf_fusion),
-    ),
-    RecordingFormat(
-        *("organised clouds", RecordingKind.DEPTH, "organised .pcd"),
-        *(is_clouds, read_clouds, _OF_IMAGES),
     ),
     RecordingFormat(
         *("one file of depth images", RecordingKind.DEPTH, ".npz, .npy or .tif"),

@@ -67,6 +67,18 @@ def grid_of(rays: FloatArray) -> PinholeCamera:
     return PinholeCamera(int(size[0]), int(size[1]), fx, fy, cx, cy)
 
 
+def grid_over(flat: FloatArray, pitch: float, max_slope: float, max_side: int) -> PinholeCamera:
+    """Square pixels over beams (n, 2) in the plane z = 1, and as far beyond them again to every
+    side, but not beyond a slope."""
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    span = high - low
+    low, high = np.maximum(low - span, -max_slope), np.minimum(high + span, max_slope)
+    pitch = max(pitch, float((high - low).max()) / max_side)
+    size = np.maximum(np.ceil((high - low) / pitch), 2).astype(int)
+    cx, cy = (-low / pitch).tolist()
+    return PinholeCamera(int(size[0]), int(size[1]), 1.0 / pitch, 1.0 / pitch, cx, cy)
+
+
 def _step(values: FloatArray, axis: int) -> float:
     """Typical step from beam to beam along an axis."""
     return float(np.median(np.abs(np.diff(values, axis=axis))))

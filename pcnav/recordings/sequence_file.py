@@ -15,6 +15,7 @@ from pcnav.core.distortion import COEFFICIENTS, DistortionModel
 from pcnav.core.errors import InputError
 from pcnav.files.toml_file import read_toml_model
 from pcnav.recordings.calibration import NOT_STATED, Calibration
+from pcnav.recordings.cloud_axes import CloudAxes
 from pcnav.recordings.depth_form import PLAIN, DepthForm, DepthIs
 from pcnav.recordings.first_pose import prior_of, table_of
 from pcnav.recordings.sequence import InitialPrior, SequenceInfo
@@ -37,6 +38,7 @@ class _SensorTable(StrictTable):
     range_sigma_m: Positive | None = None
     invalid_depth: Annotated[int | float, Field(ge=0)] | None = None
     depth_is: Annotated[DepthIs, Strict(False)] = DepthIs.Z
+    axes: Annotated[CloudAxes, Strict(False)] | None = None
     camera_position_sd_m: NonNegative = 0.0
     camera_attitude_sd_deg: NonNegative = 0.0
     row_readout_s: NonNegative = 0.0
@@ -126,6 +128,14 @@ def read_sequence_file(
         calibration=None if content.calibration is None else content.calibration.calibration,
     )
     return info, sensor.form
+
+
+def stated_axes(path: Path) -> CloudAxes | None:
+    """The axes of clouds that sequence.toml states; None where it, or the file, is not there.
+
+    Raises `InputError`.
+    """
+    return read_toml_model(path, SequenceFile).sensor.axes if path.exists() else None
 
 
 def stated_time_zero(path: Path) -> float | None:

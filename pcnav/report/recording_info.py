@@ -114,17 +114,21 @@ def _camera(sequence: Sequence) -> list[tuple[str, str]]:
     lens = "none" if camera.distortion is None else str(camera.distortion.model)
     changes = "" if np.ptp(sequence.intrinsics, axis=0).max() == 0.0 else ", of the first frame"
     steps = sequence.depth_step_m
+    scans = sequence.read_scan is not None
     unit = "floats in metres" if np.isnan(steps[0]) else f"{number(1000.0 * float(steps[0]))} mm"
     if np.ptp(steps) > 0.0:
         unit += ", of the first frame"
     return [
-        ("image", f"{camera.width} x {camera.height} px, {fov[0]:.1f} x {fov[1]:.1f} deg"),
+        (
+            "pixels" if scans else "image",
+            f"{camera.width} x {camera.height} px, {fov[0]:.1f} x {fov[1]:.1f} deg",
+        ),
         (
             "fx, fy, cx, cy",
             f"{camera.fx:.6g}, {camera.fy:.6g}, {camera.cx:.6g}, {camera.cy:.6g} px{changes}",
         ),
         ("lens distortion", lens),
-        ("stored unit", f"{unit}, {sequence.form.depth_is}"),
+        ("stored unit", "ranges in metres" if scans else f"{unit}, {sequence.form.depth_is}"),
         ("camera's pose", _moved(sequence)),
     ]
 
@@ -148,6 +152,7 @@ def _contents(sequence: Sequence, frames: _Frames) -> list[tuple[str, str]]:
     mesh = "none named" if info.target_mesh is None else str(info.target_mesh)
     rate = info.mean_motion_rad_s
     rows = [
+        *_scans(sequence, frames.first),
         ("returns", f"{share} % of the pixels, median over the frames"),
         ("depth", f"{number(survey.near_m)} to {number(survey.far_m)} m, median over the frames"),
         ("range noise", sigma),
@@ -160,6 +165,17 @@ def _contents(sequence: Sequence, frames: _Frames) -> list[tuple[str, str]]:
         said = f"{len(motions)} turns" + (f", round about {axes} axes" if axes else "")
         rows.append(("stated symmetry", f"{said} (models_info.json)"))
     return rows
+
+
+def _scans(sequence: Sequence, first: Frame | None) -> list[tuple[str, str]]:
+    """Of a recording of scans."""
+    if first is None or first.beams is None:
+        return []
+    beams, lasts_s = first.beams, sequence.info.scan_s
+    n, returned = len(beams.rays), int(np.count_nonzero(beams.depth_m))
+    beside = ", the beams without one are known" if returned < n else ""
+    times = f"one after the other in {number(lasts_s)} s" if lasts_s else "without times"
+    return [("scan", f"{n:,} beams {times}; {returned:,} returned{beside}")]
 
 
 def _frame_doubts(sequence: Sequence, frames: _Frames) -> list[str]:

@@ -53,15 +53,11 @@ def test_a_folder_of_clouds(data: str, tmp_path: Path) -> None:
     assert (told.camera(0).fx, len(told)) == (90.0, 1)
 
 
-def test_what_is_not_read_yet_is_said(tmp_path: Path) -> None:
-    spinning = np.random.default_rng(0).normal(size=(40, 50, 3))
-    spinning[..., 2] += 9.0
-    trimesh.PointCloud(points().reshape(-1, 3)[:9]).export(tmp_path / "a.ply")
+def test_what_is_not_read_is_said(tmp_path: Path) -> None:
+    trimesh.PointCloud(points().reshape(-1, 3)[60:69]).export(tmp_path / "a.ply")
     cases = (
-        (write_pcd(tmp_path / "flat.pcd", points(), height=1), "points in one row are not read"),
         (write_pcd(tmp_path / "zip.pcd", points(), "binary_compressed"), "not read yet, got bin"),
-        (write_pcd(tmp_path / "spin.pcd", spinning.astype(np.float32)), "one pinhole camera"),
-        (tmp_path / "a.ply", "unorganised clouds, as of PLY, are not read yet"),
+        (tmp_path / "a.ply", "at least 100 points"),
     )
     cut = tmp_path / "cut.pcd"
     cut.write_bytes(write_pcd(tmp_path / "b.pcd", points()).read_bytes()[:-9])
@@ -72,3 +68,15 @@ def test_what_is_not_read_yet_is_said(tmp_path: Path) -> None:
             open_sequence(path)
         assert words in str(refused.value), refused.value
         assert str(path) in str(refused.value)
+    flat = write_pcd(tmp_path / "flat.pcd", points(), height=1)
+    with pytest.raises(InputError, match="rows and columns of the camera"):
+        open_sequence(flat, table=RecordingTable(camera_px=CAMERA))
+
+
+def test_a_cloud_in_one_row_is_a_scan(tmp_path: Path) -> None:
+    cloud = points()
+    frame = open_sequence(write_pcd(tmp_path / "flat.pcd", cloud, height=1)).frame(0)
+    assert frame.beams is not None
+    expected = cloud[np.isfinite(cloud).all(axis=-1)]
+    found = frame.beams.rays * frame.beams.depth_m[:, None]
+    np.testing.assert_allclose(found, expected, atol=1e-6)

@@ -253,6 +253,33 @@ def test_an_organised_cloud_is_a_depth_image_and_tells_its_camera(
     assert not depth_m[3:9, 2:7].any()
 
 
+def row_message(bag: Any, header: Any, pixels: np.ndarray) -> tuple[str, Any]:
+    """The points that returned, in one row, 10 us apart."""
+    name, cloud = cloud_message(bag, header, pixels)
+    rows = cloud.data.view(np.uint32).reshape(-1, 5).copy()
+    rows = rows[np.isfinite(rows[:, 2].view(np.float32))]
+    rows[:, 4] = 10_000 * np.arange(len(rows))
+    fields = [*cloud.fields, bag.make("sensor_msgs/PointField", "t", 16, 6, 1)]
+    data = np.frombuffer(rows.tobytes(), dtype=np.uint8)
+    rest = (False, 20, len(data), data, True)
+    return name, bag.make("sensor_msgs/PointCloud2", header, 1, len(rows), fields, *rest)
+
+
+def test_a_cloud_in_one_row_is_a_scan_with_the_times_of_its_points(
+    make_scene: Any, tmp_path: Path
+) -> None:
+    content = Scene(make_scene(tmp_path / "scene"))
+    content.depth = np.full((3, 40, 50), 2000, dtype=np.uint16)
+    content.depth[:, 3:9, 2:7] = 0
+    path = write_bag(content, tmp_path / "a.mcap", row_message, "/points", with_info=False)
+    found = open_sequence(path)
+    beams = found.frame(2).beams
+    assert beams is not None and len(beams.rays) == 40 * 50 - 30
+    np.testing.assert_allclose(beams.depth_m, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(beams.time_s, 1e-5 * np.arange(len(beams.rays)), atol=1e-12)
+    assert found.info.scan_s == pytest.approx(1e-5 * 1969)
+
+
 def test_the_lens_of_a_bag_is_that_of_its_camera_info(scene: Path, tmp_path: Path) -> None:
     for name, model, coefficients in (
         ("rational_polynomial", DistortionModel.OPENCV, (0.1, -0.02, 1e-3, 0, 0, 0, 0, 0.01)),

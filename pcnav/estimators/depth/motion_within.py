@@ -38,15 +38,14 @@ def predicted_motion(
     model: MotionModel[NavigationState],
     observer: ObserverPose,
     camera_before: TimedPose | None,
-    duration_s: float,
+    half_s: float,
     mean_motion_rad_s: float,
 ) -> Readout:
-    """Of a state at a time, half of a duration back and ahead.
+    """Of a state at a time, so far back and ahead.
 
     ``camera_before`` is where the camera was in the frame before (T_cam_world): it moves on as it
     did.
     """
-    half_s = 0.5 * duration_s
     here = state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
     by_camera = np.zeros(6)
     if camera_before is not None:

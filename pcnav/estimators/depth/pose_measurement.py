@@ -175,11 +175,6 @@ def pose_error(T_cam_from: FloatArray, T_cam_to: FloatArray) -> FloatArray:
     return np.concatenate([shift, log_rotation(T_cam_from[:3, :3].T @ T_cam_to[:3, :3])])
 
 
-def twist_between(before: tuple[float, FloatArray], after: tuple[float, FloatArray]) -> FloatArray:
-    """(6,) rate of a pose from one time (s) and pose (4, 4) to another: m/s, rad/s."""
-    return np.asarray(pose_error(before[1], after[1]) / (after[0] - before[0]))
-
-
 def moved_pose(T_cam_model: FloatArray, error: FloatArray) -> FloatArray:
     """(4, 4) the pose moved by an error (6,): the inverse of `pose_error`."""
     moved = T_cam_model.copy()

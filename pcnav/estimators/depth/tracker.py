@@ -101,7 +101,7 @@ class Tracker(Estimator):
         self._reader.frames_take_time = info.takes_time
         self._scale = ScaleLearner(self._reader, perception.mesh_scale_sd, info.calibration)
         self._parts = PartLearner(target, self._reader)
-        self._seen_poses: deque[TimedPose] = deque(maxlen=2)
+        self._seen_poses: deque[TimedPose] = deque(maxlen=3)
         self._camera: TimedPose | None = None
         self._refined = perception.measured_by is not Measurements.RECTANGLES
         self._update = UPDATES[perception.measured_by]
@@ -229,16 +229,21 @@ class Tracker(Estimator):
         else:
             self._seen_poses.append((estimate.time_s, estimate.T_cam_target))
 
-    def _expect_motion(self, observer: ObserverPose, track: Track) -> None:
+    def _expect_motion(self, frame: Frame, observer: ObserverPose, track: Track) -> None:
         """Tell the reader how the target moves in the camera, where it matters."""
         known, info = list(self._seen_poses), self._info
         if observer.noise.is_there and len(known) > 1:
-            # A noisy camera pose would be taken for a jolt: the last two frames tell more.
+            # A noisy camera pose would be taken for a jolt: the last frames tell more.
             self._reader.expect_motion(motion_about(known, len(known) - 1))
             return
-        lasts_s = max(info.row_readout_s, info.scan_s)
+        half_s = 0.5 * info.row_readout_s
+        if frame.beams is not None:
+            half_s = frame.beams.reach_s
+        if half_s == 0.0:
+            self._reader.expect_motion(None)
+            return
         at = track.motion.kalman.state, track.motion.time_s, track.motion.model
-        motion = predicted_motion(*at, observer, self._camera, lasts_s, info.mean_motion_rad_s)
+        motion = predicted_motion(*at, observer, self._camera, half_s, info.mean_motion_rad_s)
         self._reader.expect_motion(motion)
 
     def _observer(self, frame: Frame) -> ObserverPose:
@@ -307,7 +312,7 @@ class Tracker(Estimator):
             view = silent_view(frame)
             return self._estimate(view, None, Status.COASTING, observer), view
         if self._info.takes_time:
-            self._expect_motion(observer, track)
+            self._expect_motion(frame, observer, track)
         recovery = self._recovery(frame, observer, track)
         kalman, start = track.motion.kalman, recovery.start(track.motion)
         predicted = kalman.snapshot()
