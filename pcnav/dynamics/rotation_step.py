@@ -61,8 +61,9 @@ class Rotation:
         transition[..., 3:6, 3:] = self.rates[..., 1:]
         return transition
 
-    def then(self, slope: Slope, step_s: float) -> "Rotation":
-        """This, and one step more: the turn in it should be small."""
+    def then(self, slope: Slope, step_s: "float | FloatArray") -> "Rotation":
+        """This, and one step more, of one length or of lengths (..., 1, 1): the turn in it should
+        be small."""
         more = _step(slope, self.rates, step_s)
         carried = np.swapaxes(more.turn, -1, -2) @ self.by_start
         return Rotation(self.turn @ more.turn, carried + more.by_start, more.rates)
@@ -85,11 +86,38 @@ def rotate(
     """Rotation of bodies with rates (..., 3), rad/s, in as many steps as keep the turns small."""
     one = omega_body.ndim == 1
     squared = omega_body @ omega_body if one else np.max(np.sum(omega_body**2, axis=-1))
-    steps = max(1, math.ceil(math.sqrt(squared) * abs(duration_s) / max_turn_rad))
+    steps = steps_over(float(squared), duration_s, max_turn_rad)
     done = _step(slope, _rates_at_start(omega_body, quantities), duration_s / steps)
     for _ in range(steps - 1):
         done = done.then(slope, duration_s / steps)
     return done
+
+
+def rotate_each(
+    slope: Slope, omega_body: FloatArray, durations_s: FloatArray, quantities: int = 3
+) -> Rotation:
+    """The same of n bodies with rates (n, 3), each over a time of its own (n,).
+
+    The slope is that of all of them: of one inertia.
+    """
+    squared = np.sum(omega_body**2, axis=-1).tolist()
+    counts = np.array([steps_over(*each) for each in zip(squared, durations_s, strict=True)], int)
+    h = (durations_s / np.maximum(counts, 1))[:, None, None]
+    done = at_rest(omega_body, quantities)
+    for k in range(int(counts.max(initial=0))):
+        on = np.flatnonzero(counts > k)
+        if len(on) == len(counts):
+            done = done.then(slope, h)
+            continue
+        before = Rotation(done.turn[on], done.by_start[on], done.rates[on])
+        more = before.then(slope, h[on])
+        done.turn[on], done.by_start[on], done.rates[on] = more.turn, more.by_start, more.rates
+    return done
+
+
+def steps_over(squared_rate: float, duration_s: float, max_turn_rad: float = _MAX_TURN_RAD) -> int:
+    """Steps that keep the turn in each small, at a rate of this square, rad^2/s^2."""
+    return max(1, math.ceil(math.sqrt(squared_rate) * abs(duration_s) / max_turn_rad))
 
 
 def torque_free(inertia: FloatArray, inverse: FloatArray) -> Slope:
@@ -158,7 +186,7 @@ def _by_parameters(vector: FloatArray) -> FloatArray:
     return np.asarray((vector @ _UNIT_ROWS).reshape(*vector.shape, 5))
 
 
-def _step(slope: Slope, start: FloatArray, h: float) -> Rotation:
+def _step(slope: Slope, start: FloatArray, h: float | FloatArray) -> Rotation:
     """One step from rates (..., 3, 1 + k).
 
     One combination of slopes moves the rate and its derivatives. The attitude turns by

@@ -14,12 +14,13 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import least_squares
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import AnyDataclass, BoolArray, FloatArray, IntArray, picked
 from pcnav.filtering.arc_curvature import LinearisedArc, bend_of
 from pcnav.filtering.error_state import (
     ManifoldState,
     Measurement,
     MotionModel,
+    Seen,
     retraction_jacobian,
 )
 
@@ -30,8 +31,8 @@ _MAX_STEPS = 40
 """Gauss-Newton converges in about ten; more means that the arc is not what it was taken for."""
 
 
-class ArcState(ManifoldState, Protocol):
-    """A state that arcs are fitted with."""
+class ArcState(ManifoldState, AnyDataclass, Protocol):
+    """A state that arcs are fitted with; with a leading axis, the states at the times of one."""
 
     def local(self, other: Self, /) -> FloatArray:
         """(n,) the error that takes this state to another: the inverse of `retract`."""
@@ -49,6 +50,23 @@ S = TypeVar("S", bound=ArcState)
 
 
 @dataclass(frozen=True)
+class Path(Generic[S]):
+    """States at n times of an arc."""
+
+    states: S
+    """Over a leading axis."""
+    by_first: FloatArray
+    """(n, k, k) derivative of their errors by that of the first."""
+
+
+class ArcModel(MotionModel[S], Protocol[S]):
+    """How a state moves along an arc."""
+
+    def along(self, state: S, times_s: FloatArray, /) -> Path[S]:
+        """From a state at the first of times (n,) to all of them. `ValueError` if not finite."""
+
+
+@dataclass(frozen=True)
 class TimedMeasurements(Generic[S]):
     """What was measured at one time."""
 
@@ -57,11 +75,54 @@ class TimedMeasurements(Generic[S]):
 
 
 @dataclass(frozen=True)
+class Whitened:
+    """Measurements of unit variance in f frames of an arc, at most m components in each."""
+
+    frames: IntArray
+    """(f,) which of the states they are of."""
+    residual: FloatArray
+    """(f, m) measured minus predicted."""
+    by_state: FloatArray
+    """(f, m, k) derivative of the prediction by the error of that state."""
+    is_measured: BoolArray
+    """(f, m) which components there are."""
+
+
+class ArcMeasurements(Protocol[Seen]):
+    """All measurements of an arc."""
+
+    def about(self, states: Seen, /) -> list[Whitened]:
+        """Compared with the states at its times, over a leading axis."""
+
+
+class OneByOne(Generic[S]):
+    """Measurements of whatever kinds, each asked for itself."""
+
+    def __init__(self, arc: Sequence[TimedMeasurements[S]]) -> None:
+        self._all = [(k, m, _root(m.covariance)) for k, t in enumerate(arc) for m in t.measurements]
+
+    def about(self, states: S) -> list[Whitened]:
+        """See `ArcMeasurements.about`."""
+        found, at, state = [], -1, None
+        for k, measurement, root in self._all:
+            if k != at or state is None:
+                state, at = picked(states, k), k
+            residual, by_state = measurement.residual(state), measurement.jacobian(state)
+            if root is not None:
+                both = np.column_stack([residual, by_state])
+                whitened = solve_triangular(root, both, lower=True)
+                residual, by_state = whitened[:, 0], whitened[:, 1:]
+            all_of_it = np.ones((1, len(residual)), np.bool_)
+            found.append(Whitened(np.array([k]), residual[None], by_state[None], all_of_it))
+        return found
+
+
+@dataclass(frozen=True)
 class ArcFit(Generic[S]):
     """The trajectory that fits an arc best."""
 
-    states: tuple[S, ...]
-    """At every time of the arc."""
+    path: S
+    """The states at all times of the arc, over a leading axis."""
     covariance: FloatArray
     """(n, n) of the last state's error."""
     chi_square: float
@@ -75,17 +136,28 @@ class ArcFit(Generic[S]):
     """What linearisation leaves out of the normalised error squared, see `Bend`; the covariance has
     it."""
 
+    @property
+    def first(self) -> S:
+        """The state at the first time."""
+        return picked(self.path, 0)
+
+    @property
+    def last(self) -> S:
+        """The state at the last time."""
+        return picked(self.path, -1)
+
 
 class ArcError(ValueError):
     """An arc that no trajectory can be fitted to: the numbers broke down."""
 
 
 def fit_arc(
-    model: MotionModel[S],
+    model: ArcModel[S],
     guess: S,
     prior_covariance: FloatArray,
     arc: Sequence[TimedMeasurements[S]],
     start: S | None = None,
+    gathered: ArcMeasurements[S] | None = None,
 ) -> ArcFit[S]:
     """Fit the state at the arc's first time; the guess is also the mean of the prior.
 
@@ -98,11 +170,12 @@ def fit_arc(
         arc: in order of time.
         start: state at the first time to iterate from, as an earlier fit found it; the guess
             if None.
+        gathered: the measurements of the arc as they are compared; None for one by one.
 
     Raises `ArcError` when a covariance is not positive definite or an iterate is not finite.
     """
     try:
-        trajectory = _Trajectory(model, guess, prior_covariance, arc)
+        trajectory = _Trajectory(model, guess, prior_covariance, arc, gathered or OneByOne(arc))
         begin = np.zeros(len(prior_covariance)) if start is None else guess.local(start)
         settled = None if start is None else _settled(trajectory, begin)
         if settled is not None:
@@ -143,16 +216,17 @@ class _Trajectory(Generic[S]):
 
     def __init__(
         self,
-        model: MotionModel[S],
+        model: ArcModel[S],
         guess: S,
         prior_covariance: FloatArray,
         arc: Sequence[TimedMeasurements[S]],
+        measured: ArcMeasurements[S],
     ) -> None:
-        self._model, self._guess, self._arc = model, guess, arc
+        self._model, self._guess, self._measured = model, guess, measured
+        self._times_s = np.array([timed.time_s for timed in arc])
         self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
         size = len(prior_covariance)
         self._bound_rows = slice(size, size + len(guess.thinness()[0]))
-        self._roots = [[_root(m.covariance) for m in t.measurements] for t in arc]
         # Residual and Jacobian come from one pass along the arc; scipy asks for them in turn.
         self._last: tuple[bytes, _Pass[S]] | None = None
 
@@ -177,7 +251,7 @@ class _Trajectory(Generic[S]):
         # A covariance of the error at the guess: carry it to the last state.
         covariance = moved.sensitivity @ by_error @ moved.sensitivity.T + bend.second_moment
         return ArcFit(
-            states=tuple(moved.states),
+            path=moved.states,
             covariance=0.5 * (covariance + covariance.T),
             chi_square=float(at.residual @ at.residual),
             dof=len(J) - size,
@@ -205,34 +279,25 @@ class _Trajectory(Generic[S]):
 
     def _evaluate(self, error: FloatArray) -> "_Pass[S]":
         state = self._guess.retract(error)
-        sensitivity = retraction_jacobian(self._guess, error)
-        states, time_s = [], self._arc[0].time_s
+        by_error = retraction_jacobian(self._guess, error)
         bound, by_state = state.thinness()
         residuals = [self._prior_root @ error, bound]
-        jacobians = [self._prior_root, by_state @ sensitivity]
-        for timed, roots in zip(self._arc, self._roots, strict=True):
-            if timed.time_s != time_s:
-                state, transition, _ = self._model.propagate(state, time_s, timed.time_s - time_s)
-                sensitivity = transition @ sensitivity
-                time_s = timed.time_s
-            states.append(state)
-            for measurement, root in zip(timed.measurements, roots, strict=True):
-                residual = measurement.residual(state)
-                by_error = -measurement.jacobian(state) @ sensitivity
-                if root is not None:
-                    both = np.column_stack([residual, by_error])
-                    whitened = solve_triangular(root, both, lower=True)
-                    residual, by_error = whitened[:, 0], whitened[:, 1:]
-                residuals.append(residual)
-                jacobians.append(by_error)
-        return _Pass(states, sensitivity, np.concatenate(residuals), np.vstack(jacobians))
+        jacobians = [self._prior_root, by_state @ by_error]
+        path = self._model.along(state, self._times_s)
+        for seen in self._measured.about(path.states):
+            residuals.append(seen.residual[seen.is_measured])
+            by_first = seen.by_state @ path.by_first[seen.frames]
+            jacobians.append(-by_first[seen.is_measured] @ by_error)
+        residual, jacobian = np.concatenate(residuals), np.vstack(jacobians)
+        return _Pass(path.states, path.by_first[-1] @ by_error, residual, jacobian)
 
 
 @dataclass(frozen=True)
 class _Pass(Generic[S]):
     """An arc gone through from one first state."""
 
-    states: list[S]
+    states: S
+    """Over a leading axis."""
     sensitivity: FloatArray
     """(n, n) derivative of the last state's error by the error at the guess."""
     residual: FloatArray

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, picked
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.dynamics.inertia_parameters import parameter_covariance
 from pcnav.dynamics.orbit import R_hill_world
@@ -86,7 +86,8 @@ def test_a_noiseless_arc_gives_the_truth_back() -> None:
     assert fit.dof == 24 * 12
     assert fit.chi_square < 0.01
     state = TRUTH
-    for k, fitted in enumerate(fit.states):
+    for k in range(24):
+        fitted = picked(fit.path, k)
         assert np.max(np.abs(state.local(fitted)) / np.sqrt(np.diag(fit.covariance))) < 0.05
         state, _, _ = MODEL.propagate(state, 0.5 * k, 0.5)
 
@@ -102,7 +103,7 @@ def test_errors_are_those_the_covariance_states() -> None:
         guess = rough(run)
         fit = fit_arc(MODEL, guess, PRIOR, arc_of(TRUTH, 12, run))
         assert fit.converged
-        error = fit.states[-1].local(end)
+        error = fit.last.local(end)
         last[run] = error @ np.linalg.solve(fit.covariance, error)
         chi_square[run] = fit.chi_square
     # Guesses scatter less than the loose parts of the prior; those carry no weight anyway.
@@ -127,7 +128,7 @@ def test_fit_is_the_filter_where_everything_is_linear() -> None:
         if k:
             kalman.predict(MODEL, arc[k - 1].time_s, 0.5)
         assert all(kalman.update(timed.measurements).accepted)
-    deviation = kalman.state.local(fit.states[-1]) / np.sqrt(np.diag(fit.covariance))
+    deviation = kalman.state.local(fit.last) / np.sqrt(np.diag(fit.covariance))
     assert np.max(np.abs(deviation)) < 0.02
     np.testing.assert_allclose(
         np.diag(kalman.covariance), np.diag(fit.covariance), rtol=5e-3, atol=0.0
@@ -167,8 +168,8 @@ def test_any_measurement_will_do_and_what_it_does_not_see_keeps_its_prior() -> N
     arc = [TimedMeasurements(2.0, (Position(TRUTH.r_hill),))]
     fit = fit_arc(MODEL, TRUTH.retract(np.full(STATE_SIZE, 0.01)), PRIOR, arc)
     gain = 1.0 / (1.0 + 0.01**2 / 1.0**2)
-    np.testing.assert_allclose(fit.states[0].r_hill, TRUTH.r_hill + 0.01 * (1 - gain), atol=1e-9)
+    np.testing.assert_allclose(fit.first.r_hill, TRUTH.r_hill + 0.01 * (1 - gain), atol=1e-9)
     expected = np.diag(PRIOR).copy()
     expected[:3] = 1.0 / (1.0 / PRIOR[0, 0] + 1.0 / 0.01**2)
     np.testing.assert_allclose(np.diag(fit.covariance), expected, rtol=1e-8)
-    assert len(fit.states) == 1
+    assert len(fit.path.r_hill) == 1

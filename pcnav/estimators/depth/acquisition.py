@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.config.depth import FilterTable, MotionChoice
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, picked
 from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.estimators.depth.fast_turns import slowest, with_first_rate
 from pcnav.estimators.depth.first_pose import STATED_ODDS, fit_first_pose
@@ -239,7 +239,7 @@ class Acquisition:
         if not measured:
             return None
         free = None if fit is None else FreeBody.of(fit, arc, self._filtering)
-        begin = guess if fit is None else fit.states[0]
+        begin = guess if fit is None else fit.first
         setup = MotionSetup(self._model, self._filtering, self._target.diameter_m)
         followed = FollowedMotion(setup, belief, free, begin, measured)
         start = tuple(zip(views, observers, strict=True))
@@ -332,8 +332,8 @@ class Acquisition:
             before, poses = (
                 poses,
                 [
-                    state.T_cam_model(observer.T_cam_world, observer.R_hill_world)
-                    for state, observer in zip(fit.states, observers, strict=True)
+                    picked(fit.path, k).T_cam_model(observer.T_cam_world, observer.R_hill_world)
+                    for k, observer in enumerate(observers)
                 ],
             )
             if attempt > 0 and max(map(self._reader.moved_px, before, poses, frames)) < _STILL_PX:

@@ -5,6 +5,7 @@ import logging
 from pcnav.config.depth import FilterTable
 from pcnav.dynamics.mass_prior import MassBelief
 from pcnav.dynamics.state import NavigationState
+from pcnav.estimators.depth.arc_of_poses import ArcOfPoses
 from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
@@ -62,13 +63,14 @@ class InitialArc:
             self._guess.omega_body, belief.com_covariance_m2, belief.parameter_covariance
         )
         try:
-            fit = fit_arc(self._model, self._guess, prior, self.frames, self._start)
+            arc, seen = self.frames, ArcOfPoses.of(self.frames)
+            fit = fit_arc(self._model, self._guess, prior, arc, self._start, seen)
         except ArcError as error:
             _log.info("%s", error)
             return None
         if not fit.converged:
             return None
-        self._start = fit.states[0]
+        self._start = fit.first
         return fit
 
     def extend(self, timed: Timed) -> Fit | None:
@@ -85,7 +87,7 @@ class InitialArc:
 def filter_from(fit: Fit, table: FilterTable) -> Kalman:
     """A filter that goes on from the end of a fitted arc."""
     return ErrorStateFilter(
-        fit.states[-1],
+        fit.last,
         fit.covariance,
         gate_probability=table.gate_probability,
         max_iterations=table.iterations,

@@ -12,9 +12,10 @@ import numpy as np
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import skew
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
-from pcnav.dynamics.orbit import hill_transition
+from pcnav.dynamics.orbit import hill_transition, hill_transitions
 from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_noise
 from pcnav.dynamics.rigid_body import euler_derivatives, inertia_from_ratios
+from pcnav.dynamics.rotation_path import path_along
 from pcnav.dynamics.rotation_step import Slope, rotate
 from pcnav.dynamics.state import (
     COM_MODEL,
@@ -24,12 +25,12 @@ from pcnav.dynamics.state import (
     NavigationState,
 )
 from pcnav.estimators.depth.camera_noise import EXACT, CameraNoise
-from pcnav.filtering.error_state import MotionModel
+from pcnav.filtering.map_arc_fit import ArcModel, Path
 from pcnav.perception.association import MeasuredFace
 
 
 @dataclass(frozen=True)
-class MassCentreModel(MotionModel[NavigationState]):
+class MassCentreModel(ArcModel[NavigationState]):
     """Hill's relative orbit and torque-free rotation; mass properties do not change."""
 
     mean_motion_rad_s: float
@@ -55,6 +56,26 @@ class MassCentreModel(MotionModel[NavigationState]):
             inertia_ratios=state.inertia_ratios,
         )
         return moved, transition, self._process_noise(step_s)
+
+    def along(self, state: NavigationState, times_s: FloatArray) -> Path[NavigationState]:
+        """See `ArcModel.along`."""
+        orbit = hill_transitions(self.mean_motion_rad_s, times_s - times_s[0])
+        relative = orbit @ np.concatenate([state.r_hill, state.v_hill])
+        slope, inertia = _slope(state.inertia_ratios), inertia_from_ratios(state.inertia_ratios)
+        rotation = path_along(slope, inertia, state.omega_body, times_s, 8)
+        by_first = np.zeros((len(times_s), STATE_SIZE, STATE_SIZE))
+        by_first[:, :6, :6] = orbit
+        by_first[:, COM_MODEL, COM_MODEL] = np.eye(3)
+        by_first[:, 9:, 9:] = rotation.transition
+        states = NavigationState(
+            r_hill=relative[:, :3],
+            v_hill=relative[:, 3:],
+            com_model=np.broadcast_to(state.com_model, (len(times_s), 3)),
+            R_world_body=state.R_world_body @ rotation.turn,
+            omega_body=rotation.omega_body,
+            inertia_ratios=np.broadcast_to(state.inertia_ratios, (len(times_s), 5)),
+        )
+        return Path(states, by_first)
 
     @lru_cache(maxsize=64)  # noqa: B019 - the models are few and frozen, the steps of a run as well
     def _process_noise(self, step_s: float) -> FloatArray:
@@ -103,10 +124,11 @@ def _slope(ratios: FloatArray) -> Slope:
     by_rate, by_inertia = _euler_forms(ratios.tobytes())
 
     def slope(rates: FloatArray) -> FloatArray:
-        w = rates[:, 0]
-        change = (by_rate @ w).reshape(3, 3) @ rates
-        change[:, 0] *= 0.5
-        change[:, 4:] += (by_inertia @ (w[:, None] * w).ravel()).reshape(3, 5)
+        w, batch = rates[..., 0], rates.shape[:-2]
+        change = (w @ by_rate.T).reshape(*batch, 3, 3) @ rates
+        change[..., 0] *= 0.5
+        products = (w[..., :, None] * w[..., None, :]).reshape(*batch, 9)
+        change[..., 4:] += (products @ by_inertia.T).reshape(*batch, 3, 5)
         return np.asarray(change)
 
     return slope

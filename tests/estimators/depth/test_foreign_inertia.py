@@ -90,7 +90,7 @@ def test_the_whole_state_is_as_uncertain_as_its_covariance_says(boxsat: Target) 
         arc, end = arc_of(truth_of(mass, seed), mass, 24, seed)
         fit = arc.fit()
         assert fit is not None
-        error = fit.states[-1].local(end)
+        error = fit.last.local(end)
         squared.append(error @ np.linalg.solve(fit.covariance, error))
     low, high = (chi2.ppf(p, RUNS * STATE_SIZE) / (RUNS * STATE_SIZE) for p in (1e-4, 1.0 - 1e-4))
     assert low < np.mean(squared) / STATE_SIZE < high
@@ -108,7 +108,7 @@ def test_a_narrow_prior_that_the_frames_contradict_gives_way(
     assert "inertia (chi-square" in arc.remark and "mass centre" not in arc.remark
     assert [record.getMessage() for record in caplog.records] == [arc.remark]
     np.testing.assert_array_equal(arc.belief.parameter_covariance, boxsat.mass.parameter_covariance)
-    error = fit.states[-1].local(end)
+    error = fit.last.local(end)
     assert error @ np.linalg.solve(fit.covariance, error) < chi2.ppf(0.999, STATE_SIZE)
     # Once is enough.
     assert arc.fit() is not None and len(caplog.records) == 1
