@@ -22,6 +22,9 @@ def symmetric_units(entries: Sequence[tuple[int, int]]) -> FloatArray:
 _RATIO_UNITS = symmetric_units(_RATIO_ENTRIES)
 """(5, 3, 3) derivative of the inertia matrix by each ratio."""
 
+_AXES_CROSSED = np.moveaxis(skew(np.eye(3)), 0, 1)
+"""(3, 3, 3) component a of the axis e_i crossed with e_b in the place [a, i, b]."""
+
 
 def inertia_from_ratios(ratios: FloatArray) -> FloatArray:
     """(..., 3, 3) inertia over Ixx of the ratios Iyy, Izz, Ixy, Ixz, Iyz (..., 5); Yu 2019 (29)."""
@@ -47,19 +50,26 @@ def is_physical_inertia(inertia: FloatArray) -> bool:
     return bool(moments[0] > 0.0 and moments[0] + moments[1] >= moments[2])
 
 
-def euler_derivatives(
-    inertia: FloatArray, inverse: FloatArray, omega_body: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Angular acceleration (3,) in body axes, rad/s^2, without torque (Yu 2019 (28)), and its
-    derivatives by the rate (3, 3) and the ratios (3, 5).
+def euler_forms(inertia: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angular acceleration in body axes without torque (Yu 2019 (28)), as forms of the rate w.
 
-    From ``I a = -w x (I w)``: ``I da = -[w]x I dw + [I w]x dw`` and ``I da = -dI a - w x (dI w)``.
-    The inverse of the inertia is handed in because callers evaluate this many times for one body.
+    Of an inertia (3, 3). The acceleration is quadratic in w. Returned are (3, 3, 3), which makes
+    its derivative by w of w, and half of that times w is the acceleration itself; and
+    (3, 5, 3, 3), which makes its derivative by the ratios of the products of w. Both are symmetric
+    in their last two axes.
+
+    From ``I a = -w x (I w)`` and ``I da = -dI a - w x (dI w)``.
     """
-    momentum = inertia @ omega_body
-    cross = skew(omega_body)
-    acceleration = -inverse @ (cross @ momentum)
-    by_omega = inverse @ (skew(momentum) - cross @ inertia)
-    twisted = _RATIO_UNITS @ np.column_stack([acceleration, omega_body])
-    by_ratios = -inverse @ (twisted[..., 0] + twisted[..., 1] @ cross.T).T
-    return acceleration, by_omega, by_ratios
+    solved = -np.asarray(np.linalg.inv(inertia))
+    crossed = _twice_symmetric(_AXES_CROSSED @ inertia)
+    by_rate = (solved @ crossed.reshape(3, 9)).reshape(3, 3, 3)
+    # Half of it is the acceleration of each pair of axes, by polarisation.
+    twisted = (_RATIO_UNITS @ by_rate.reshape(3, 9)).reshape(5, 3, 3, 3)
+    crossed = _twice_symmetric(_AXES_CROSSED @ _RATIO_UNITS[:, None])
+    by_ratios = 0.5 * (solved @ (twisted + crossed).reshape(5, 3, 9)).reshape(5, 3, 3, 3)
+    return by_rate, np.moveaxis(by_ratios, 0, 1)
+
+
+def _twice_symmetric(forms: FloatArray) -> FloatArray:
+    """The sum of forms (..., i, j) and their transposes."""
+    return np.asarray(forms + np.swapaxes(forms, -1, -2))

@@ -6,6 +6,7 @@ products. Once the rate is known at every time, the steps from one time to the n
 of each other: they are one batch.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,14 +54,26 @@ def path_along(
     if not np.isfinite(rates).all():
         raise ValueError("a rotation without bounds")
     each = rotate_each(slope, rates[:-1], steps_s, quantities)
-    turn = np.empty((len(times_s), 3, 3))
-    transition = np.empty((len(times_s), 3 + quantities, 3 + quantities))
-    turn[0], transition[0] = np.eye(3), np.eye(3 + quantities)
-    one_turn, one_transition = each.turn, each.transition
-    for k in range(len(steps_s)):
-        np.matmul(turn[k], one_turn[k], out=turn[k + 1])
-        np.matmul(one_transition[k], transition[k], out=transition[k + 1])
-    return RotationPath(turn, rates, transition)
+    transition = np.concatenate([np.eye(3 + quantities)[None], running_products(each.transition)])
+    # An error of the attitude is seen in the axes after the turn.
+    return RotationPath(np.swapaxes(transition[:, :3, :3], -1, -2), rates, transition)
+
+
+def running_products(matrices: FloatArray) -> FloatArray:
+    """(n, k, k) the k-th is the product of matrices (n, k, k) up to it, the last to the left.
+
+    Within blocks of the square root of n, all blocks at once, and then from block to block.
+    """
+    count, size, _ = matrices.shape
+    side = math.isqrt(max(count - 1, 0)) + 1
+    padded = np.empty((side * side, size, size))
+    padded[:count], padded[count:] = matrices, np.eye(size)
+    blocks = padded.reshape(side, side, size, size)
+    for k in range(1, side):
+        blocks[:, k] = blocks[:, k] @ blocks[:, k - 1]
+    for k in range(1, side):
+        blocks[k] = blocks[k] @ blocks[k - 1, -1]
+    return padded[:count]
 
 
 def _rates_along(inertia: FloatArray, omega_body: FloatArray, steps_s: FloatArray) -> FloatArray:

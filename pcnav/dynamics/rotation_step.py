@@ -100,9 +100,9 @@ def rotate_each(
 
     The slope is that of all of them: of one inertia.
     """
-    squared = np.sum(omega_body**2, axis=-1).tolist()
-    counts = np.array([steps_over(*each) for each in zip(squared, durations_s, strict=True)], int)
-    h = (durations_s / np.maximum(counts, 1))[:, None, None]
+    turns = np.sqrt(np.sum(omega_body**2, axis=-1)) * np.abs(durations_s)
+    counts = np.maximum(np.ceil(turns / _MAX_TURN_RAD), 1.0).astype(np.intp)
+    h = (durations_s / counts)[:, None, None]
     done = at_rest(omega_body, quantities)
     for k in range(int(counts.max(initial=0))):
         on = np.flatnonzero(counts > k)

@@ -14,7 +14,7 @@ from pcnav.core.spatial import skew
 from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
 from pcnav.dynamics.orbit import hill_transition, hill_transitions
 from pcnav.dynamics.process_noise import hill_process_noise, white_acceleration_noise
-from pcnav.dynamics.rigid_body import euler_derivatives, inertia_from_ratios
+from pcnav.dynamics.rigid_body import euler_forms, inertia_from_ratios
 from pcnav.dynamics.rotation_path import path_along
 from pcnav.dynamics.rotation_step import Slope, rotate
 from pcnav.dynamics.state import (
@@ -98,25 +98,9 @@ def _euler_forms(ratios: bytes) -> tuple[FloatArray, FloatArray]:
     Of ratios (5,) as bytes: along an arc they stay what they are, so their forms are kept.
     """
     values = np.frombuffer(ratios)
-    inertia = inertia_from_ratios(values)
-    inverse = np.asarray(np.linalg.inv(inertia))
-    to_ratios = ratios_jacobian(parameters_from_ratios(values))
-    axes = np.eye(3)
-    by_rate = np.stack([euler_derivatives(inertia, inverse, e)[1] for e in axes], axis=-1)
-    alone = [_by_ratios(inertia, inverse, e) @ to_ratios for e in axes]
-    by_inertia = np.zeros((3, 5, 3, 3))
-    for i in range(3):
-        by_inertia[..., i, i] = alone[i]
-        for j in range(i):
-            # A quadratic form's mixed products come from sums of the axes (polarisation).
-            both = _by_ratios(inertia, inverse, axes[i] + axes[j]) @ to_ratios
-            by_inertia[..., i, j] = 0.5 * (both - alone[i] - alone[j])
-            by_inertia[..., j, i] = by_inertia[..., i, j]
-    return by_rate.reshape(9, 3), by_inertia.reshape(15, 9)
-
-
-def _by_ratios(inertia: FloatArray, inverse: FloatArray, omega: FloatArray) -> FloatArray:
-    return euler_derivatives(inertia, inverse, omega)[2]
+    by_rate, by_ratios = euler_forms(inertia_from_ratios(values))
+    by_inertia = np.tensordot(by_ratios, ratios_jacobian(parameters_from_ratios(values)), (1, 0))
+    return by_rate.reshape(9, 3), np.moveaxis(by_inertia, -1, 1).reshape(15, 9)
 
 
 def _slope(ratios: FloatArray) -> Slope:
