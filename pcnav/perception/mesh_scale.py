@@ -105,8 +105,10 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     p_cam = rays * rendered.depth_m[window][pixels][chosen].astype(np.float64)[:, None]
     jacobian = residuals.jacobian[chosen]
     sigma_m = np.broadcast_to(residuals.sigma_m, residuals.agrees.shape)[chosen]
-    misfit = {face: max(fit.chi_square_per_dof, 1.0) for face, fit in seen.ranges.items()}
-    loosened = np.array([misfit.get(face, 1.0) for face in residuals.face[chosen].tolist()])
+    of_face = np.ones(int(residuals.face.max(initial=0)) + 1)
+    for face, fit in seen.ranges.items():
+        of_face[face] = max(fit.chi_square_per_dof, 1.0)
+    loosened = of_face[residuals.face[chosen]]
     rows = np.column_stack(
         [
             jacobian,

@@ -30,7 +30,10 @@ class PoseDoubt:
         target (n, 3) move."""
         R = self.T_cam_model[:3, :3]
         p_model = (p_cam - self.T_cam_model[:3, 3]) @ R
-        jacobian = np.hstack([gradient, np.cross(p_model, gradient @ R)])
+        jacobian = np.empty((len(gradient), 6))
+        jacobian[:, :3], (a, b, c), (x, y, z) = gradient, p_model.T, (gradient @ R).T
+        # The cross product of rows, which NumPy's own takes several times as long for.
+        jacobian[:, 3], jacobian[:, 4], jacobian[:, 5] = b * z - c * y, c * x - a * z, a * y - b * x
         return jacobian if self.without_turns is None else jacobian @ self.without_turns
 
     def variance(self, jacobian: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.core.spatial import make_transform
+from pcnav.core.spatial import make_transform, skew
 from pcnav.dynamics.state import NavigationState
 from pcnav.estimators.depth.mass_centre import RectangleMeasurement
 from pcnav.estimators.depth.pose_measurement import (
@@ -161,7 +161,7 @@ def _evidence_record(time_s: float, face: FaceEvidence, T_cam_model: FloatArray)
     R_model_rect = rectangle.T_model_rect[:3, :3]
     to_model[:3, :3] = R_cam_rect
     # The model origin moves by -theta x p when the body turns about the rectangle's centre.
-    to_model[:3, 3:] = T_cam_model[:3, :3] @ np.cross(p, R_model_rect.T).T
+    to_model[:3, 3:] = T_cam_model[:3, :3] @ skew(p) @ R_model_rect
     to_model[3:, 3:] = R_model_rect
     prior = np.eye(6) / _UNKNOWN_SD**2
     covariance = np.linalg.inv(to_model.T @ face.information @ to_model + prior)
