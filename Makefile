@@ -46,7 +46,7 @@ $(STAMP): pyproject.toml constraints.txt
 	    $$python -m venv --clear $(VENV); \
 	fi; \
 	echo "setup 2/2: installing up to $$(grep -c '==' constraints.txt) pinned packages (300 MB to download, a minute or more the first time)"; \
-	$(BIN)/python -m pip install --quiet --editable '.[dev,docs,bench,images,formats,bags]'; \
+	$(BIN)/python -m pip install --quiet --editable '.[all,dev,docs]'; \
 	touch $@; \
 	echo "setup done: $(BIN)/pcnav --help"
 
@@ -96,7 +96,7 @@ constraints: ## Resolve constraints.txt anew from pyproject.toml, newest version
 	$(PYTHON) -m venv "$$folder/venv"; \
 	PIP_CONSTRAINT= "$$folder/venv/bin/python" -m pip install --quiet uv; \
 	printf 'hatchling\neditables\n' > "$$folder/build.txt"; \
-	"$$folder/venv/bin/uv" pip compile pyproject.toml "$$folder/build.txt" --extra dev --extra bench --extra images --extra formats --extra bags --extra docs \
+	"$$folder/venv/bin/uv" pip compile pyproject.toml "$$folder/build.txt" --all-extras \
 	    --universal --fork-strategy fewest --python-version 3.11 \
 	    --no-annotate --no-header --quiet --output-file "$$folder/pins.txt"; \
 	{ echo '# Exact versions of everything pcnav runs on, is tested with, is measured against and is built with,'; \

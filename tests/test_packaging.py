@@ -11,22 +11,27 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, req
 from pathlib import Path
 
 import pytest
+import typer
 from hatchling.builders.wheel import WheelBuilder
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import pcnav
+from pcnav.cli import app
 from pcnav.config.shipped import (
     shipped_mesh,
     shipped_mesh_names,
     shipped_pipeline,
     shipped_pipeline_names,
 )
+from pcnav.core.errors import InputError
 from tests.commands import PATIENCE_S
 
 PYTHONS = ("3.11", "3.12", "3.13")
 SYSTEMS = (("linux", "x86_64"), ("linux", "aarch64"), ("darwin", "arm64"), ("win32", "AMD64"))
 HEAVY = ("matplotlib", "numpy", "open3d", "scipy", "trimesh", "viser")
+EXTRAS = ("view", "batch", "peers", "images", "bags", "formats")
+"""Of `pip install pcnav[...]`: what not every run needs."""
 
 
 @pytest.fixture(scope="session")
@@ -174,12 +179,77 @@ def test_the_package_itself_costs_nothing_and_names_what_programs_use(repository
     assert seen_by_types == pcnav._HOMES
 
 
-def test_open3d_is_imported_through_one_module(repository: Path) -> None:
-    output = run_python(
-        "from pcnav.core._open3d import open3d\nprint(open3d.geometry.PointCloud().is_empty())",
-        repository,
-    )
-    assert output == "True\n"
+@pytest.fixture(scope="session")
+def of_extras(project: dict) -> set[str]:
+    """Top-level modules that the extras install, and the core does not."""
+    named = {
+        canonicalize_name(Requirement(line).name)
+        for extra in EXTRAS
+        for line in project["optional-dependencies"][extra]
+    }
+    found = {
+        module
+        for module, providers in packages_distributions().items()
+        if named & {canonicalize_name(provider) for provider in providers}
+    }
+    assert {"viser", "pandas", "distributed", "pyarrow", "open3d", "kiss_icp", "cv2"} <= found
+    return found
+
+
+def imported_at_once(file: Path) -> set[str]:
+    """What a module imports as it is imported itself: not inside functions, nor for types alone."""
+    names, left = set[str](), list(ast.parse(file.read_text(encoding="utf-8")).body)
+    while left:
+        node = left.pop()
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            left += [*node.body, *node.orelse]
+    return names
+
+
+def test_the_core_takes_no_extra(repository: Path, of_extras: set[str]) -> None:
+    """What a run, a program, a simulation, an export and their commands import, and what that
+    does, and so on."""
+    left = [
+        *("pcnav.pipeline", "pcnav.tracker", "pcnav.simulation.simulate", "pcnav.cli"),
+        *("pcnav.runs.export.registry", "pcnav.report.run_report", "pcnav.estimators.registry"),
+    ]
+    folders = sorted((repository / "pcnav" / "estimators").glob("*/estimator.py"))
+    left += [f"pcnav.estimators.{path.parent.name}.estimator" for path in folders]
+    left.append("pcnav.estimators.depth.tracker")
+    seen = set[str]()
+    while left:
+        name = left.pop()
+        place = repository.joinpath(*name.split("."))
+        files = [
+            path for path in (place.with_suffix(".py"), place / "__init__.py") if path.exists()
+        ]
+        if name in seen or (name.startswith("pcnav") and not files):
+            continue
+        seen.add(name)
+        assert name.partition(".")[0] not in of_extras, name
+        left += [each for file in files for each in imported_at_once(file)]
+    assert {"pcnav.perception.planes", "pcnav.report.figures", "matplotlib.figure"} <= seen
+    assert len(seen) > 300
+
+
+@pytest.mark.parametrize(
+    ("arguments", "extra"),
+    [
+        (("view", "run"), "view"),
+        (("table", "accuracy", "-o", "out"), "batch"),
+        (("study", "yu2019", "-o", "out"), "batch"),
+    ],
+)
+def test_a_command_without_its_extra_names_it(
+    arguments: tuple[str, ...], extra: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pcnav.core._extras.find_spec", lambda _: None)
+    with pytest.raises(InputError, match=rf"expected the extra `{extra}` .* 'pcnav\[{extra}\]'"):
+        typer.main.get_command(app)(list(arguments), standalone_mode=False)
 
 
 def imported_modules(folder: Path) -> set[str]:
@@ -195,10 +265,13 @@ def imported_modules(folder: Path) -> set[str]:
 
 
 def test_every_import_is_a_stated_dependency(project: dict, repository: Path) -> None:
-    stated = {canonicalize_name(Requirement(line).name) for line in project["dependencies"]}
+    lines = list(project["dependencies"])
+    for extra in EXTRAS:
+        lines += project["optional-dependencies"][extra]
+    stated = {canonicalize_name(Requirement(line).name) for line in lines}
     providers = packages_distributions()
     third_party = imported_modules(repository / "pcnav") - sys.stdlib_module_names - {"pcnav"}
-    assert {"numpy", "open3d", "trimesh"} <= third_party
+    assert {"numpy", "kiss_icp", "trimesh"} <= third_party
     unstated = {
         name
         for name in third_party
@@ -219,7 +292,7 @@ def test_constraints_pin_every_dependency_within_its_range(
 ) -> None:
     stated = list(project["dependencies"])
     for extra in project["optional-dependencies"].values():
-        stated += extra
+        stated += [line for line in extra if not line.startswith("pcnav[")]
     requirements = [Requirement(line) for line in [*stated, "hatchling", "editables"]]
     for environment in environments():
         pinned = {
@@ -239,6 +312,8 @@ def test_constraints_pin_all_that_the_dependencies_need(
 ) -> None:
     pinned = {canonicalize_name(pin.name) for pin in pins}
     queue = [Requirement(line) for line in project["dependencies"]]
+    for extra in EXTRAS:
+        queue += [Requirement(line) for line in project["optional-dependencies"][extra]]
     seen: set[tuple[str, frozenset[str]]] = set()
     while queue:
         requirement = queue.pop()

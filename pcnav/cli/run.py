@@ -36,6 +36,7 @@ from pcnav.cli.recording_options import (
 )
 from pcnav.cli.several import folders_of, run_several
 from pcnav.config.length_unit import LengthUnit
+from pcnav.core._extras import require_view
 from pcnav.files.new_folder import refuse_unless_replaceable
 from pcnav.runs.result_files import STATES_FILE
 
@@ -145,6 +146,8 @@ def run(
     """
     from pcnav.core.errors import InputError
 
+    if view:
+        require_view("pcnav run --view")
     several, pace = len(sequences) > 1, pace_of(follow, budget, idle, drop_late)
     alone = {"--follow": follow, "--view": view, "--initial-pose": initial_pose}
     refused = [name for name, value in alone.items() if several and value]

@@ -10,6 +10,7 @@ import typer
 
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
+from pcnav.core._extras import require_batch
 
 _STUDIES = "pcnav.studies" if find_spec("pcnav.studies") else "studies"
 """They stand on the package: inside a wheel, or beside it in a checkout. They are found by name, so
@@ -37,6 +38,7 @@ def study(
 
     Example: `pcnav study yu2019 -o runs/yu2019`
     """
+    require_batch("pcnav study")
     from rich.console import Console
 
     from pcnav.batch.cluster import Workers

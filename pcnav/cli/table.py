@@ -9,6 +9,7 @@ import typer
 from pcnav.batch.process import one_thread_each
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
+from pcnav.core._extras import require_batch
 from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ def table(
     `pcnav table runs/accuracy --rows range_m --columns estimator --metrics attitude_rms_deg`,
     `pcnav table --compare runs/old runs/new`
     """
+    require_batch("pcnav table")
     # Before the libraries are loaded: one process then sums in the same order as many.
     with one_thread_each():
         from pcnav.batch.metrics import EvaluationWindow

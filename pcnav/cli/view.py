@@ -9,6 +9,7 @@ import typer
 
 from pcnav.cli.options import Overwrite, Port
 from pcnav.cli.progress import progress
+from pcnav.core._extras import require_view
 from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def view(
     Examples: `pcnav view runs/demo/result`, `pcnav view runs/old runs/new`,
     `pcnav view runs/demo/result --frame 100 --png frame.png`, `pcnav view run.viser`
     """
+    require_view("pcnav view")
     _refuse_foreign(host)
     if len(runs) > _MAX_RUNS:
         raise InputError("pcnav view", "runs", f"expected at most {_MAX_RUNS}, got {len(runs)}")

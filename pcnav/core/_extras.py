@@ -1,6 +1,9 @@
-"""The libraries of the extras `images`, `formats`, `bags` and `bench`, imported when needed."""
+"""The libraries of the extras in pyproject.toml, imported when needed."""
 
+import ctypes
 import importlib
+import sys
+from importlib.util import find_spec
 from types import ModuleType
 
 from pcnav.core.errors import InputError
@@ -33,12 +36,56 @@ def mcap(part: str, needed_for: str) -> ModuleType:
 
 def small_gicp(needed_for: str) -> ModuleType:
     """The module small_gicp. Raises `InputError` where it is not installed."""
-    return _module("small_gicp", "small_gicp", "bench", needed_for)
+    return _module("small_gicp", "small_gicp", "peers", needed_for)
+
+
+def kiss_icp(needed_for: str) -> ModuleType:
+    """The module kiss_icp. Raises `InputError` where it is not installed."""
+    return _module("kiss_icp", "KISS-ICP", "peers", needed_for)
+
+
+def open3d(needed_for: str) -> ModuleType:
+    """The module open3d. Raises `InputError` where it is not installed.
+
+    Its wheels are linked against ``libusb-1.0.so.0`` (for depth cameras pcnav never opens) without
+    carrying it, and slim Linux systems lack it. A library already loaded under that name satisfies
+    the link, so it is loaded first: the system's own, or else the one of `libusb_package`.
+    """
+    if sys.platform == "linux":
+        try:
+            ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
+        except OSError:
+            libusb = _module("libusb_package", "libusb", "peers", needed_for)
+            ctypes.CDLL(str(libusb.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    module = _module("open3d", "Open3D", "peers", needed_for)
+    # It prints its own warnings on standard output, where they would mix with tables and bars.
+    module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
+    return module
+
+
+def require_view(needed_for: str) -> None:
+    """Raise `InputError` where the web view is not installed; imports nothing."""
+    _require(("viser", "msgspec", "zstandard"), "view", needed_for)
+
+
+def require_batch(needed_for: str) -> None:
+    """Raise `InputError` where what batches of runs take is not installed; imports nothing."""
+    _require(("distributed", "pandas", "pyarrow"), "batch", needed_for)
+
+
+def _require(names: tuple[str, ...], extra: str, needed_for: str) -> None:
+    for name in names:
+        if find_spec(name) is None:
+            raise _missing(name, name, extra, needed_for)
 
 
 def _module(name: str, title: str, extra: str, needed_for: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        expected = f"expected the extra `{extra}` to be installed, which brings {title}"
-        raise InputError(name, "module", f"{expected}, for {needed_for}") from error
+        raise _missing(name, title, extra, needed_for) from error
+
+
+def _missing(name: str, title: str, extra: str, needed_for: str) -> InputError:
+    expected = f"expected the extra `{extra}` to be installed, which brings {title}"
+    return InputError(name, "module", f"{expected}, for {needed_for}: pip install 'pcnav[{extra}]'")

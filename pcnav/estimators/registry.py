@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pcnav.config.depth import Measurements, PerceptionMode
 from pcnav.config.pipeline_file import EstimatorKind
-from pcnav.core._extras import small_gicp
+from pcnav.core._extras import kiss_icp, open3d, small_gicp
 from pcnav.estimators.interface import (
     AxesPolicy,
     Estimator,
@@ -59,6 +59,7 @@ def _small_gicp(given: Given, neighbours: int | None = None) -> Estimator:
 
 
 def _kiss_icp(given: Given) -> Estimator:
+    kiss_icp("the estimator kiss_icp")
     from pcnav.estimators.peers.kiss_icp import KissIcp
 
     return KissIcp(given)
@@ -124,15 +125,15 @@ ESTIMATORS: Mapping[str, EstimatorEntry] = {
         *("pcnav single frame", (RecordingKind.DEPTH,), AxesPolicy.SYMMETRY_OF_FRAME),
         _single_frame,
     ),
-    "open3d_icp": _on_depth("Open3D point-to-plane", _open3d_icp, FirstPose.NEAR),
+    "open3d_icp": _on_depth("Open3D point-to-plane", _open3d_icp, FirstPose.NEAR, open3d),
     "open3d_icp_tukey": _on_depth(
-        "Open3D, Tukey weights", partial(_open3d_icp, robust=True), FirstPose.NEAR
+        "Open3D, Tukey weights", partial(_open3d_icp, robust=True), FirstPose.NEAR, open3d
     ),
     "small_gicp": _on_depth("small_gicp", _small_gicp, FirstPose.NEAR, small_gicp),
     "small_gicp_10": _on_depth(
         _FEWER, partial(_small_gicp, neighbours=FEWER_NEIGHBOURS), FirstPose.NEAR, small_gicp
     ),
-    "kiss_icp": _on_depth("KISS-ICP (no model)", _kiss_icp, FirstPose.EXACT),
+    "kiss_icp": _on_depth("KISS-ICP (no model)", _kiss_icp, FirstPose.EXACT, kiss_icp),
     EstimatorKind.PRINCIPAL_AXES: EstimatorEntry(
         *("principal axes of tracked points (Hu 2024)", _STEREO, AxesPolicy.PRINCIPAL),
         _principal_axes,

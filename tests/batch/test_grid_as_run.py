@@ -108,7 +108,7 @@ def test_a_missing_extra_is_said_before_anything_runs(
     plan = grid(tmp_path, CROSS.replace("kiss_icp", "small_gicp"))
     # What Python does for a module that is set to None.
     monkeypatch.setitem(sys.modules, "small_gicp", None)
-    with pytest.raises(InputError, match="expected the extra `bench` to be installed"):
+    with pytest.raises(InputError, match="expected the extra `peers` to be installed"):
         plan.check()
     grid(tmp_path, CROSS).check()
 

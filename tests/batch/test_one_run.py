@@ -69,7 +69,7 @@ def depth_pipeline(**axes: str | float | int) -> tuple[Pipeline, Target]:
 
 def needs_extra(name: str) -> None:
     if ESTIMATORS[name].library is not None:
-        pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
+        pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `peers`")
 
 
 def number(columns: Mapping[str, Column], name: str) -> FloatArray:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("small_gicp", reason="the peers are installed with the extra `bench`")
+pytest.importorskip("small_gicp", reason="the peers are installed with the extra `peers`")
 
 from benchmarks.accuracy import Spread, score_case
 from benchmarks.memory import PeakMemory, long_pipeline, measure_memory, memory_table

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("small_gicp", reason="the peers are installed with the extra `bench`")
+pytest.importorskip("small_gicp", reason="the peers are installed with the extra `peers`")
 
 from benchmarks.accuracy import CaseScores, FrameTime, Score, Spread, score_case
 from benchmarks.comparison import (

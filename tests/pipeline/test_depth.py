@@ -146,7 +146,7 @@ def test_peers_run_like_any_estimator(
 ) -> None:
     """From the pose that pcnav acquires: the truth tells them nothing."""
     if name == "small_gicp":
-        pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `bench`")
+        pytest.importorskip("small_gicp", reason="small_gicp comes with the extra `peers`")
     sequence = tmp_path / made.recording.name
     shutil.copytree(made.recording, sequence)
     summary = run(made.recording, tmp_path / "one", estimator=name)

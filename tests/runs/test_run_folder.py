@@ -295,7 +295,7 @@ def test_the_stored_pipeline_can_be_run_again(
 def test_versions_are_in_the_stored_pipeline() -> None:
     versions = library_versions()
     assert versions["numpy"] == np.__version__
-    assert {"pcnav", "python", "scipy", "open3d", "trimesh", "filterpy"} <= set(versions)
+    assert {"pcnav", "python", "scipy", "trimesh", "filterpy"} <= set(versions)
     assert "not installed" not in versions.values()
     assert f"# numpy {np.__version__}" in pipeline_toml(Pipeline(), versions)
 

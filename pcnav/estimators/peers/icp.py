@@ -8,12 +8,12 @@ the first pose, true but for `START_TURN_DEG` and `START_SHIFT_FRACTION`.
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import trimesh
 
-from pcnav.core._extras import small_gicp
-from pcnav.core._open3d import open3d
+from pcnav.core._extras import open3d, small_gicp
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform, nearest_orthogonal
 from pcnav.estimators.interface import Given
@@ -104,7 +104,10 @@ class ModelAlignment(Baseline):
 
 
 class Open3dIcp(ModelAlignment):
-    """Open3D's point-to-plane ICP; the model's normals are those of the mesh."""
+    """Open3D's point-to-plane ICP; the model's normals are those of the mesh.
+
+    Raises `InputError` where the extra `peers`, which brings it, is not installed.
+    """
 
     def __init__(self, given: Given, *, robust: bool = False, threads: int = 1) -> None:
         """``robust`` weighs residuals as Tukey does, at the range noise that pcnav is told too.
@@ -113,7 +116,8 @@ class Open3dIcp(ModelAlignment):
         each time.
         """
         super().__init__(given)
-        registration = open3d.pipelines.registration
+        self._library = open3d("the estimator open3d_icp")
+        registration = self._library.pipelines.registration
         width_m = _TUKEY_SIGMA * given.range_sigma_m
         loss = registration.TukeyLoss(k=width_m) if robust else registration.L2Loss()
         self._estimation = registration.TransformationEstimationPointToPlane(loss)
@@ -123,19 +127,24 @@ class Open3dIcp(ModelAlignment):
     def align(
         self, cloud: FloatArray, model: Samples, T_model_cam: FloatArray, reach_m: float
     ) -> FloatArray | None:
-        open3d.utility.set_max_threads(self._threads)
-        faced = _open3d_cloud(model.points)
-        faced.normals = open3d.utility.Vector3dVector(model.normals)
-        result = open3d.pipelines.registration.registration_icp(
-            _open3d_cloud(cloud), faced, reach_m, T_model_cam, self._estimation, self._criteria
+        library = self._library
+        library.utility.set_max_threads(self._threads)
+        faced = self._cloud(model.points)
+        faced.normals = library.utility.Vector3dVector(model.normals)
+        result = library.pipelines.registration.registration_icp(
+            self._cloud(cloud), faced, reach_m, T_model_cam, self._estimation, self._criteria
         )
         return np.array(result.transformation) if result.fitness > 0.0 else None
+
+    def _cloud(self, points: FloatArray) -> Any:
+        vectors = self._library.utility.Vector3dVector(points)
+        return self._library.geometry.PointCloud(vectors)
 
 
 class SmallGicp(ModelAlignment):
     """small_gicp's GICP with its own settings; tighter convergence criteria change little.
 
-    Raises `InputError` where the extra `bench`, which brings it, is not installed.
+    Raises `InputError` where the extra `peers`, which brings it, is not installed.
     """
 
     def __init__(self, given: Given, *, neighbours: int = NEIGHBOURS, threads: int = 1) -> None:
@@ -181,7 +190,3 @@ def repeated_step(T_before: FloatArray, T_now: FloatArray) -> FloatArray:
     # Products of products: rounding errors of the rotation would double with every frame.
     T_next[:3, :3] = nearest_orthogonal(T_next[:3, :3])
     return T_next
-
-
-def _open3d_cloud(points: FloatArray) -> open3d.geometry.PointCloud:
-    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
