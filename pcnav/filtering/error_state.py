@@ -94,6 +94,8 @@ class UpdateResult:
     joint_dof: int
     iterations: int
     converged: bool
+    gates: tuple[float, ...] = ()
+    """Per measurement, what the ``nis`` of an accepted one stays below."""
 
 
 @dataclass(frozen=True)
@@ -177,13 +179,12 @@ class ErrorStateFilter(Generic[S]):
         on d, and the covariance is carried to the new state by the same Jacobian (the reset).
         """
         tests = [self.innovation(measurement) for measurement in measurements]
-        accepted = tuple(
-            nis <= innovation_gate(self._gate_probability, size) for nis, size in tests
-        )
+        gates = tuple(innovation_gate(self._gate_probability, size) for _, size in tests)
+        accepted = tuple(nis <= gate for (nis, _), gate in zip(tests, gates, strict=True))
         used = [m for m, passed in zip(measurements, accepted, strict=True) if passed]
         nis, dof = tuple(t[0] for t in tests), tuple(t[1] for t in tests)
         if not used:
-            return UpdateResult(accepted, nis, dof, float("nan"), 0, 0, True)
+            return UpdateResult(accepted, nis, dof, float("nan"), 0, 0, True, gates)
         common = [c for c, passed in zip(shared, accepted, strict=True) if passed] if shared else []
         alone = len(measurements) == 1
         joint = used[0] if alone else Stack(used, common)
@@ -207,7 +208,10 @@ class ErrorStateFilter(Generic[S]):
         reset = retraction_jacobian(prior, error)
         self.state = prior.retract(error)
         self._kalman.P = symmetric(reset @ self.covariance @ reset.T)
-        return UpdateResult(accepted, nis, dof, joint_nis, joint_dof, iteration, converged)
+        return UpdateResult(
+            *(accepted, nis, dof, joint_nis, joint_dof, iteration, converged),
+            gates=gates,
+        )
 
     def _kalman_step(
         self, innovation: FloatArray, H: FloatArray, R: FloatArray, prior_covariance: FloatArray

@@ -33,11 +33,14 @@ from pcnav.runs.estimate import Output
 from pcnav.runs.nis_window import window_nis
 from pcnav.runs.places import located
 from pcnav.runs.records import (
+    GATE_COLUMNS,
     MEASUREMENT_COLUMNS,
+    OLDER_COLUMNS,
     POSE_COLUMNS,
     RECORD_SD_COLUMNS,
     SIZE_COLUMNS,
     WORD_COLUMNS,
+    WORST_COLUMN,
     RectangleRecord,
 )
 from pcnav.runs.result_files import (
@@ -108,7 +111,9 @@ def read_records(folder: Path, until_s: float = np.inf) -> tuple[RectangleRecord
     Raises `InputError`.
     """
     path, growing = folder / MEASUREMENTS_FILE, (folder / RAW_COVARIANCES_FILE).is_file()
-    table = read_csv(path, MEASUREMENT_COLUMNS, WORD_COLUMNS, growing=growing)
+    is_older = not {*GATE_COLUMNS, WORST_COLUMN} <= set(read_header(path))
+    columns = OLDER_COLUMNS if is_older else MEASUREMENT_COLUMNS
+    table = read_csv(path, columns, WORD_COLUMNS, growing=growing)
     poses = table.numbers(POSE_COLUMNS)
     T_cam_rect = make_transform(_rotations(path, poses[:, 3:7]), poses[:, 0:3])
     rows = zip(
@@ -119,6 +124,7 @@ def read_records(folder: Path, until_s: float = np.inf) -> tuple[RectangleRecord
         table.numbers(RECORD_SD_COLUMNS),
         table.words("case"),
         table.words("outcome"),
+        *(() if is_older else (*table.numbers(GATE_COLUMNS).T.tolist(), table.words(WORST_COLUMN))),
         strict=True,
     )
     records = (RectangleRecord(*row) for row in rows)

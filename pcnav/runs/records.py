@@ -15,11 +15,17 @@ RECORD_SD_COLUMNS = (
     *("sd_x_m", "sd_y_m", "sd_z_m"),
     *("sd_theta_x_rad", "sd_theta_y_rad", "sd_theta_z_rad"),
 )
-WORD_COLUMNS = ("rectangle", "case", "outcome")
-MEASUREMENT_COLUMNS = (
+WORD_COLUMNS = ("rectangle", "case", "outcome", "worst_axis")
+GATE_COLUMNS = ("squared_distance", "gate")
+WORST_COLUMN = "worst_axis"
+OLDER_COLUMNS = (
     *("time_s", "rectangle", *SIZE_COLUMNS),
     *(*POSE_COLUMNS, *RECORD_SD_COLUMNS, "case", "outcome"),
 )
+"""Of result folders up to release 0.1."""
+MEASUREMENT_COLUMNS = (*OLDER_COLUMNS, *GATE_COLUMNS, WORST_COLUMN)
+AXES = ("x", "y", "z", "theta_x", "theta_y", "theta_z")
+"""Of a rectangle: shifts along its width, its length and its normal, and turns about them."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,14 @@ class RectangleRecord:
     """Which of the four proper rotations was chosen: I, X, Y or Z; empty when undecided."""
     outcome: str
     """`accepted`, or the reason why it was not."""
+    squared_distance: float = np.nan
+    """From the prediction, squared, over the covariance of the innovation; nan where the filter
+    was not asked."""
+    gate: float = np.nan
+    """What the squared distance of an accepted one stays below."""
+    worst_axis: str = ""
+    """One of `AXES`, along which it is farthest from what was rendered at the prediction, in
+    standard deviations of its own; empty where it was not compared."""
 
     @property
     def corners_cam(self) -> FloatArray:
@@ -55,6 +69,11 @@ class RectangleRecord:
             *(float(self.time_s), self.rectangle, float(self.length_m), float(self.width_m)),
             *(pose_fields(self.T_cam_rect) if known else [""] * len(POSE_COLUMNS)),
             *(*self.sd.tolist(), self.case, self.outcome),
+            *(
+                "" if np.isnan(value) else float(value)
+                for value in (self.squared_distance, self.gate)
+            ),
+            self.worst_axis,
         ]
 
 

@@ -24,7 +24,7 @@ def serve(
 def show(server: LocalServer, source: Source, first_frame: int | None = None) -> None:
     """Give every browser of a server a session, those that have been waiting for it, too.
 
-    ``first_frame`` is where a browser opens, else at the first estimate.
+    ``first_frame`` is where a browser opens, else at the last claimed estimate.
     """
     sessions: dict[int, Session] = {}
     lock = threading.Lock()

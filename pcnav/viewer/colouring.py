@@ -27,19 +27,37 @@ class FaceNames:
     """What the triangles of a mesh belong to."""
 
     plane: IntArray
-    """(n_faces,) number of the flat part of the surface."""
+    """(n_faces,) rank of the flat part of the surface by its area."""
     rectangle: IntArray
-    """(n_faces,) number in the catalogue, -1 for none."""
+    """(n_faces,) number in the catalogue, the largest first; -1 for none."""
 
 
 def face_names(mesh: trimesh.Trimesh, rectangles: tuple[Rectangle, ...]) -> FaceNames:
-    """Flat parts and catalogue rectangles of a mesh's triangles."""
+    """Flat parts and catalogue rectangles of a mesh's triangles.
+
+    The largest have a rank, and so a colour, of their own; the others share the last one.
+    """
     plane = np.full(len(mesh.faces), -1, dtype=np.intp)
     for number, faces in enumerate(mesh.facets):
         plane[faces] = number
     # A triangle without a coplanar neighbour is a flat part of its own.
     alone = np.flatnonzero(plane < 0)
     plane[alone] = len(mesh.facets) + np.arange(len(alone))
+    area = np.bincount(plane, weights=mesh.area_faces)
+    return FaceNames(
+        _ranks(np.asarray(area, dtype=np.float64))[plane], _rectangle_numbers(mesh, rectangles)
+    )
+
+
+def _ranks(size: FloatArray) -> IntArray:
+    """(n,) place of each of n sizes, largest first; equal ones as they come."""
+    rank = np.empty(len(size), dtype=np.intp)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return np.minimum(rank, len(LABELS) - 1)
+
+
+def _rectangle_numbers(mesh: trimesh.Trimesh, rectangles: tuple[Rectangle, ...]) -> IntArray:
+    """(n_faces,) number in the catalogue of each triangle of a mesh, -1 for none."""
     rectangle = np.full(len(mesh.faces), -1, dtype=np.intp)
     corners = np.asarray(mesh.triangles, dtype=np.float64)
     for number, each in reversed(list(enumerate(rectangles))):
@@ -49,7 +67,7 @@ def face_names(mesh: trimesh.Trimesh, rectangles: tuple[Rectangle, ...]) -> Face
         inside = (np.abs(p_rect) <= half).all(axis=1).reshape(-1, 3).all(axis=1)
         outward = mesh.face_normals @ each.T_model_rect[:3, 2] > 0.0
         rectangle[inside & (outward | each.two_sided)] = number
-    return FaceNames(plane, rectangle)
+    return rectangle
 
 
 def range_residual(depth_m: DepthImage, rendered: RenderedDepth) -> FloatArray:
@@ -71,9 +89,9 @@ def labels_of(
     return labels
 
 
-def label_colours(labels: IntArray) -> Colours:
-    """(..., 3) a colour per label (...); that of the unexplained for -1."""
-    colours = LABELS[labels % len(LABELS)]
+def label_colours(labels: npt.NDArray[np.integer]) -> Colours:
+    """(..., 3) a colour per label (...), the last from there on; that of the unexplained for -1."""
+    colours: Colours = LABELS[np.minimum(labels, len(LABELS) - 1)]
     colours[labels < 0] = UNEXPLAINED
     return colours
 
@@ -92,7 +110,7 @@ def nice_ceiling(value: float) -> float:
     return float(decade * next(step for step in _NICE if step * decade >= value * (1.0 - 1e-9)))
 
 
-def residual_colours(residual_m: FloatArray, scale_m: float) -> Colours:
+def residual_colours(residual_m: npt.NDArray[np.floating], scale_m: float) -> Colours:
     """(..., 3) of residuals (...): blue nearer than the model, white on it, red behind it.
 
     Beyond the scale the end colours stay; what has no residual gets that of the unexplained.

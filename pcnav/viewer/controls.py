@@ -1,15 +1,16 @@
 """The controls of one browser: time, colours, camera, layers."""
 
-from enum import StrEnum
 from html import escape
-from typing import Protocol
+from typing import Any, Protocol
 
 import viser
 
+from pcnav.viewer.address import PageState
+from pcnav.viewer.camera import Viewpoint
 from pcnav.viewer.clock import speeds
 from pcnav.viewer.events import Kind
 from pcnav.viewer.export import Share
-from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.frames import MAX_POINTS, ColourBy
 from pcnav.viewer.loaded_run import Snapshot
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 
@@ -21,15 +22,13 @@ _MAGNIFIED: dict[str, float | None] = {
     "100 × larger": 100.0,
     "1000 × larger": 1000.0,
 }
+_POINTS = {"60,000": MAX_POINTS, "150,000": 150_000, "300,000": 300_000, "all": 10**9}
+_OF_SENSOR = "3 σ of the sensor"
+_LIMITS_MM: dict[str, float | None] = {
+    _OF_SENSOR: None,
+    **{f"± {limit:g} mm": limit for limit in (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)},
+}
 _FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
-
-
-class Viewpoint(StrEnum):
-    """Where the browser looks from."""
-
-    CHASER = "chaser's eye"
-    ORBIT = "orbit"
-    FOLLOW = "follow"
 
 
 class Commands(Protocol):
@@ -37,7 +36,7 @@ class Commands(Protocol):
 
     @property
     def is_playing(self) -> bool: ...
-    def go_to(self, frame: int) -> None: ...
+    def go_to_worst(self) -> None: ...
     def step(self, frames: int) -> None: ...
     def jump(self, direction: int, kind: Kind | None) -> None: ...
     def play(self, wanted: bool) -> None: ...
@@ -45,6 +44,13 @@ class Commands(Protocol):
     def change_speed(self) -> None: ...
     def share(self, share: Share) -> None: ...
     def look_from(self, viewpoint: Viewpoint) -> None: ...
+    def measure(self, wanted: bool) -> None: ...
+    def darken(self, dark: bool) -> None: ...
+
+
+def set_value(control: Any, value: object) -> None:
+    """Set a control as if the user had; viser types the value as read-only."""
+    control.value = value
 
 
 class Controls:
@@ -65,10 +71,14 @@ class Controls:
     @property
     def options(self) -> RenderOptions:
         """How a frame is to be drawn."""
+        limit_mm = _LIMITS_MM[self._limits.value]
         return RenderOptions(
             layers=frozenset(layer for layer, box in self._checkboxes.items() if box.value),
             colour_by=ColourBy(self._colour.value),
             magnified=_MAGNIFIED[self._magnified.value],
+            max_points=_POINTS[self._points.value],
+            point_size=float(self._point_size.value),
+            residual_scale_m=None if limit_mm is None else 1e-3 * limit_mm,
         )
 
     @property
@@ -83,10 +93,54 @@ class Controls:
 
     # Told by the session.
 
-    def show_frame(self, frame: int) -> None:
-        """Put the slider where the time is."""
-        # viser types the value as read-only, though assigning is how it is set.
-        self._slider.value = frame  # type: ignore[misc]
+    @property
+    def is_dark(self) -> bool:
+        """Whether the page is dark."""
+        return bool(self._dark.value)
+
+    @property
+    def measures(self) -> bool:
+        """Whether a click begins or ends a distance."""
+        return bool(self._measure.value)
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """The layers that can be switched, in the order of their boxes."""
+        return tuple(self._checkboxes)
+
+    def toggle(self, box: int) -> None:
+        """Show or hide the layer of a number from 0 on."""
+        boxes = list(self._checkboxes.values())
+        if box < len(boxes):
+            set_value(boxes[box], not boxes[box].value)
+            self._session.redraw()
+
+    def next_colours(self) -> None:
+        """Colour the points by the next quantity."""
+        kinds = list(ColourBy)
+        after = (kinds.index(ColourBy(self._colour.value)) + 1) % len(kinds)
+        set_value(self._colour, str(kinds[after]))
+        self._session.redraw()
+
+    def toggle_measure(self) -> None:
+        """Begin or end measuring."""
+        set_value(self._measure, not self._measure.value)
+        self._session.measure(self._measure.value)
+
+    def toggle_dark(self) -> None:
+        """Dark to light and back."""
+        set_value(self._dark, not self._dark.value)
+        self._session.darken(self._dark.value)
+
+    def take(self, state: PageState) -> None:
+        """Layers, colours and theme of an address, as far as it tells."""
+        if state.layers is not None:
+            for layer, box in self._checkboxes.items():
+                set_value(box, layer in state.layers)
+        if state.colour_by is not None:
+            set_value(self._colour, str(state.colour_by))
+        if state.dark is not None and state.dark is not self.is_dark:
+            self.toggle_dark()
 
     def show_playing(self, playing: bool) -> None:
         """Name the button after what it does."""
@@ -94,13 +148,12 @@ class Controls:
 
     def stop_following_newest(self) -> None:
         """The user looks at a frame of their own choice."""
-        self._newest.value = False  # type: ignore[misc]
+        set_value(self._newest, False)
 
     def refresh(self, snapshot: Snapshot) -> None:
         """There are more frames, or the run has ended."""
         first = snapshot.runs[0]
         self._frames, self._speeds = len(first), dict(speeds(first.run.time_s))
-        self._slider.max = max(self._frames - 1, 1)
         self._newest.visible = snapshot.is_live
         self._notes.content = _notes_html(snapshot)
 
@@ -114,9 +167,6 @@ class Controls:
 
     def _add_time(self, gui: viser.GuiApi, snapshot: Snapshot) -> None:
         first = snapshot.runs[0]
-        self._slider = gui.add_slider(
-            "frame", min=0, max=max(self._frames - 1, 1), step=1, initial_value=0
-        )
         self._newest = gui.add_checkbox(
             "newest frame", initial_value=snapshot.is_live, visible=snapshot.is_live
         )
@@ -127,13 +177,9 @@ class Controls:
         self._speed = gui.add_dropdown("speed", names, initial_value=names[-1])
         self._event_kind = gui.add_dropdown("events", (_ANY_EVENT, *(str(kind) for kind in Kind)))
         jumps = gui.add_button_group("jump to", ("previous", "next"))
-        self._told = gui.add_html(_line(_counted(first.events)))
-
-        @self._slider.on_update
-        def _(event: viser.GuiEvent[viser.GuiSliderHandle[int]]) -> None:
-            if event.client is not None:
-                self.stop_following_newest()
-                self._session.go_to(int(self._slider.value))
+        worst = gui.add_button("largest error over σ", visible=first.errors is not None)
+        self._told = gui.add_html("")
+        worst.on_click(lambda _: self._session.go_to_worst())
 
         @self._play.on_click
         def _(_: object) -> None:
@@ -160,13 +206,28 @@ class Controls:
             visible=has_frames,
         )
         self._legend = gui.add_html("")
+        self._limits = gui.add_dropdown(
+            "residuals to", tuple(_LIMITS_MM), initial_value=_OF_SENSOR, visible=has_frames
+        )
+        self._points = gui.add_dropdown(
+            "points, at most", tuple(_POINTS), initial_value=next(iter(_POINTS)), visible=has_frames
+        )
+        self._point_size = gui.add_slider(
+            "point size", 0.25, 4.0, 0.25, initial_value=1.0, visible=has_frames
+        )
         self._magnified = gui.add_dropdown(
             "3σ drawn", tuple(_MAGNIFIED), initial_value="enlarged to be seen"
         )
         camera = gui.add_button_group("look from", tuple(str(each) for each in Viewpoint))
         self._colour.on_update(lambda _: self._session.redraw())
         self._magnified.on_update(lambda _: self._session.redraw())
+        for control in (self._limits, self._points, self._point_size):
+            control.on_update(lambda _: self._session.redraw())
         camera.on_click(lambda _: self._session.look_from(Viewpoint(camera.value)))
+        self._measure = gui.add_checkbox("measure distance", False, visible=has_frames)
+        self._measure.on_update(lambda _: self._session.measure(bool(self._measure.value)))
+        self._dark = gui.add_checkbox("dark", True)
+        self._dark.on_update(lambda _: self._session.darken(bool(self._dark.value)))
 
     def _add_layers(
         self, gui: viser.GuiApi, snapshot: Snapshot
@@ -195,10 +256,6 @@ def available_layers(snapshot: Snapshot) -> tuple[Layer, ...]:
         # What a run that goes on knows of the truth is seen when it has ended.
         available |= {Layer.TRUTH}
     return tuple(layer for layer in Layer if layer in available)
-
-
-def _counted(events: tuple[object, ...]) -> str:
-    return "1 event" if len(events) == 1 else f"{len(events) or 'no'} events"
 
 
 def _notes_html(snapshot: Snapshot) -> str:

@@ -6,19 +6,20 @@ from functools import partial
 
 import numpy as np
 
-from pcnav.core import chi_square
-from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, Block
 from pcnav.evaluation.errors import Errors
 from pcnav.evaluation.metrics import error_norms
 from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import envelope
+from pcnav.viewer.assessment import nis_over_bound
 from pcnav.viewer.loaded_run import LoadedRun
 
 _BUCKETS = 400
 """Long series are drawn by the extremes of so many spans of time."""
 _DECADES_FROM = 20.0
-_CONFIDENCE = 0.95
+_MAX_DOTS = 1600
 _KNOWN_FROM = 0.5
 """A mass property is known from data once its sd is this share of the prior's."""
 _LAST_TENTH = 0.9
@@ -61,13 +62,10 @@ class Chart:
     """A level that most values should stay below."""
     known: BoolArray | None = None
     """(n,) where the value is known from data rather than from the prior."""
+    estimated: BoolArray | None = None
+    """(n,) frames that have an estimate; None where that is not asked."""
 
-    @property
-    def lacks(self) -> BoolArray:
-        """(n,) where a line has no value."""
-        return np.asarray(~np.isfinite(self.values) & (not self.is_dots))
-
-    def shown(self) -> FloatArray:
+    def shown(self) -> IntArray:
         """Indices of the frames that draw the curve and its bounds without losing a peak."""
         wanted = [envelope(self.values, _BUCKETS)]
         if self.high is not None:
@@ -145,6 +143,7 @@ def _quantity(loaded: LoadedRun, name: str, block: Block) -> ChartGroup:
                 is_error=error is not None,
                 linear_to=linear,
                 known=_known(loaded, block, k),
+                estimated=loaded.run.has_estimate,
             )
         )
     return ChartGroup(title, tuple(charts), _remark(loaded, block))
@@ -174,13 +173,9 @@ def _remark(loaded: LoadedRun, block: Block) -> str:
 
 def _consistency(loaded: LoadedRun) -> ChartGroup:
     run, charts = loaded.run, []
-    used = np.isfinite(run.nis) & (run.nis_dof > 0)
-    if used.any():
-        ratio = np.full(len(run), np.nan)
-        ratio[used] = run.nis[used] / chi_square.quantile(_CONFIDENCE, run.nis_dof[used])
-        linear = 2.0 if np.nanmax(ratio) > _DECADES_FROM else None
-        name = "NIS / its 95 % bound"
-        charts.append(Chart(name, run.time_s, ratio, is_dots=True, linear_to=linear, bound=1.0))
+    ratio = nis_over_bound(loaded)
+    if np.isfinite(ratio).any():
+        charts.append(_nis_chart(run.time_s, ratio))
     inliers = run.notes.get("inlier_ratio", np.full(len(run), np.nan))
     if np.isfinite(inliers).any():
         charts.append(Chart("inlier ratio, %", run.time_s, 100.0 * inliers))
@@ -190,6 +185,57 @@ def _consistency(loaded: LoadedRun) -> ChartGroup:
             counts = np.isfinite(told).astype(np.float64) if column == _MEASURED else told
             charts.append(Chart(f"{what} used, count", run.time_s, counts))
     return ChartGroup("consistency", tuple(charts))
+
+
+def _nis_chart(time_s: FloatArray, ratio: FloatArray) -> Chart:
+    """A dot a frame; of a long run what 5, 50 and 95 % of the frames of a span stay below.
+
+    Extremes of spans would put many times as many dots above the bound as there are frames.
+    """
+    linear = 2.0 if np.nanmax(ratio) > _DECADES_FROM else None
+    if len(ratio) <= _MAX_DOTS:
+        name = "NIS / its 95 % bound"
+        return Chart(name, time_s, ratio, is_dots=True, linear_to=linear, bound=1.0)
+    size = -(-len(ratio) // (_MAX_DOTS // 8))
+    padded = np.full(-(-len(ratio) // size) * size, np.nan)
+    padded[: len(ratio)] = ratio
+    spans = padded.reshape(-1, size)
+    some = np.isfinite(spans).any(axis=1)
+    levels = np.full((3, len(spans)), np.nan)
+    levels[:, some] = np.nanquantile(spans[some], (0.05, 0.5, 0.95), axis=1)
+    low, middle, high = levels
+    ends = np.minimum(np.arange(1, len(spans) + 1) * size, len(time_s)) - 1
+    middles_s = 0.5 * (time_s[::size] + time_s[ends])
+    name = f"NIS / its 95 % bound: median, 5 to 95 % of {size} frames"
+    return Chart(name, middles_s, middle, low, high, linear_to=linear, bound=1.0)
+
+
+def differences(runs: tuple[LoadedRun, ...], name: str) -> ChartGroup:
+    """Of a quantity that both runs estimate: the second run's value minus the first's."""
+    block, (first, second) = _GROUPS[name], runs
+    nearest = [second.nearest_frame(float(t)) for t in first.run.time_s]
+    at = np.array([-1 if k is None else k for k in nearest], dtype=np.intp)
+    both = (at >= 0) & first.run.has_estimate
+    both[both] &= second.run.has_estimate[at[both]]
+    values = np.full((len(first), block.size), np.nan)
+    a, b = first.trajectory[block][both], second.trajectory[block][at[both]]
+    to_shown = 180.0 / np.pi if block.unit.startswith("rad") else 1.0
+    turned = block is ATTITUDE
+    values[both] = to_shown * (log_rotation(np.swapaxes(a, -1, -2) @ b) if turned else b - a)
+    scale, unit = _unit_of(values, block.shown_unit, first.run.time_s)
+    suffix = "" if unit == "1" else f", {unit}"
+    charts = [
+        Chart(f"{component} difference{suffix}", first.run.time_s, scale * values[:, k])
+        for k, component in enumerate(block.components)
+    ]
+    return ChartGroup(f"{name}: {second.name} minus {first.name}", tuple(charts))
+
+
+def difference_names(runs: tuple[LoadedRun, ...]) -> tuple[str, ...]:
+    """The quantities that both runs estimate; none of a single run."""
+    if len(runs) < 2:
+        return ()
+    return tuple(name for name, block in _GROUPS.items() if all(run.has(block) for run in runs))
 
 
 def linear_range(time_s: FloatArray, bound: FloatArray) -> float | None:

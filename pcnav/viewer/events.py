@@ -1,18 +1,18 @@
 """What happened in a run, and at which frames: what one wants to jump to."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
+from pcnav.core.arrays import IntArray
 from pcnav.core.spatial import exp_rotation, rotation_angle
 from pcnav.dynamics.blocks import ATTITUDE, RATE
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.run import Run
-from pcnav.runs.status import Status
+from pcnav.runs.status import CLAIMED, Status
 
-_FOLLOWED = {Status.LOCKED, Status.AMBIGUOUS}
 _FLIP_RAD = np.radians(20.0)
 """An attitude that turns by more than this beyond what its rate says has flipped."""
 _MAX_RATE_STEP_RAD = np.radians(60.0)
@@ -25,6 +25,8 @@ class Kind(StrEnum):
     LOCK = "lock"
     LOSS = "loss"
     FLIP = "flip"
+    STATUS = "status"
+    """Any other change of the status."""
     REJECTED = "rejected"
 
 
@@ -35,12 +37,15 @@ class Event:
     frame: int
     kind: Kind
     text: str
+    run: int = 0
+    """Of which of the runs that are shown."""
 
 
 def events_of(run: Run, records: Mapping[float, tuple[RectangleRecord, ...]]) -> tuple[Event, ...]:
     """All events of a run in the order of time.
 
-    A status that begins to follow the target is a lock, one that ends it a loss. A flip is a jump
+    A status that begins to follow the target is a lock, one that ends it or gives the target up a
+    loss, any other change a status. A flip is a jump
     of the attitude between two estimates that the rate does not explain. A rejection is a named
     rectangle that was not accepted; frames in a row that reject it for one reason are one event.
     """
@@ -48,23 +53,49 @@ def events_of(run: Run, records: Mapping[float, tuple[RectangleRecord, ...]]) ->
     return tuple(sorted(found, key=lambda event: event.frame))
 
 
-def neighbour(events: tuple[Event, ...], frame: int, step: int, kind: Kind | None) -> Event | None:
-    """The next event after a frame (step 1) or the last before it (step -1); None for none."""
-    wanted = [event for event in events if kind is None or event.kind is kind]
+def merged(events: Sequence[Sequence[Event]], frames: Sequence[IntArray]) -> tuple[Event, ...]:
+    """The events of all runs in the order of time, at frames of the first run.
+
+    ``frames`` tells for each run the frame of the first (n,) that shows each of its own.
+    """
+    moved = [
+        replace(event, frame=int(at[event.frame]), run=k)
+        for k, (own, at) in enumerate(zip(events, frames, strict=True))
+        for event in own
+    ]
+    return tuple(sorted(moved, key=lambda event: event.frame))
+
+
+def neighbour(
+    events: tuple[Event, ...], frame: int, visited: int | None, step: int, kind: Kind | None
+) -> int | None:
+    """Index of the next event (step 1) or the one before (step -1); None for none.
+
+    ``visited`` is the index of the event that was jumped to last, if the frame is still its own:
+    of several events at one frame each has its turn. Without one, those of the frame come first.
+    """
+    wanted = [k for k, event in enumerate(events) if kind is None or event.kind is kind]
+    at = -1 if visited is None or events[visited].frame != frame else visited
     if step > 0:
-        return next((event for event in wanted if event.frame > frame), None)
-    return next((event for event in reversed(wanted) if event.frame < frame), None)
+        after = (k for k in wanted if (events[k].frame, k) > (frame, at))
+        return next(after, None)
+    before = (k for k in reversed(wanted) if (events[k].frame, k) < (frame, at if at >= 0 else 1e9))
+    return next(before, None)
 
 
 def _status_changes(run: Run) -> list[Event]:
-    found, followed, ever = [], False, False
+    found, before, ever = [], "", False
     for k, status in enumerate(run.status):
-        if status in _FOLLOWED and not followed:
+        followed, was_followed = status in CLAIMED, before in CLAIMED
+        if followed and not was_followed:
             found.append(Event(k, Kind.LOCK, f"{'found again' if ever else 'found'}: {status}"))
-        elif followed and status not in _FOLLOWED:
+        elif was_followed and not followed:
             found.append(Event(k, Kind.LOSS, f"no longer followed: {status}"))
-        followed = status in _FOLLOWED
-        ever = ever or followed
+        elif status == Status.LOST and before not in ("", status):
+            found.append(Event(k, Kind.LOSS, f"given up after {before}: {status}"))
+        elif before not in ("", status):
+            found.append(Event(k, Kind.STATUS, f"{before}, now {status}"))
+        before, ever = status, ever or followed
     return found
 
 

@@ -86,12 +86,10 @@ def recording(
 ) -> bytes:
     """A .viser recording of a run, 20 frames a second, clouds thinned to 4000 points."""
     frames = recorded_frames(runs[0])
-    with _scene(runs, runs[0].first_frame) as (server, layers, caption):
+    with _scene(runs, runs[0].opening_frame) as (server, layers, caption):
         serializer = server.get_scene_serializer()
         for done, frame in enumerate(frames, start=1):
-            shot = shot_of(runs[0], frame)
-            thin = None if shot is None else shot.thinned(_MAX_RECORDED_POINTS)
-            layers.show(frame, thin, options)
+            layers.show(frame, shot_of(runs[0], frame, _MAX_RECORDED_POINTS), options)
             caption.text = _title(runs, frame)
             serializer.insert_sleep(1.0 / RECORDED_HZ)
             if on_frame is not None:
@@ -100,14 +98,14 @@ def recording(
 
 
 def shown_frame(loaded: LoadedRun, asked: int | None) -> int:
-    """The frame asked for, else the first with an estimate. Raises `InputError` beyond the run."""
+    """The frame asked for, else that which a page opens at. Raises `InputError` beyond the run."""
     count = len(loaded)
     if asked is not None and asked >= count:
         expected = f"expected a frame below {count}, got {asked}"
         raise InputError(loaded.name, "--frame", expected)
     if not count:
         raise InputError(loaded.name, "frames", "expected at least one frame")
-    return loaded.first_frame if asked is None else asked
+    return loaded.opening_frame if asked is None else asked
 
 
 @contextmanager
@@ -116,7 +114,7 @@ def _still(
 ) -> Iterator[LocalServer]:
     """A scene in which a frame is drawn."""
     with _scene(runs, frame) as (server, layers, _):
-        layers.show(frame, shot_of(runs[0], frame), options)
+        layers.show(frame, shot_of(runs[0], frame, options.max_points), options)
         yield server
 
 

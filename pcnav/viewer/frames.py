@@ -1,15 +1,16 @@
 """Depth frames on demand: read, unprojected and compared with the model, a few of them kept."""
 
 import threading
+from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from pcnav.config.depth import PerceptionTable
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import transform_points
@@ -28,15 +29,17 @@ from pcnav.viewer.colouring import (
 )
 from pcnav.viewer.palette import BESIDE, PLAIN
 
-_KEPT = 48
-"""Frames in memory: half a megabyte each."""
+_MAX_KEPT_BYTES = 192_000_000
+"""Of frames in memory, those of one run together."""
+_MAX_RENDERERS = 4
+"""A frame with many returns is shown by fewer of its pixels than its neighbour."""
 _REACH_FRACTION = 0.55
 """Of the ball about the target, over the diameter; half of it holds the mesh itself."""
-_MAX_POINTS = 60_000
-"""A browser draws no more of a cloud in time; larger frames show every so many points."""
+MAX_POINTS = 60_000
+"""A browser without a graphics card draws no more of a cloud in time, unless the user says so."""
 
-
-Pixels = tuple[IntArray, IntArray]
+Labels = npt.NDArray[np.int16]
+Pixels = tuple[npt.NDArray[np.int16], npt.NDArray[np.int16]]
 """Rows and columns."""
 
 
@@ -51,21 +54,39 @@ class ColourBy(StrEnum):
 
 @dataclass(frozen=True)
 class Shot:
-    """One depth frame, ready to be drawn."""
+    """One depth frame, ready to be drawn: every so many of its rows and columns."""
 
     frame: Frame
+    """The rows and columns that are shown, as a frame of a camera that has no others."""
+    stride: int
+    n_returns: int
+    """Of the whole frame."""
     shown: Pixels
-    """Those that are drawn as points."""
+    """Those of ``frame`` that are drawn as points."""
     points: npt.NDArray[np.float32]
     """(n, 3) camera frame, m."""
-    planes: IntArray
+    planes: Labels
     """(height, width) flat part of the surface that explains a return, -1 for none."""
-    rectangles: IntArray | None
+    rectangles: Labels | None
     """(height, width) rectangle of the catalogue; None without an estimate."""
-    residual_m: FloatArray | None
+    residual_m: npt.NDArray[np.float32] | None
     """(height, width) range measured minus modelled; None without an estimate."""
     beside: BoolArray | None = None
     """(height, width) what is farther from the target than it reaches; None without an estimate."""
+
+    @property
+    def n_bytes(self) -> int:
+        """What it takes in memory."""
+        kept = (self.frame.depth_m, *self.shown, self.points, self.planes)
+        compared = (self.rectangles, self.residual_m, self.beside)
+        return sum(each.nbytes for each in (*kept, *compared) if each is not None)
+
+    @property
+    def beside_share(self) -> float:
+        """Share of the returns that belong to other things than the target."""
+        if self.beside is None or not len(self.points):
+            return 0.0
+        return float(np.count_nonzero(self.beside[self.shown]) / len(self.points))
 
     def colours(
         self, by: ColourBy, scale_m: float, at: Pixels | BoolArray | None = None
@@ -91,12 +112,6 @@ class Shot:
         """Whether its colours are those of residuals: without an estimate there are none."""
         return by is ColourBy.RESIDUAL and self.residual_m is not None
 
-    def thinned(self, most: int) -> "Shot":
-        """The same frame with no more than so many points, evenly left out."""
-        step = max(1, -(-len(self.points) // most))
-        rows, columns = self.shown
-        return replace(self, points=self.points[::step], shown=(rows[::step], columns[::step]))
-
 
 class FrameStore:
     """The frames of one run, by number; safe to ask from several threads.
@@ -117,13 +132,44 @@ class FrameStore:
         # One thread at a time: the ray caster is shared, and two that ask for the same frame
         # would read it twice.
         self._lock = threading.Lock()
-        self._kept = lru_cache(_KEPT)(self._read)
+        self._kept: OrderedDict[_Key, Shot | None] = OrderedDict()
+        self._kept_bytes = 0
+        self._reader = ThreadPoolExecutor(1, "pcnav frames")
+        self._ahead: Future[Shot | None] | None = None
 
-    def get(self, index: int, time_s: float, T_cam_model: FloatArray | None) -> Shot | None:
-        """A frame compared with the model at a pose (4, 4); None where it is not on disk."""
+    def get(
+        self,
+        index: int,
+        time_s: float,
+        T_cam_model: FloatArray | None,
+        max_points: int = MAX_POINTS,
+    ) -> Shot | None:
+        """A frame compared with the model at a pose (4, 4); None where it is not on disk.
+
+        No more than about so many of its returns are read, compared and drawn.
+        """
         pose = None if T_cam_model is None else tuple(T_cam_model.ravel().tolist())
+        key = (index, time_s, pose, max_points)
         with self._lock:
-            return self._kept(index, time_s, pose)
+            if key in self._kept:
+                self._kept.move_to_end(key)
+            else:
+                self._keep(key, self._read(*key))
+            return self._kept[key]
+
+    def read_ahead(
+        self, index: int, time_s: float, T_cam_model: FloatArray | None, max_points: int
+    ) -> None:
+        """Get a frame that will be asked for next, unless another is being read ahead."""
+        if self._ahead is None or self._ahead.done():
+            self._ahead = self._reader.submit(self.get, index, time_s, T_cam_model, max_points)
+
+    def _keep(self, key: "_Key", shot: Shot | None) -> None:
+        self._kept[key] = shot
+        self._kept_bytes += 0 if shot is None else shot.n_bytes
+        while self._kept_bytes > _MAX_KEPT_BYTES and len(self._kept) > 1:
+            _, gone = self._kept.popitem(last=False)
+            self._kept_bytes -= 0 if gone is None else gone.n_bytes
 
     def camera(self) -> PinholeCamera | None:
         """The camera of the first frame; None where that is not on disk."""
@@ -132,35 +178,43 @@ class FrameStore:
         except InputError:
             return None
 
-    def _read(self, index: int, time_s: float, pose: tuple[float, ...] | None) -> Shot | None:
+    def _read(
+        self, index: int, time_s: float, pose: tuple[float, ...] | None, max_points: int
+    ) -> Shot | None:
         if index >= len(self.recording):
             return None
         try:
-            frame = self.recording.frame(index)
+            whole = self.recording.frame(index)
         except InputError:
             return None
-        if frame.time_s != time_s:
+        if whole.time_s != time_s:
             return None
+        n_returns = int(np.count_nonzero(whole.depth_m > 0.0))
+        stride = max(1, int(np.ceil(np.sqrt(n_returns / max_points))))
+        frame = strided(whole, stride)
         rows, columns = np.nonzero(frame.depth_m > 0.0)
-        step = max(1, -(-len(rows) // _MAX_POINTS))
-        shown = (rows[::step], columns[::step])
+        shown = (rows.astype(np.int16), columns.astype(np.int16))
         rays, depth_m = pixel_rays(frame.camera)[shown], frame.depth_m[shown]
         points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)
         if pose is None:
             # It brings Open3D, which most views never need and all would wait for.
             from pcnav.perception.perceive import perceive
 
-            seen = perceive(frame, (), self._settings, self.sigma_m, self._seed)
-            return Shot(frame, shown, points, seen.image_labels, None, None)
+            seen = perceive(whole, (), self._settings, self.sigma_m, self._seed)
+            labels = seen.image_labels[::stride, ::stride].astype(np.int16)
+            return Shot(frame, stride, n_returns, shown, points, labels, None, None)
         T_cam_model = np.reshape(pose, (4, 4))
         rendered = self._renderer(frame.camera).render(T_cam_model)
         residual_m = range_residual(frame.depth_m, rendered)
         planes, rectangles = (
-            labels_of(rendered, residual_m, of_face, self.sigma_m)
+            labels_of(rendered, residual_m, of_face, self.sigma_m).astype(np.int16)
             for of_face in (self._names.plane, self._names.rectangle)
         )
-        beside = self._beside(frame, T_cam_model)
-        return Shot(frame, shown, points, planes, rectangles, residual_m, beside)
+        return Shot(
+            *(frame, stride, n_returns, shown, points, planes, rectangles),
+            residual_m.astype(np.float32),
+            self._beside(frame, T_cam_model),
+        )
 
     def _beside(self, frame: Frame, T_cam_model: FloatArray) -> BoolArray:
         """(height, width) returns that lie outside a ball about the target at a pose."""
@@ -173,6 +227,18 @@ class FrameStore:
     def _renderer(self, camera: PinholeCamera) -> DepthRenderer:
         if camera not in self._renderers:
             # Some sequences state a camera for every frame.
-            self._renderers.clear()
+            if len(self._renderers) >= _MAX_RENDERERS:
+                self._renderers.clear()
             self._renderers[camera] = DepthRenderer(self._target.mesh, camera)
         return self._renderers[camera]
+
+
+_Key = tuple[int, float, tuple[float, ...] | None, int]
+
+
+def strided(frame: Frame, stride: int) -> Frame:
+    """Every so many rows and columns of a frame, from the first on."""
+    if stride == 1:
+        return frame
+    depth_m = np.ascontiguousarray(frame.depth_m[::stride, ::stride])
+    return replace(frame, depth_m=depth_m, camera=frame.camera.strided(stride), unseen=None)

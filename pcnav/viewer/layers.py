@@ -4,6 +4,8 @@ The scene is the camera frame of the chaser: x right, y down, z forward, metres.
 once; a frame then changes only what differs from the one before.
 """
 
+from typing import Literal
+
 import numpy as np
 import numpy.typing as npt
 import viser
@@ -12,7 +14,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.runs.records import ACCEPTED, RectangleRecord
-from pcnav.viewer.frames import Shot
+from pcnav.viewer.frames import MAX_POINTS, Shot
 from pcnav.viewer.glyphs import closed
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR, Rgb
@@ -22,6 +24,8 @@ from pcnav.viewer.target_layer import TargetLayer
 _MAX_NAMES = 16
 _INSET, _IN_FRONT = 0.95, 0.998
 _PIXELS_ACROSS = 1.4
+_HALF_PRECISION = 2.0**-11
+"""Of a number of 16 bits: its rounding over its value."""
 
 
 def vertical_fov(camera: PinholeCamera) -> float:
@@ -53,6 +57,7 @@ class CloudLayer:
     """
 
     def __init__(self, scene: viser.SceneApi, root: str, point_size_m: float) -> None:
+        self._point_size_m, self._pixel_m = point_size_m, point_size_m / _PIXELS_ACROSS
         self._points = scene.add_point_cloud(
             f"{root}/points",
             np.zeros((1, 3), dtype=np.float32),
@@ -82,8 +87,11 @@ class CloudLayer:
         """Draw a frame, or nothing where there is none."""
         visible = shot is not None and Layer.POINTS in options.layers and len(shot.points) > 0
         if shot is not None and visible:
-            colours = shot.colours(options.colour_by, scale_m)
-            self._points.points = _moved(T_model_cam, shot.points)
+            colours = shot.colours(options.colour_by, options.residual_scale_m or scale_m)
+            points = _moved(T_model_cam, shot.points)
+            self._points.precision = _precision(points, self._pixel_m * shot.stride)
+            self._points.points = points
+            self._points.point_size = self._point_size_m * shot.stride * options.point_size
             self._points.colors = np.broadcast_to(colours, shot.points.shape)
         self._points.visible = visible
 
@@ -96,7 +104,9 @@ class RectangleLayer:
             layer: scene.add_line_segments(
                 f"{root}/{name}",
                 np.zeros((1, 2, 3), dtype=np.float32),
-                line_colour(colour),
+                # A colour per vertex from the start: lines that were made with one colour are
+                # drawn white once they are given several.
+                _per_vertex(colour, 1),
                 thickness=3.0,
                 thickness_units="screen",
                 visible=False,
@@ -131,9 +141,7 @@ class RectangleLayer:
             outlines = np.concatenate([_outline(r) for r in of_layer])
             lines.points = _moved(T_model_cam, outlines)
             colour = ACCEPTED_COLOUR if layer is Layer.ACCEPTED else REJECTED_COLOUR
-            lines.colors = np.broadcast_to(
-                np.array(line_colour(colour), np.uint8), lines.points.shape
-            )
+            lines.colors = _per_vertex(colour, len(outlines))
             named += [(_told(r), (T_model_cam @ r.T_cam_rect)[:3, 3]) for r in of_layer]
         if Layer.NAMES not in options.layers:
             named = []
@@ -141,6 +149,19 @@ class RectangleLayer:
             label.visible = k < len(named)
             if k < len(named):
                 label.text, label.position = named[k][0], vector(named[k][1])
+
+
+def _precision(points: npt.NDArray[np.float32], pixel_m: float) -> Literal["float16", "float32"]:
+    """Half the bytes where rounding moves no point by more than is seen: a tenth of its pixel."""
+    if not len(points):
+        return "float16"
+    rounded_m = float(np.abs(points).max()) * _HALF_PRECISION
+    return "float16" if rounded_m < 0.1 * pixel_m else "float32"
+
+
+def _per_vertex(colour: Rgb, n: int) -> npt.NDArray[np.uint8]:
+    """(n, 2, 3) a colour for both ends of so many lines."""
+    return np.tile(np.array(line_colour(colour), np.uint8), (n, 2, 1))
 
 
 def _moved(T: FloatArray, points: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
@@ -213,8 +234,16 @@ def _point_size_m(loaded: LoadedRun, camera: PinholeCamera | None) -> float:
     return _PIXELS_ACROSS * float(np.linalg.norm(loaded.centre(0))) / camera.fx
 
 
-def shot_of(loaded: LoadedRun, frame: int) -> Shot | None:
+def shot_of(loaded: LoadedRun, frame: int, max_points: int = MAX_POINTS) -> Shot | None:
     """The depth frame of a row of a run, compared with the model where there is an estimate."""
     if loaded.frames is None or not len(loaded):
         return None
-    return loaded.frames.get(frame, float(loaded.run.time_s[frame]), loaded.pose(frame))
+    time_s = float(loaded.run.time_s[frame])
+    return loaded.frames.get(frame, time_s, loaded.pose(frame), max_points)
+
+
+def read_ahead(loaded: LoadedRun, frame: int, max_points: int) -> None:
+    """Read a frame that will be shown next, meanwhile."""
+    if loaded.frames is not None and 0 <= frame < len(loaded):
+        time_s = float(loaded.run.time_s[frame])
+        loaded.frames.read_ahead(frame, time_s, loaded.pose(frame), max_points)

@@ -14,8 +14,9 @@ from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.errors import Errors, match_times
 from pcnav.runs.records import RectangleRecord
 from pcnav.runs.run import Run
+from pcnav.runs.status import CLAIMED
 from pcnav.target.satellite import Target
-from pcnav.viewer.events import Event, events_of
+from pcnav.viewer.events import Event, events_of, merged
 from pcnav.viewer.frames import FrameStore
 from pcnav.viewer.glyphs import SIGMAS, seen_magnification
 from pcnav.viewer.render_options import Layer
@@ -33,9 +34,11 @@ _SHOWN_AT_M = 4.0
 
 @dataclass(frozen=True)
 class StateVerdict:
-    """What the run's knowledge.csv says of one state."""
+    """What the run's knowledge.csv says of one state, or of a combination of states."""
 
+    unit: str
     prior_sd: float
+    posterior_sd: float
     from_data: bool
 
 
@@ -146,10 +149,11 @@ class LoadedRun:
         return frozenset(layer for layer in Layer if needs.get(layer, True))
 
     @property
-    def first_frame(self) -> int:
-        """The first frame with an estimate, else the first."""
+    def opening_frame(self) -> int:
+        """The last frame that is claimed, else the first with an estimate, else the first."""
+        claimed = np.flatnonzero([status in CLAIMED for status in self.run.status])
         known = np.flatnonzero(self.run.has_estimate)
-        return int(known[0]) if known.size else 0
+        return int(claimed[-1]) if claimed.size else int(known[0]) if known.size else 0
 
     def has(self, block: Block) -> bool:
         """Whether a quantity is estimated."""
@@ -167,12 +171,20 @@ class LoadedRun:
         if block is POSITION and not self.has(POSITION):
             error = self.errors.p_cam_m
         if block is ATTITUDE:
-            # A truth of poses alone knows it, too; where axes are defined there is no error.
-            of_pose = self.errors.theta_model_rad
-            error = of_pose if error is None else np.where(np.isnan(error), of_pose, error)
-            if self.errors.defines_axes is not None:
-                error = np.where(self.errors.defines_axes[:, None], np.nan, error)
+            error = self.attitude_error_rad
         return error if error is not None and np.isfinite(error).any() else None
+
+    @cached_property
+    def attitude_error_rad(self) -> FloatArray | None:
+        """(n, 3) rotation vector; None without a truth."""
+        if self.errors is None:
+            return None
+        # A truth of poses alone knows it, too; where axes are defined there is no error.
+        error, of_pose = self.errors.state.get(ATTITUDE.name), self.errors.theta_model_rad
+        error = of_pose if error is None else np.where(np.isnan(error), of_pose, error)
+        if self.errors.defines_axes is None:
+            return error
+        return np.where(self.errors.defines_axes[:, None], np.nan, error)
 
     def records_at(self, frame: int) -> tuple[RectangleRecord, ...]:
         """What became of the rectangles of a frame."""
@@ -247,6 +259,16 @@ class Snapshot:
     """Grows with every change."""
     is_live: bool
     """Whether more frames are to come."""
+
+
+def all_events(runs: tuple[LoadedRun, ...]) -> tuple[Event, ...]:
+    """The events of all runs, at the frames of the first that are nearest in time."""
+    first_s = runs[0].run.time_s
+    if not len(first_s):
+        return ()
+    middles = 0.5 * (first_s[1:] + first_s[:-1])
+    at = [np.searchsorted(middles, loaded.run.time_s) for loaded in runs]
+    return merged([loaded.events for loaded in runs], at)
 
 
 Source = Callable[[], Snapshot]

@@ -166,11 +166,11 @@ def _is_images(path: Path) -> bool:
 def _verdicts(path: Path) -> Mapping[str, StateVerdict]:
     if not path.is_file():
         return {}
-    table = read_csv(path, ("state", "prior_sd", "verdict"), ("state", "verdict"))
-    rows = zip(
-        table.words("state"),
-        table.numbers(("prior_sd",))[:, 0],
-        table.words("verdict"),
-        strict=True,
-    )
-    return {name: StateVerdict(float(sd), verdict == FROM_DATA) for name, sd, verdict in rows}
+    names = ("state", "unit", "prior_sd", "posterior_sd", "verdict")
+    table = read_csv(path, names, ("state", "unit", "verdict"))
+    deviations = table.numbers(("prior_sd", "posterior_sd")).tolist()
+    words = map(table.words, ("state", "unit", "verdict"))
+    return {
+        name: StateVerdict(unit, prior_sd, posterior_sd, verdict == FROM_DATA)
+        for name, unit, verdict, (prior_sd, posterior_sd) in zip(*words, deviations, strict=True)
+    }

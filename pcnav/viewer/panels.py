@@ -10,7 +10,6 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import project_outline
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS
 from pcnav.runs.records import ACCEPTED, RectangleRecord
-from pcnav.runs.status import Status
 from pcnav.viewer.colouring import depth_shades
 from pcnav.viewer.frames import ColourBy, Shot
 from pcnav.viewer.loaded_run import LoadedRun
@@ -20,36 +19,35 @@ from pcnav.viewer.palette import (
     PLAIN,
     REJECTED_COLOUR,
     RESIDUAL_STOPS,
+    STATUS,
     UNEXPLAINED,
     Rgb,
     coloured,
     hex_of,
 )
+from pcnav.viewer.render_options import RenderOptions
 
-_PICTURE_PX = 420
-_BORDER_PX = 8
-_STATUS_COLOURS: dict[str, Rgb] = {
-    Status.LOCKED: ACCEPTED_COLOUR,
-    Status.AMBIGUOUS: (255, 196, 60),
-    Status.COASTING: (255, 196, 60),
-    Status.ACQUIRING: (150, 180, 255),
-    Status.LOST: REJECTED_COLOUR,
-}
+_PICTURE_PX = 800
+_ASPECT = 1.75
+"""Width over height: image and plots have to fit a panel together."""
+_EMPTY: Rgb = (14, 16, 24)
 _STYLE = "font-size:12px;line-height:1.45;padding:2px 10px"
 
 
 def facts_html(loaded: LoadedRun, frame: int, magnified: float | None) -> str:
-    """Time, status and estimate of a frame with standard deviations."""
+    """Time, status and estimate of a frame; each ± is one standard deviation."""
     run, status = loaded.run, loaded.run.status[frame]
-    colour = hex_of(_STATUS_COLOURS.get(status, PLAIN))
+    colour = hex_of(STATUS.get(status, PLAIN))
     head = (
-        f"<b>frame {frame}</b> of {len(run) - 1} · {run.time_s[frame]:.2f} s · "
+        f"<b>{escape(loaded.name)}</b> · frame {frame} of {len(run) - 1} · "
+        f"{run.time_s[frame]:.2f} s · "
         f"<b style='color:{colour}'>{escape(status)}</b>"
     )
     rows = [("estimate", "none")]
     if run.has_estimate[frame]:
         rows = _estimate_rows(loaded, frame)
         drawn = magnified or loaded.magnification(frame)
+        rows.append(("each ±", "1σ, as stated"))
         if loaded.has(ATTITUDE):
             rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
     cells = "".join(
@@ -99,7 +97,7 @@ def _estimate_rows(loaded: LoadedRun, frame: int) -> list[tuple[str, str]]:
 
 
 def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
-    """The rectangles of a frame: size, standard deviation and what became of each."""
+    """The rectangles of a frame: size, standard deviation, what became of each and why."""
     if not records:
         return f"<div style='{_STYLE}'>no rectangle measured in this frame</div>"
     rows = []
@@ -108,41 +106,67 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
         colour = hex_of(ACCEPTED_COLOUR if used else REJECTED_COLOUR)
         depth_sd = 1e3 * float(record.sd[2])
         doubt = f"{depth_sd:.2f}" if np.isfinite(depth_sd) else "unknown"
+        distance = "-"
+        if np.isfinite(record.squared_distance):
+            distance = f"{record.squared_distance:.3g} / {record.gate:.3g}"
         rows.append(
             f"<tr><td style='color:{colour}'>{'✓' if used else '✗'}</td>"
             f"<td>{escape(record.rectangle or 'unrecognised')}</td>"
-            "<td style='white-space:nowrap;padding-right:10px'>"
-            f"{record.length_m:.2f} × {record.width_m:.2f}</td>"
-            f"<td>{doubt}</td>"
+            f"<td style='white-space:nowrap'>{record.length_m:.2f} × {record.width_m:.2f}</td>"
+            f"<td>{doubt}</td><td style='white-space:nowrap'>{distance}</td>"
+            f"<td>{escape(record.worst_axis) or '-'}</td>"
             f"<td style='color:{colour}'>{escape(record.outcome)}</td></tr>"
         )
+    names = ("", "rectangle", "size, m", "σ range, mm", "d² / gate", "worst axis", "outcome")
     head = "".join(
-        f"<th style='text-align:left;font-weight:400;opacity:.75;padding-right:10px'>{name}</th>"
-        for name in ("", "rectangle", "size, m", "σ range, mm", "outcome")
+        f"<th style='text-align:left;font-weight:400;opacity:.75'>{name}</th>" for name in names
     )
-    body = "".join(rows).replace("<td>", "<td style='padding-right:10px'>")
     return (
-        f"<div style='{_STYLE}'><table style='border-spacing:0'><tr>{head}</tr>{body}</table></div>"
+        f"<div style='{_STYLE}'><table style='border-spacing:8px 0;margin-left:-8px'>"
+        f"<tr>{head}</tr>{''.join(rows)}</table></div>"
     )
 
 
-def legend_html(loaded: LoadedRun, by: ColourBy, *, has_estimate: bool) -> str:
-    """What the colours of the points mean: a bar with numbers for residuals, else words."""
+def legend_html(
+    loaded: LoadedRun, options: RenderOptions, shot: Shot | None, *, has_estimate: bool
+) -> str:
+    """What the colours of the points mean, how many are drawn, and what lies beside the target."""
     pink, grey = coloured("■", UNEXPLAINED), coloured("■", BESIDE)
+    by = options.colour_by
     if loaded.target is None:
         return ""
     if loaded.frames is None:
         return f"<div style='{_STYLE}'>no depth frames on disk</div>"
+    drawn = f"<div style='{_STYLE}'>{drawn_text(shot)}</div>"
     if by is ColourBy.PLAIN:
         text = "every return in one colour"
     elif not has_estimate:
         text = f"no estimate: planes found in the frame; {pink} none"
     elif by is ColourBy.RESIDUAL:
-        return _colour_bar(1e3 * loaded.frames.scale_m, pink, grey)
+        scale_m = options.residual_scale_m or loaded.frames.scale_m
+        return _colour_bar(1e3 * scale_m, pink, grey) + drawn
     else:
         what = "face of the model" if by is ColourBy.PLANE else "rectangle of the catalogue"
-        text = f"a colour per {what}; {pink} not explained (over 3σ, or none), {grey} other things"
-    return f"<div style='{_STYLE}'>{text}</div>"
+        text = (
+            f"a colour per {what}, the last for all small ones; {pink} not explained "
+            f"(over 3σ, or none), {grey} other things"
+        )
+    return f"<div style='{_STYLE}'>{text}</div>{drawn}"
+
+
+def drawn_text(shot: Shot | None) -> str:
+    """How many of a frame's returns are drawn, and how many belong to other things."""
+    if shot is None:
+        return "no depth frame at this time"
+    text = f"all {shot.n_returns:,} returns drawn"
+    if shot.stride > 1:
+        text = (
+            f"{len(shot.points):,} of {shot.n_returns:,} returns drawn and compared: "
+            f"one in {shot.stride} rows and columns"
+        )
+    if shot.beside_share > 0.0:
+        text += f"; {100.0 * shot.beside_share:.0f} % belong to other things"
+    return text
 
 
 def _colour_bar(scale_mm: float, pink: str, grey: str) -> str:
@@ -166,14 +190,14 @@ def frame_picture(
     """(height, width, 3) the depth image about the target, segments coloured, rectangles drawn."""
     depth_m, camera = shot.frame.depth_m, shot.frame.camera
     returned = depth_m > 0.0
-    colours = np.full((*depth_m.shape, 3), (14.0, 16.0, 24.0))
+    colours = np.full((*depth_m.shape, 3), _EMPTY, dtype=np.float64)
     shades = 1.0 if shot.shows_residuals(by) else depth_shades(depth_m, camera)[returned][:, None]
     colours[returned] = shot.colours(by, scale_m, returned) * shades
-    top, left, side = _window(returned)
-    part = colours[top : top + side, left : left + side].astype(np.uint8)
-    factor = max(1, _PICTURE_PX // max(side, 1))
+    top, left, height, width = _window(returned)
+    part = _cropped(colours.astype(np.uint8), top, left, height, width)
+    factor = max(1, round(_PICTURE_PX / width))
     image = Image.fromarray(part).resize(
-        (part.shape[1] * factor, part.shape[0] * factor), Image.Resampling.NEAREST
+        (width * factor, height * factor), Image.Resampling.NEAREST
     )
     pen = ImageDraw.Draw(image)
     for record in records:
@@ -186,13 +210,24 @@ def frame_picture(
     return np.asarray(image)
 
 
-def _window(returned: npt.NDArray[np.bool_]) -> tuple[int, int, int]:
-    """Top, left and side of the square about the returns, within the image as far as it goes."""
-    height, width = returned.shape
-    if not returned.any():
-        return 0, 0, max(height, width)
+def _window(returned: npt.NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Top, left, height and width about the returns, of one shape, whatever lies outside."""
     rows, columns = np.flatnonzero(returned.any(axis=1)), np.flatnonzero(returned.any(axis=0))
-    side = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1 + 2 * _BORDER_PX
-    top = int(np.clip((rows[0] + rows[-1] - side) // 2, 0, max(height - side, 0)))
-    left = int(np.clip((columns[0] + columns[-1] - side) // 2, 0, max(width - side, 0)))
-    return top, left, int(side)
+    if not rows.size:
+        rows, columns = (np.array([0, size - 1]) for size in returned.shape)
+    border = max(1, (rows[-1] - rows[0]) // 16)
+    height = max(rows[-1] - rows[0] + 1 + 2 * border, (columns[-1] - columns[0] + 3) / _ASPECT)
+    height, width = int(np.ceil(height)), int(np.ceil(height * _ASPECT))
+    top, left = (rows[0] + rows[-1] - height) // 2, (columns[0] + columns[-1] - width) // 2
+    return int(top), int(left), height, width
+
+
+def _cropped(
+    image: npt.NDArray[np.uint8], top: int, left: int, height: int, width: int
+) -> npt.NDArray[np.uint8]:
+    """(height, width, 3) part of an image (h, w, 3); empty where it reaches beyond."""
+    part = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
+    rows, columns = np.arange(top, top + height), np.arange(left, left + width)
+    inside = (rows >= 0) & (rows < len(image)), (columns >= 0) & (columns < image.shape[1])
+    part[np.ix_(*inside)] = image[np.ix_(rows[inside[0]], columns[inside[1]])]
+    return part

@@ -8,7 +8,7 @@ import viser
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import xyzw_from_rotation
-from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.frames import MAX_POINTS, ColourBy
 from pcnav.viewer.palette import Rgb
 
 
@@ -47,6 +47,11 @@ class RenderOptions:
     colour_by: ColourBy = ColourBy.PLANE
     magnified: float | None = None
     """Ellipsoids and cone are drawn so many times larger than 3 sigma; None for what is seen."""
+    max_points: int = MAX_POINTS
+    point_size: float = 1.0
+    """Over the distance of neighbouring returns."""
+    residual_scale_m: float | None = None
+    """End of the scale of residuals; None for that of the sensor's noise."""
 
 
 def wxyz_of(R: FloatArray) -> tuple[float, float, float, float]:

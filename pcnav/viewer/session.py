@@ -3,33 +3,42 @@
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import viser
 
-from pcnav.core.arrays import FloatArray
+from pcnav.viewer.address import PageState, read_address
+from pcnav.viewer.assessment import worst_frame
+from pcnav.viewer.camera import Viewfinder, Viewpoint
 from pcnav.viewer.clock import Playback
-from pcnav.viewer.controls import Controls, Viewpoint
+from pcnav.viewer.controls import Controls
 from pcnav.viewer.events import Kind, neighbour
 from pcnav.viewer.export import Share, exported, file_name
 from pcnav.viewer.frames import Shot
-from pcnav.viewer.layers import RunLayers, shot_of, vertical_fov
-from pcnav.viewer.loaded_run import LoadedRun, Snapshot, Source
+from pcnav.viewer.keys import Key, bind, listed
+from pcnav.viewer.layers import RunLayers, read_ahead, shot_of
+from pcnav.viewer.loaded_run import LoadedRun, Snapshot, Source, all_events
+from pcnav.viewer.page import Page
 from pcnav.viewer.palette import RUNS
-from pcnav.viewer.panels import facts_html, frame_picture, legend_html, measurements_html
-from pcnav.viewer.plots import PlotsPanel
-from pcnav.viewer.render_options import CAMERA_FOV_RAD, vector
-from pcnav.viewer.server import UP, drawing, has_shown_all
+from pcnav.viewer.panels import legend_html
+from pcnav.viewer.pointer import Pointer
+from pcnav.viewer.server import drawing, has_shown_all
+from pcnav.viewer.side_panel import SidePanel
+from pcnav.viewer.status_bar import status_of_frame
+from pcnav.viewer.timeline import text_of, time_line
 
 _MAX_DRAWN_HZ = 30.0
-_CURSOR_HZ = 5.0
 _TEXTS_HZ = 8.0
 _PICTURE_HZ = 2.0
+_ADDRESS_HZ = 1.0
 _PLOTS_LIVE_S = 2.0
 _IDLE_S = 0.1
 _PATIENCE_S = 2.0
-_PANEL_PX = 400
+_CONTROLS_PX = 270
+_MAX_NUMBER = 1e12
 
 
 @dataclass
@@ -53,27 +62,38 @@ class Session:
     def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
         self._client, self._source = client, source
         self._snapshot = source()
+        self._events = all_events(self._runs)
+        self._visited: int | None = None
+        """The event that was jumped to last."""
         self._wanted, self._drawn = _start_frame(self._snapshot, first_frame), -1
+        self._details_frame = -1
+        self._shot: Shot | None = None
         self._is_closed = False
         self._wake = threading.Condition()
         self._playback: Playback | None = None
         self._redraw = self._redraw_plots = False
-        self._cursor, self._picture = _Paced(1.0 / _CURSOR_HZ), _Paced(1.0 / _PICTURE_HZ)
-        self._texts = _Paced(1.0 / _TEXTS_HZ)
-        self._plots_paced = _Paced(_PLOTS_LIVE_S)
-        self._details_frame = -1
-        self._followed: FloatArray | None = None
-        """The target's place that the camera was last carried along to."""
+        self._picture, self._texts = _Paced(1.0 / _PICTURE_HZ), _Paced(1.0 / _TEXTS_HZ)
+        self._plots_paced, self._addressed = _Paced(_PLOTS_LIVE_S), _Paced(1.0 / _ADDRESS_HZ)
         with drawing(client):
+            self._page = Page(client.gui, self.hear)
             self._layers = RunLayers(client.scene, self._runs, RUNS)
             self._controls = Controls(client.gui, self._snapshot, self)
-            self._build_panel()
+            client.gui.main_panel.dock_left()
+            client.gui.main_panel.set_width(_CONTROLS_PX)
+            self._side = SidePanel(client.gui, self._runs, lambda: self.redraw(plots=True))
+            self._pointer = Pointer(client, self._page)
+            self._viewfinder = Viewfinder(client)
+            self._bind_keys()
+            self._page.send("timeline", time_line(self._runs, self._events))
+            self._page.send("plots", self._side.plots(self._runs))
+            self._controls.tell(f"{len(self._events)} events; ? lists the keys")
             self._look_at_first()
             if len(self._first):
                 frame = min(self._wanted, len(self._first) - 1)
-                self._draw(time.monotonic(), frame, shot_of(self._first, frame))
+                self._draw(time.monotonic(), frame, self._shot_of(frame))
+        client.scene.on_click()(self._pick)
         self._questions = ThreadPoolExecutor(1, "pcnav questions")
-        self._page = self._asked_page()
+        self._shown = self._asked_page()
         """Whether the browser has worked off what was drawn for it."""
         self._thread = threading.Thread(target=self._run, daemon=True, name="pcnav session")
         self._thread.start()
@@ -91,29 +111,38 @@ class Session:
 
     def step(self, frames: int) -> None:
         """Move by so many frames, at rest."""
-        self.play(False)
-        self._controls.stop_following_newest()
-        self.go_to(self._wanted + frames)
+        self._rest_at(self._wanted + frames)
+
+    def go_to_worst(self) -> None:
+        """Go to the largest error over sigma."""
+        worst = worst_frame(self._first)
+        if worst is None:
+            self._controls.tell("no error is known: there is no truth")
+            return
+        self._rest_at(worst)
 
     def jump(self, direction: int, kind: Kind | None) -> None:
         """Go to the next event (1) or the one before (-1)."""
-        found = neighbour(self._first.events, self._wanted, direction, kind)
+        found = neighbour(self._events, self._wanted, self._visited, direction, kind)
         if found is None:
             self._controls.tell("no such event there")
             return
-        self.play(False)
-        self._controls.stop_following_newest()
-        self.go_to(found.frame)
-        self._controls.tell(f"{found.kind} at frame {found.frame}: {found.text}")
+        self.visit(found)
+
+    def visit(self, index: int) -> None:
+        """Go to an event by its index."""
+        self._visited = index
+        self._rest_at(self._events[index].frame)
+        self._controls.tell(text_of(self._events[index], self._runs))
 
     def play(self, wanted: bool) -> None:
         """Start or stop."""
         with self._wake:
             at_end = self._wanted >= len(self._first) - 1
             start = 0 if at_end else self._wanted
-            self._playback = self._playing_from(start) if wanted else None
+            self._playback = self._playing_from(start) if wanted and len(self._first) else None
             self._wake.notify()
-        self._controls.show_playing(wanted)
+        self._controls.show_playing(self.is_playing)
 
     @property
     def is_playing(self) -> bool:
@@ -142,6 +171,21 @@ class Session:
         self._client.send_file_download(name, content, save_immediately=True)
         self._controls.tell(f"{name}: {len(content) / 1e6:.1f} MB")
 
+    def look_from(self, viewpoint: Viewpoint) -> None:
+        """Move the browser's camera."""
+        self._viewfinder.look_from(viewpoint, self._first, self._wanted, self._shot)
+
+    def measure(self, wanted: bool) -> None:
+        """Let clicks measure distances, or tell what was clicked at."""
+        self._pointer.measure(wanted)
+        self._controls.tell("click at two returns" if wanted else "")
+
+    def darken(self, dark: bool) -> None:
+        """A dark page, or a light one."""
+        self._client.gui.configure_theme(
+            dark_mode=dark, show_share_button=False, show_logo=False, brand_color=(80, 150, 255)
+        )
+
     @property
     def shown_frame(self) -> int:
         """The frame on the screen."""
@@ -153,6 +197,70 @@ class Session:
             self._is_closed = True
             self._wake.notify()
 
+    # What the page says.
+
+    def hear(self, message: dict[str, Any]) -> None:
+        """What the user did at the time line, the plots or the bar; nonsense is passed over."""
+        kind = message["do"]
+        at = number_of(message)
+        if kind == "open" and isinstance(message.get("state"), str):
+            self.open(read_address(message["state"]))
+        elif kind == "closed":
+            self._pointer.clear()
+        elif at is None or not len(self._first):
+            return
+        elif kind == "seek":
+            self._rest_at(int(np.argmin(np.abs(self._first.run.time_s - at))))
+        elif kind == "frame":
+            self._rest_at(int(at))
+        elif kind == "event" and 0 <= int(at) < len(self._events):
+            self.visit(int(at))
+
+    def open(self, state: PageState) -> None:
+        """Show what an address says."""
+        self._controls.take(state)
+        if state.plots is not None:
+            self._side.choose(state.plots)
+        if state.camera is not None:
+            self._viewfinder.set_state(state.camera)
+        if state.frame is not None:
+            self._rest_at(state.frame)
+        self.redraw()
+        self.redraw(plots=True)
+
+    def _rest_at(self, frame: int) -> None:
+        self.play(False)
+        self._controls.stop_following_newest()
+        self.go_to(frame)
+
+    def _pick(self, event: viser.SceneClickEvent) -> None:
+        records = self._first.records_at(self.shown_frame) if len(self._first) else ()
+        self._pointer.pick(event, self._first, self._shot, records)
+
+    def _bind_keys(self) -> None:
+        controls, last = self._controls, 10**9
+        keys = (
+            Key("space", "play or pause", lambda: self.play(not self.is_playing)),
+            Key("arrowleft", "one frame back", lambda: self.step(-1)),
+            Key("arrowright", "one frame on", lambda: self.step(1)),
+            Key("arrowleft", "ten frames back", lambda: self.step(-10), shift=True),
+            Key("arrowright", "ten frames on", lambda: self.step(10), shift=True),
+            Key("home", "first frame", lambda: self.step(-last)),
+            Key("end", "last frame", lambda: self.step(last)),
+            Key("N", "next event", lambda: self.jump(1, None)),
+            Key("P", "previous event", lambda: self.jump(-1, None)),
+            Key("W", "largest error over σ", self.go_to_worst),
+            Key("C", "colour the points by the next quantity", controls.next_colours),
+            Key("M", "measure a distance", controls.toggle_measure),
+            Key("D", "dark or light", controls.toggle_dark),
+            *(
+                Key(str(k + 1), f"show or hide: {layer}", partial(controls.toggle, k))
+                for k, layer in enumerate(controls.layers[:9])
+            ),
+        )
+        bind(self._client.gui, keys)
+        self._page.send("help", listed(keys))
+
     # Drawing.
 
     @property
@@ -160,13 +268,11 @@ class Session:
         return self._snapshot.runs
 
     @property
-    def _wanted_s(self) -> float:
-        times = self._first.run.time_s
-        return float(times[min(self._wanted, len(times) - 1)]) if len(times) else 0.0
-
-    @property
     def _first(self) -> LoadedRun:
         return self._snapshot.runs[0]
+
+    def _shot_of(self, frame: int) -> Shot | None:
+        return shot_of(self._first, frame, self._controls.options.max_points)
 
     def _playing_from(self, frame: int) -> Playback:
         time_s = float(self._first.run.time_s[frame])
@@ -211,24 +317,30 @@ class Session:
             redraw_plots, self._redraw_plots = self._redraw_plots, False
         if ended:
             self._controls.show_playing(False)
+        if playback is None and self._drawn >= 0 and self._addressed.is_due(now_s):
+            self._show_address()
         moves = (redraw or self._wanted != self._drawn) and len(times) > 0
         frame = min(self._wanted, len(times) - 1) if moves else self._drawn
         lacks_details = self._details_frame != frame and playback is None and frame >= 0
         if not (news or moves or lacks_details or redraw_plots):
             return
         # Read and compared while the browser is busy with the frame before.
-        shot = shot_of(self._first, frame) if moves or lacks_details else None
+        shot = self._shot_of(frame) if moves or lacks_details else None
         self._wait_for_page()
+        came_from = self._drawn
         with drawing(self._client):
             if news:
                 self._go_on(now_s)
             if redraw_plots:
-                self._plots.draw_choice()
+                self._page.send("plots", self._side.plots(self._runs))
             if moves:
                 self._draw(now_s, frame, shot)
             elif lacks_details:
                 self._draw_details(frame, shot)
-        self._page = self._asked_page()
+        self._shown = self._asked_page()
+        if moves and frame != came_from:
+            ahead = frame + (1 if frame > came_from else -1)
+            read_ahead(self._first, ahead, self._controls.options.max_points)
 
     def _asked_page(self) -> Future[bool]:
         return self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
@@ -236,11 +348,10 @@ class Session:
     def _wait_for_page(self) -> None:
         """Until the browser has worked off what was drawn: the next frame is then the newest.
 
-        A slow browser holds up its own thread alone. Nor could it take a plot off that it is yet
-        to change: of messages that come together it carries out the changes last.
+        A slow browser holds up its own thread alone.
         """
-        while not self._is_closed and not self._page.result():
-            self._page = self._asked_page()
+        while not self._is_closed and not self._shown.result():
+            self._shown = self._asked_page()
 
     def _take_news(self) -> bool:
         """Look at the source's newest snapshot from now on; whether it is a new one."""
@@ -261,97 +372,65 @@ class Session:
         self._layers.go_on(self._runs)
         if self._plots_paced.is_due(now_s) or not self._snapshot.is_live:
             self._layers.refresh_trails()
-            self._plots.go_on(self._runs, self._wanted_s)
+            self._events = all_events(self._runs)
+            self._visited = None
+            self._page.send("timeline", time_line(self._runs, self._events))
+            self._page.send("plots", self._side.plots(self._runs))
+            self._side.show_known(self._runs)
 
     def _draw(self, now_s: float, frame: int, shot: Shot | None) -> None:
-        options = self._controls.options
-        self._layers.show(frame, shot, options)
-        self._follow(frame)
+        self._layers.show(frame, shot, self._controls.options)
+        if not self._is_placed and self._first.run.has_estimate[frame]:
+            self._look_at_first()
+        self._viewfinder.follow(self._first, frame)
         at_rest = self._playback is None
         # Laying out a page anew costs a browser more than drawing the scene.
         if self._texts.is_due(now_s) or at_rest:
-            self._controls.show_frame(frame)
-            self._facts.content = facts_html(self._first, frame, options.magnified)
-        if self._cursor.is_due(now_s) or at_rest:
-            self._plots.move_cursor(float(self._first.run.time_s[frame]))
-        self._drawn = frame
+            self._page.send("now", status_of_frame(self._runs, frame))
+        if frame != self._drawn:
+            self._pointer.clear()
+        self._drawn, self._shot = frame, shot
         if at_rest or self._picture.is_due(now_s):
             self._draw_details(frame, shot)
 
     def _draw_details(self, frame: int, shot: Shot | None) -> None:
         loaded, options = self._first, self._controls.options
-        records = loaded.records_at(frame)
         known = loaded.pose(frame) is not None
-        self._controls.show_legend(legend_html(loaded, options.colour_by, has_estimate=known))
-        if loaded.target is not None:
-            self._measurements.content = measurements_html(records)
-        self._image.visible = shot is not None
-        if shot is not None and loaded.frames is not None:
-            picture = frame_picture(shot, records, options.colour_by, loaded.frames.scale_m)
-            self._image.image = picture
-        self._plots.move_cursor(float(loaded.run.time_s[frame]))
+        self._controls.show_legend(legend_html(loaded, options, shot, has_estimate=known))
+        self._side.show(self._runs, frame, shot, options)
+        self._page.send("now", status_of_frame(self._runs, frame))
         self._details_frame = frame
 
-    def _build_panel(self) -> None:
-        gui = self._client.gui
-        gui.main_panel.dock_left()
-        gui.main_panel.set_width(300)
-        panel = gui.add_panel()
-        self._plots = PlotsPanel(
-            *(gui, panel.add_tab("Plots"), self._runs, self._wanted_s),
-            lambda: self.redraw(plots=True),
+    def _show_address(self) -> None:
+        options = self._controls.options
+        state = PageState(
+            frame=self._drawn,
+            camera=self._viewfinder.state,
+            layers=options.layers,
+            colour_by=options.colour_by,
+            plots=self._side.chosen,
+            dark=self._controls.is_dark,
         )
-        with panel.add_tab("This frame"):
-            self._facts = gui.add_html("")
-            self._image = gui.add_image(
-                np.zeros((8, 8, 3), dtype=np.uint8), label="depth image", format="png"
-            )
-            self._measurements = gui.add_html("")
-        panel.dock_right()
-        panel.set_width(_PANEL_PX)
-
-    # Cameras.
-
-    def look_from(self, viewpoint: Viewpoint) -> None:
-        """Move the browser's camera."""
-        loaded, handle = self._first, self._client.camera
-        position, centre = loaded.viewpoint(self._wanted)
-        self._followed = None
+        if self._snapshot.is_live and self._controls.follows_newest:
+            state = replace(state, frame=None)
         with drawing(self._client):
-            handle.up_direction = UP
-            if viewpoint is Viewpoint.CHASER:
-                eye = loaded.frames.camera() if loaded.frames is not None else None
-                handle.position = (0.0, 0.0, 0.0)
-                handle.look_at = (0.0, 0.0, max(float(centre[2]), 1.0))
-                handle.fov = CAMERA_FOV_RAD if eye is None else vertical_fov(eye)
-                return
-            handle.fov = CAMERA_FOV_RAD
-            handle.position = vector(position)
-            handle.look_at = vector(centre)
-        if viewpoint is Viewpoint.FOLLOW:
-            self._followed = centre
+            self._page.send("address", state.address())
 
     def _look_at_first(self) -> None:
         """What a page opens with. A target without a model may go far: it is followed."""
-        self._is_placed = bool(self._first.run.has_estimate.any())
-        self.look_from(Viewpoint.ORBIT if self._first.target is not None else Viewpoint.FOLLOW)
+        first = self._first
+        self._is_placed = bool(first.run.has_estimate.any())
+        shot = self._shot_of(min(self._wanted, len(first) - 1)) if len(first) else None
+        viewpoint = Viewpoint.ORBIT if first.target is not None else Viewpoint.FOLLOW
+        self._viewfinder.look_from(viewpoint, first, self._wanted, shot)
 
-    def _follow(self, frame: int) -> None:
-        """Carry the camera along with the target, without touching what the user turned."""
-        if not self._first.run.has_estimate[frame]:
-            return
-        if not self._is_placed:
-            self._look_at_first()
-        # Another thread may look from elsewhere in the meantime.
-        followed = self._followed
-        if followed is None:
-            return
-        centre = self._first.centre(frame)
-        shift = centre - followed
-        if self._followed is followed:
-            self._followed = centre
-        if np.linalg.norm(shift) > 0.0:
-            self._client.camera.position = np.asarray(self._client.camera.position) + shift
+
+def number_of(message: dict[str, Any]) -> float | None:
+    """The time, frame or index that a message of the page tells; None for none that can be."""
+    at = message.get("time", message.get("frame", message.get("index")))
+    if isinstance(at, bool) or not isinstance(at, int | float):
+        return None
+    return float(at) if abs(at) < _MAX_NUMBER else None
 
 
 def _start_frame(snapshot: Snapshot, asked: int | None) -> int:
@@ -359,4 +438,4 @@ def _start_frame(snapshot: Snapshot, asked: int | None) -> int:
     last = max(len(first) - 1, 0)
     if snapshot.is_live:
         return last
-    return first.first_frame if asked is None else min(asked, last)
+    return first.opening_frame if asked is None else min(asked, last)

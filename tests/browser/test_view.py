@@ -13,7 +13,7 @@ from playwright.sync_api import Locator, Page
 from pcnav.viewer.app import show
 from pcnav.viewer.loaded_run import finished
 from pcnav.viewer.loading import load_run
-from pcnav.viewer.palette import LABELS, RUNS
+from pcnav.viewer.palette import LABELS, RUNS, hex_of
 from pcnav.viewer.server import LOOPBACK, LocalServer
 from tests.browser.conftest import FRAMES, PATIENCE_MS, Opened, Served
 
@@ -24,8 +24,8 @@ def scene(page: Page) -> np.ndarray:
     """(h, w, 3) pixels of the scene between the panels."""
     image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     pixels = np.asarray(image).astype(int)
-    # Below viser's warning of software rendering.
-    return pixels[190:, 310 : pixels.shape[1] - 410]
+    # Below viser's warning of software rendering, above the time line.
+    return pixels[190:-120, 290 : pixels.shape[1] - 450]
 
 
 def cloud_pixels(page: Page) -> int:
@@ -52,8 +52,8 @@ def ready(page: Page) -> None:
 
 
 def frame_box(page: Page) -> Locator:
-    """The number beside the slider."""
-    return page.locator("input[type=text], input[type=number]").first
+    """The number in the bar above the scene."""
+    return page.locator("#pcnav-frame")
 
 
 def go_to(page: Page, frame: int) -> None:
@@ -63,16 +63,8 @@ def go_to(page: Page, frame: int) -> None:
 
 
 def cursor_s(page: Page) -> float:
-    """Where the cursor of the first plot is."""
-    return float(
-        page.evaluate(
-            """() => {
-                const chart = Object.values(window.__viserTestpoints.uplots)[0].chart;
-                const cursor = chart.data[chart.data.length - 1];
-                return chart.data[0][cursor.findIndex(value => value === 1)];
-            }"""
-        )
-    )
+    """The time that the page shows."""
+    return float(page.evaluate("pcnav.data.now.time"))
 
 
 def checkbox(page: Page, name: str) -> Locator:
@@ -103,7 +95,7 @@ def test_a_run_is_on_the_screen_and_follows_its_controls(
     checkbox(page, "points").click()
     wait_until(page, lambda: cloud_pixels(page) > 0.9 * with_cloud, "the cloud again")
 
-    page.get_by_text("This frame", exact=True).click()
+    page.get_by_role("tab", name="Frame").click()
     page.get_by_text("accepted").nth(1).wait_for()
     page.screenshot(path=report_folder / "frame-1280x800.png")
 
@@ -113,6 +105,31 @@ def test_a_run_is_on_the_screen_and_follows_its_controls(
     wait_until(page, lambda: frame_box(page).input_value() == str(FRAMES - 1), "the end")
     page.get_by_role("button", name="previous").click()
     page.get_by_text("at frame").wait_for()
+
+
+def test_keys_clicks_and_the_time_line_move_the_page(
+    runs: tuple[Path, Path], served: Serve, opened: Opened
+) -> None:
+    page = opened(served("view", str(runs[0]), "--port", "0", "--frame", "20").url)
+    ready(page)
+    shown = frame_box(page).input_value
+    page.keyboard.press("ArrowRight")
+    wait_until(page, lambda: shown() == "21", "the next frame")
+    page.keyboard.press("Home")
+    wait_until(page, lambda: shown() == "0", "the first frame")
+    line = page.locator("#pcnav-time canvas").bounding_box()
+    assert line is not None
+    middle = line["x"] + 104 + 0.5 * (line["width"] - 104 - 64)
+    page.mouse.click(middle, line["y"] + line["height"] - 24)
+    wait_until(page, lambda: shown() == str(FRAMES // 2), "the middle of the run")
+    plot = page.locator(".pcnav-plots canvas").first.bounding_box()
+    assert plot is not None
+    page.mouse.click(plot["x"] + 62 + 0.25 * (plot["width"] - 72), plot["y"] + 30)
+    wait_until(page, lambda: abs(cursor_s(page) - 0.25 * 0.5 * (FRAMES - 1)) < 0.6, "a quarter")
+    page.keyboard.press("n")
+    wait_until(page, lambda: "frame" in page.evaluate("document.body.innerText"), "an event")
+    assert f"frame={shown()}" in page.url or page.wait_for_timeout(2500) is None
+    assert f"frame={shown()}" in page.url
 
 
 def test_two_pages_have_their_own_time(
@@ -136,23 +153,24 @@ def test_two_runs_are_laid_over_each_other(
     ready(page)
     for run in runs:
         assert page.get_by_text(run.name).count() >= 1
-    series = page.evaluate(
-        "Object.values(window.__viserTestpoints.uplots)[0].chart.series.map(s => s._stroke)"
-    )
-    assert len([stroke for stroke in series if stroke is not None]) >= 2 * len(RUNS)
+    lines = page.evaluate("pcnav.data.plots.charts[0].lines.map(line => line.colour)")
+    assert lines == [hex_of(colour) for colour in RUNS]
+    assert page.evaluate("pcnav.data.timeline.runs.length") == len(runs)
     page.screenshot(path=report_folder / "compare-1920x1080.png")
 
 
-def test_a_restarted_server_is_found_again(
+def test_a_restarted_server_is_found_again_and_shows_what_the_address_says(
     runs: tuple[Path, Path], served: Serve, opened: Opened
 ) -> None:
     view = served("view", str(runs[0]), "--port", "8790")
-    page = opened(view.url)
+    page = opened(f"{view.url}/?frame=17&points=plane")
     ready(page)
+    assert frame_box(page).input_value() == "17"
     port = view.url.rsplit(":", 1)[1]
     view.stop()
     served("view", str(runs[0]), "--port", port, "--frame", "33")
-    wait_until(page, lambda: frame_box(page).input_value() == "33", "the new server's frame")
+    page.wait_for_timeout(2000)
+    wait_until(page, lambda: frame_box(page).input_value() == "17", "the page's own frame")
     ready(page)
 
 

@@ -1,9 +1,14 @@
 """Colours against an independent account of what each return shows."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
+import trimesh
 
 from pcnav.core.camera import pixel_rays
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.viewer import frames
 from pcnav.viewer.colouring import (
     EXPLAINED_SIGMA,
     face_names,
@@ -12,10 +17,10 @@ from pcnav.viewer.colouring import (
     range_residual,
     residual_colours,
 )
-from pcnav.viewer.frames import ColourBy
-from pcnav.viewer.layers import shot_of
+from pcnav.viewer.frames import ColourBy, FrameStore
+from pcnav.viewer.layers import read_ahead, shot_of
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.palette import BESIDE, RESIDUAL_STOPS, UNEXPLAINED
+from pcnav.viewer.palette import BESIDE, LABELS, RESIDUAL_STOPS, UNEXPLAINED
 from tests.viewer.conftest import FRAMES
 
 LAST = FRAMES - 1
@@ -94,7 +99,8 @@ def test_flat_parts_of_the_mesh_are_told_apart(loaded: LoadedRun) -> None:
     assert loaded.target is not None
     mesh = loaded.target.mesh
     names = face_names(mesh, loaded.target.rectangles)
-    for number in np.unique(names.plane):
+    # All small ones share the last number.
+    for number in range(len(LABELS) - 1):
         normals = mesh.face_normals[names.plane == number]
         assert np.allclose(normals @ normals[0], 1.0, atol=1e-6)
     assert {int(k) for k in np.unique(names.rectangle)} - {-1} == set(
@@ -123,11 +129,59 @@ def test_scales_end_at_round_numbers() -> None:
     assert [nice_ceiling(v) for v in (0.06, 0.0601, 1.0, 0.9)] == [0.075, 0.075, 1.0, 1.0]
 
 
-def test_a_thinned_frame_keeps_points_and_pixels_together(loaded: LoadedRun) -> None:
-    shot = shot_of(loaded, LAST)
-    assert shot is not None
-    thin = shot.thinned(100)
-    assert 50 < len(thin.points) <= 100
-    whole = (pixel_rays(shot.frame.camera) * shot.frame.depth_m[..., None])[thin.shown]
-    assert np.allclose(thin.points, whole, atol=1e-5)
+def test_fewer_points_keep_points_and_pixels_together_and_say_how_many(loaded: LoadedRun) -> None:
+    whole, thin = shot_of(loaded, LAST), shot_of(loaded, LAST, 100)
+    assert whole is not None and thin is not None
+    assert 50 < len(thin.points) <= 100 < len(whole.points)
+    assert thin.n_returns == len(whole.points) == whole.n_returns
+    rows, columns = (thin.stride * each for each in thin.shown)
+    depth_m = whole.frame.depth_m[rows, columns]
+    rays = pixel_rays(whole.frame.camera)[rows, columns]
+    assert np.allclose(thin.points, rays * depth_m[:, None], atol=1e-5)
     assert thin.colours(ColourBy.PLANE, 0.1).shape == thin.points.shape
+    # Where both show a pixel they say the same of it.
+    assert whole.residual_m is not None and thin.residual_m is not None
+    np.testing.assert_allclose(
+        thin.residual_m[thin.shown], whole.residual_m[rows, columns], atol=1e-4
+    )
+    assert np.mean(thin.planes[thin.shown] == whole.planes[rows, columns]) > 0.98
+
+
+def test_small_faces_share_a_colour_and_none_comes_twice() -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    plane = face_names(mesh, ()).plane
+    own = np.bincount(plane)
+    assert plane.max() == len(LABELS) - 1
+    assert (own[:-1] == 1).all() and own[-1] == len(mesh.faces) - len(LABELS) + 1
+    assert (label_colours(plane)[plane == 3] == LABELS[3]).all()
+
+
+def test_frames_are_kept_within_a_budget_of_bytes(
+    loaded: LoadedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert loaded.frames is not None and loaded.target is not None
+    assert loaded.run.pipeline is not None
+    table = loaded.run.pipeline.perception
+    store = FrameStore(loaded.frames.recording, loaded.target, table, 0)
+    one = store.get(LAST, float(loaded.run.time_s[LAST]), loaded.pose(LAST))
+    assert one is not None
+    # 16 bits of a label, twice; a residual and a depth of 32; points of 12 bytes and their place.
+    pixels, points = one.frame.depth_m.size, len(one.points)
+    assert one.n_bytes == pixels * (2 * 2 + 4 + 4 + 1) + points * (12 + 2 * 2)
+    monkeypatch.setattr(frames, "_MAX_KEPT_BYTES", 3 * one.n_bytes + 10)
+    for frame in range(LAST, 3, -1):
+        store.get(frame, float(loaded.run.time_s[frame]), loaded.pose(frame))
+        held = [each.n_bytes for each in store._kept.values() if each is not None]
+        assert sum(held) == store._kept_bytes <= 3 * one.n_bytes + 10
+
+
+def test_a_frame_read_ahead_is_there_when_asked_for(loaded: LoadedRun) -> None:
+    assert loaded.frames is not None and loaded.target is not None
+    assert loaded.run.pipeline is not None
+    recording, table = loaded.frames.recording, loaded.run.pipeline.perception
+    store = FrameStore(recording, loaded.target, table, 0)
+    read_ahead(replace(loaded, frames=store), LAST, 1000)
+    assert store._ahead is not None
+    ahead = store._ahead.result(10.0)
+    assert ahead is not None
+    assert shot_of(replace(loaded, frames=store), LAST, 1000) is ahead

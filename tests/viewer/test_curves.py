@@ -7,7 +7,6 @@ from pcnav.dynamics.blocks import CENTRE
 from pcnav.viewer.clock import Playback, speeds
 from pcnav.viewer.curves import Chart, groups_of, linear_range
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.plots import two_sided_ticks
 
 
 def test_errors_have_three_stated_deviations_about_zero(loaded: LoadedRun) -> None:
@@ -51,11 +50,6 @@ def test_bounds_that_shrink_by_decades_get_a_two_sided_log(
     time_s = np.linspace(0.0, 100.0, 500)
     bound = np.where(time_s < 50.0, start, end)
     assert linear_range(time_s, bound) == expected
-
-
-def test_ticks_are_powers_of_ten_about_zero() -> None:
-    assert two_sided_ticks(0.1, 300.0, 6) == [-100.0, -1.0, 0.0, 1.0, 100.0]
-    assert two_sided_ticks(1.0, 1.0, 3) == [-1.0, 0.0, 1.0]
 
 
 def test_playback_follows_the_time_of_the_run() -> None:

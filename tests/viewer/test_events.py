@@ -9,7 +9,7 @@ from pcnav.dynamics.blocks import ATTITUDE, RATE, Layout
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.run import Run
-from pcnav.viewer.events import Kind, events_of, neighbour
+from pcnav.viewer.events import Event, Kind, events_of, merged, neighbour
 
 _SPIN = np.array([0.0, 0.0, 0.1])
 
@@ -42,8 +42,15 @@ def record(time_s: float, name: str, outcome: str) -> RectangleRecord:
 def test_lock_and_loss_are_where_the_status_changes() -> None:
     run = made_up_run(["acquiring", "locked", "locked", "coasting", "lost", "ambiguous"])
     found = [(event.frame, event.kind) for event in events_of(run, {})]
-    assert found == [(1, Kind.LOCK), (3, Kind.LOSS), (5, Kind.LOCK)]
-    assert events_of(run, {})[2].text.startswith("found again")
+    assert found == [(1, Kind.LOCK), (3, Kind.LOSS), (4, Kind.LOSS), (5, Kind.LOCK)]
+    assert events_of(run, {})[2].text == "given up after coasting: lost"
+    assert events_of(run, {})[3].text.startswith("found again")
+
+
+def test_every_change_of_the_status_is_an_event() -> None:
+    status = ["acquiring", "ambiguous", "locked", "coasting", "lost", "acquiring", "acquiring"]
+    run = made_up_run(status)
+    assert [event.frame for event in events_of(run, {})] == [1, 2, 3, 4, 5]
 
 
 def test_a_flip_is_a_jump_that_the_rate_does_not_explain() -> None:
@@ -71,14 +78,39 @@ def test_frames_in_a_row_reject_once() -> None:
     ]
 
 
-def test_neighbours_are_strictly_before_and_after() -> None:
-    events = events_of(made_up_run(["acquiring", "locked", "coasting", "locked"]), {})
-    assert [event.frame for event in events] == [1, 2, 3]
-    after, before = neighbour(events, 1, 1, None), neighbour(events, 2, -1, Kind.LOCK)
-    assert after is not None and after.frame == 2
-    assert before is not None and before.frame == 1
-    assert neighbour(events, 3, 1, None) is None
-    assert neighbour(events, 3, -1, Kind.FLIP) is None
+def walked(events: tuple[Event, ...], frame: int, step: int) -> list[int]:
+    """The events that one meets by asking for the next again and again."""
+    met: list[int] = []
+    at = neighbour(events, frame, None, step, None)
+    while at is not None:
+        met.append(at)
+        at = neighbour(events, events[at].frame, at, step, None)
+    return met
+
+
+def test_every_event_is_reached_both_ways_also_several_at_one_frame() -> None:
+    kinds = (Kind.REJECTED, Kind.REJECTED, Kind.LOSS, Kind.LOCK, Kind.REJECTED)
+    events = tuple(
+        Event(frame, kind, str(k))
+        for k, (frame, kind) in enumerate(zip((0, 3, 3, 3, 7), kinds, strict=True))
+    )
+    assert walked(events, 0, 1) == [0, 1, 2, 3, 4]
+    assert walked(events, 7, -1) == [4, 3, 2, 1, 0]
+    assert neighbour(events, 3, 1, 1, Kind.LOCK) == 3
+    assert neighbour(events, 3, 1, -1, None) == 0
+    # The user has gone elsewhere since: what was visited does not count.
+    assert neighbour(events, 1, 4, 1, None) == 1
+    assert neighbour(events, 7, 4, 1, None) is None
+    assert neighbour(events, 7, None, -1, Kind.FLIP) is None
+
+
+def test_events_of_a_second_run_are_met_at_the_frames_of_the_first() -> None:
+    first, second = (events_of(made_up_run(s), {}) for s in (["locked"] * 4, ["lost", "locked"]))
+    found = merged((first, second), (np.arange(4), np.array([1, 3])))
+    assert [(event.frame, event.run, event.kind) for event in found] == [
+        (0, 0, Kind.LOCK),
+        (3, 1, Kind.LOCK),
+    ]
 
 
 def test_frames_without_an_estimate_are_no_flip() -> None:

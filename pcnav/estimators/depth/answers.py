@@ -60,7 +60,7 @@ def answer_of_frame(
             "n_rectangles": sum(accepted[face] for face in view.face_of_record),
             "motion": None if track is None else str(track.motion.name),
         },
-        records=view.outcomes(accepted),
+        records=view.outcomes(accepted, result),
     )
     if track is None:
         return estimate

@@ -14,13 +14,13 @@ from pcnav.estimators.depth.pose_measurement import (
     PoseReference,
     moved_pose,
 )
-from pcnav.filtering.error_state import Measurement
+from pcnav.filtering.error_state import Measurement, UpdateResult
 from pcnav.perception.association import MeasuredFace, Unused
 from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.reading import View
 from pcnav.perception.render_compare import Comparison
 from pcnav.recordings.sequence import Frame
-from pcnav.runs.records import ACCEPTED, RectangleRecord
+from pcnav.runs.records import ACCEPTED, AXES, RectangleRecord
 
 GATED = "failed the innovation gate"
 _UNKNOWN_SD = 1.0
@@ -64,12 +64,19 @@ class FrameView:
             T_cam_seen=None,
         )
 
-    def outcomes(self, accepted: tuple[bool, ...]) -> tuple[RectangleRecord, ...]:
-        """All records, given which faces the filter accepted."""
+    def outcomes(
+        self, accepted: tuple[bool, ...], result: UpdateResult | None = None
+    ) -> tuple[RectangleRecord, ...]:
+        """All records, given which faces the filter accepted, and how they fared in its gates."""
         used = tuple(
             replace(record, outcome=ACCEPTED if accepted[face] else GATED)
             for record, face in zip(self.records, self.face_of_record, strict=True)
         )
+        if result is not None and len(result.gates) == len(self.measurements):
+            used = tuple(
+                replace(record, squared_distance=result.nis[face], gate=result.gates[face])
+                for record, face in zip(used, self.face_of_record, strict=True)
+            )
         return used + self.unused
 
 
@@ -165,7 +172,8 @@ def _evidence_record(time_s: float, face: FaceEvidence, T_cam_model: FloatArray)
     to_model[3:, 3:] = R_model_rect
     prior = np.eye(6) / _UNKNOWN_SD**2
     covariance = np.linalg.inv(to_model.T @ face.information @ to_model + prior)
-    error = to_model @ (covariance @ (to_model.T @ face.vector))
+    error_rect = covariance @ (to_model.T @ face.vector)
+    error = to_model @ error_rect
     sd = np.sqrt(np.diag(covariance))
     known = sd < 0.5 * _UNKNOWN_SD
     return RectangleRecord(
@@ -177,4 +185,7 @@ def _evidence_record(time_s: float, face: FaceEvidence, T_cam_model: FloatArray)
         sd=np.where(known, sd, np.inf),
         case="I",
         outcome="",
+        worst_axis=AXES[int(np.argmax(np.where(known, np.abs(error_rect) / sd, -1.0)))]
+        if known.any()
+        else "",
     )
