@@ -5,6 +5,7 @@ import io
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from pcnav.report.page import Drawing
@@ -25,11 +26,15 @@ def drawing(title: str, caption: str, figure: Figure) -> Drawing:
 
 def svg_bytes(figure: Figure) -> bytes:
     """The figure as SVG, the same bytes for the same figure."""
-    stream = io.BytesIO()
+    stream, before = io.BytesIO(), figure.dpi
+    # Of what is drawn as pixels.
+    figure.set_dpi(200)
     # Text as outlines looks the same on every machine; the salt and the missing date keep the
-    # bytes reproducible.
+    # bytes reproducible. Figure.savefig would draw everything once before, for nothing.
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": "pcnav"}):
-        figure.savefig(stream, format="svg", dpi=200, metadata={"Date": None})
+        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None})
+    figure.set_dpi(before)
+    FigureCanvasAgg(figure)
     return stream.getvalue()
 
 

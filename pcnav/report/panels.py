@@ -12,7 +12,6 @@ from matplotlib.ticker import (
     FixedLocator,
     LogLocator,
     MaxNLocator,
-    NullFormatter,
     NullLocator,
     StrMethodFormatter,
 )
@@ -300,4 +299,5 @@ def _plain_numbers(axes: Axes) -> None:
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axis.set_minor_formatter(NullFormatter())
+            # Nothing is written at the minor ticks, and they take half the time of a figure.
+            axis.set_minor_locator(NullLocator())
