@@ -44,10 +44,10 @@ _PLACES = {
     "pcnav.navigation.truth_of": _REPORT,
     "pcnav.navigation.evaluate": _REPORT,
     "pcnav.navigation.gain_of_run": _REPORT,
-    "pcnav.navigation.frame_picture": _REPORT,
+    "pcnav.report.overlay.frame_picture": _REPORT,
     "pcnav.navigation.tables_of_run": _REPORT,
     "pcnav.navigation.library_versions": _REPORT,
-    "pcnav.navigation.write_report": _REPORT,
+    "pcnav.report.run_report.write_report": _REPORT,
 }
 
 

@@ -5,9 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, Self
 
 from pcnav.config.first_pose import FirstPoseTable
 from pcnav.config.pipeline_file import Pipeline
@@ -36,9 +34,6 @@ from pcnav.recordings.sequence import Frame, Sequence
 from pcnav.recordings.stereo_tracks import read_truth_features
 from pcnav.recordings.tracks import StereoTracks
 from pcnav.recordings.truth import truth_of
-from pcnav.report.content import ReportContent
-from pcnav.report.overlay import frame_picture
-from pcnav.report.run_report import write_report
 from pcnav.runs.estimate import Estimate
 from pcnav.runs.places import relocatable
 from pcnav.runs.provenance import library_versions, pipeline_toml
@@ -55,6 +50,9 @@ from pcnav.runs.run import Run
 from pcnav.runs.writer import RunWriter
 from pcnav.target.mesh import wireframe_edges
 from pcnav.target.satellite import Target
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LOG = logging.getLogger("pcnav")
 
@@ -211,6 +209,10 @@ class Navigation:
         answer = answer_of(found, metrics, self._about((*warnings, *says.said), state))
         writer.write_json(SUMMARY_FILE, answer.model_dump(mode="json"))
         if report:
+            # Only a report needs matplotlib, whose import takes as long as many a run.
+            from pcnav.report.content import ReportContent
+            from pcnav.report.run_report import write_report
+
             picture, caption = _picture(target, self.estimator)
             content = ReportContent(
                 title=inputs.recording.name,
@@ -276,11 +278,13 @@ class Navigation:
         )
 
 
-def _picture(target: Target | None, estimator: Estimator) -> tuple[Figure | None, str]:
+def _picture(target: Target | None, estimator: Estimator) -> "tuple[Figure | None, str]":
     if target is None or estimator.best_view is None:
         return None, ""
     estimate, view = estimator.best_view
     frame = view.frame
+    from pcnav.report.overlay import frame_picture
+
     picture = frame_picture(
         frame.depth_m,
         frame.camera,

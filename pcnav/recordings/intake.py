@@ -15,6 +15,7 @@ import numpy as np
 from pcnav.config.region import RegionTable
 from pcnav.core.arrays import DepthImage
 from pcnav.core.errors import InputError
+from pcnav.recordings.read_ahead import Read, read_ahead
 from pcnav.recordings.region import restricted
 from pcnav.recordings.region_files import region_of
 from pcnav.recordings.sequence import Frame, Sequence
@@ -74,9 +75,13 @@ class Intake:
 
     def __iter__(self) -> Iterator[Frame]:
         """Raises `InputError` for a frame that is bad where none may be, and when all are."""
+        with read_ahead(self._sequence) as read:
+            yield from self._all(read)
+
+    def _all(self, read: Read) -> Iterator[Frame]:
         for index in range(len(self)):
             try:
-                yield self.read(index)
+                yield self._given(read(index))
             except InputError as error:
                 if not self._skip:
                     hint = "; --skip-bad-frames coasts over it"
@@ -89,7 +94,10 @@ class Intake:
 
     def read(self, index: int) -> Frame:
         """One frame, of those that are read in their order. Raises `InputError` for a bad one."""
-        frame = self._sequence.frame(index)
+        return self._given(self._sequence.frame(index))
+
+    def _given(self, frame: Frame) -> Frame:
+        index = frame.index
         given = restricted(frame, self._region.of(self._sequence, index))
         if self._before is not None and frame.depth_m.any():
             if np.array_equal(frame.depth_m, self._before):

@@ -32,7 +32,7 @@ def svg_bytes(figure: Figure) -> bytes:
     # Text as outlines looks the same on every machine; the salt and the missing date keep the
     # bytes reproducible. Figure.savefig would draw everything once before, for nothing.
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": "pcnav"}):
-        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None})
+        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None})  # type: ignore[no-untyped-call]
     figure.set_dpi(before)
     FigureCanvasAgg(figure)
     return stream.getvalue()

@@ -23,4 +23,4 @@ def made_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Made]:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves the report empty: its figures take longer than all the rest."""
-    monkeypatch.setattr("pcnav.navigation.write_report", lambda path, _: path.write_text(""))
+    monkeypatch.setattr("pcnav.report.run_report.write_report", lambda path, _: path.write_text(""))
