@@ -105,6 +105,8 @@ class RangeResiduals:
     """(n,) rows and (n,) columns, in the window of the view, that they are of."""
     shape: tuple[int, int]
     """(height, width) of that window."""
+    time_s: FloatArray | None = None
+    """(n,) when they were seen, from the time of the frame on; None where all at once."""
 
     @property
     def dropout(self) -> float:

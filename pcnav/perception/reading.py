@@ -109,7 +109,8 @@ class FrameReader:
         self._comparers: dict[PinholeCamera, RenderComparer] = {}
         self._searched: tuple[Frame, RegionSearch] | None = None
         self._views: SampledViews | None = None
-        self._readout: Readout | None = None
+        self.expected_motion: Readout | None = None
+        """See `expect_motion`."""
         self._measured: BoolArray | None = None
         self.row_readout_s = 0.0
         """Time from the exposure of the first row of a frame to that of the last."""
@@ -119,9 +120,13 @@ class FrameReader:
     def expect_motion(self, motion: Readout | None) -> None:
         """How the target moves in the camera when the next frame is taken; None for not known. It
         matters where its pixels are not exposed at once."""
-        self._readout = motion
+        self.expected_motion = motion
         for comparer in self._comparers.values():
-            comparer.readout = self._readout
+            comparer.readout = self.expected_motion
+
+    def half_duration(self, frame: Frame) -> float:
+        """How far from its time the pixels of a frame are exposed, s."""
+        return 0.5 * self.row_readout_s if frame.beams is None else frame.beams.reach_s
 
     @property
     def noise(self) -> SensorNoise:
@@ -297,7 +302,7 @@ class FrameReader:
             )
         comparer = self._comparers[frame.camera]
         comparer.unseen = frame.unseen
-        comparer.readout, comparer.row_readout_s = self._readout, self.row_readout_s
+        comparer.readout, comparer.row_readout_s = self.expected_motion, self.row_readout_s
         comparer.beams = frame.beams
         return comparer
 

@@ -29,7 +29,7 @@ from pcnav.perception.pose_doubt import GATE_SIGMA, PoseDoubt
 from pcnav.perception.predicted_view import rectangle_of_triangle
 from pcnav.perception.scans import exposure_of_scan, outline_of_scan, strided_beams
 from pcnav.perception.sensor_noise import SensorNoise
-from pcnav.perception.surface_pixels import FEW_PIXELS, surface_pixels
+from pcnav.perception.surface_pixels import FEW_PIXELS, SurfacePixels, surface_pixels
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
 from pcnav.target.parts import has_several_bodies
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
@@ -60,6 +60,8 @@ class Comparison:
     """(height, width) index into ``faces`` of the pixels that were used, -1 for none."""
     seen: SeenFrame
     """What they were measured in."""
+    motion: Readout | None = None
+    """Of the target while the frame was taken, as it was taken to move."""
 
     def places(self, used: Sequence[bool]) -> frozenset[int]:
         """In the catalogue, of those of its faces that were used, see `FaceEvidence.place`."""
@@ -178,6 +180,16 @@ class RenderComparer:
         """Those of the scan on the grid compared on."""
         return None if self.beams is None else strided_beams(self.beams, self._stride)
 
+    def _times_of(self, pixels: SurfacePixels, rendered: RenderedDepth) -> FloatArray | None:
+        """(n,) when pixels, or beams in them, see, from the time of the frame on."""
+        beams = self._beams_here()
+        if beams is not None and pixels.beam is not None:
+            return np.asarray(beams.time_s[pixels.beam])
+        if self.row_readout_s == 0.0:
+            return None
+        rows = (pixels.pixels[0] + rendered.window[0].start) * self._stride
+        return np.asarray(row_times(self.row_readout_s, self.camera.height)[rows])
+
     def _as_seen(self, rendered: RenderedDepth) -> RenderedDepth:
         unseen = self._unseen_here()
         return rendered if unseen is None else rendered.without(unseen)
@@ -295,6 +307,7 @@ class RenderComparer:
         pixels = surface_pixels(whole, doubted_m, doubt_px, noise, few_pixels, beams)
         face_of_triangle = self._face_of_triangle
         residuals = pixels.residuals(depth_m, rendered, doubt, noise, face_of_triangle, beams)
+        residuals = replace(residuals, time_s=self._times_of(pixels, rendered))
         face_of_triangle = pooled_faces(self._face_of_triangle, residuals, few_pixels)
         residuals = replace(residuals, face=face_of_triangle[pixels.triangle])
         variance = residuals.pose_variance_m2
@@ -327,7 +340,8 @@ class RenderComparer:
         faces: tuple[FaceEvidence, ...] = ()
         if not is_beaten(explained):
             faces = face_evidence(seen, self._target.rectangles, self._modalities)
-        return Comparison(T_cam_model, rendered, faces, explained, _labels(seen), seen)
+        labels, motion = _labels(seen), self.readout
+        return Comparison(T_cam_model, rendered, faces, explained, labels, seen, motion)
 
 
 def _labels(seen: SeenFrame) -> IntArray:

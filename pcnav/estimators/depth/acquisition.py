@@ -28,6 +28,7 @@ from pcnav.estimators.depth.motion_hypotheses import (
     MotionHypotheses,
     MotionHypothesis,
 )
+from pcnav.estimators.depth.motion_within import predicted_motion
 from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose
@@ -38,6 +39,7 @@ from pcnav.estimators.depth.single_frame import (
     search,
     with_rivals,
 )
+from pcnav.estimators.depth.skewed_pose import unskewed
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, SEARCHED, frame_odds
 from pcnav.estimators.depth.views import (
     FrameView,
@@ -67,6 +69,8 @@ _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
 _NOISE_PASSES = 3
 """Most times they are measured anew, as noise that was not thought of widens what is looked at."""
+_MOVING_PASSES = 2
+"""Times that frames which take time are measured anew with the motion that was fitted to them."""
 _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""
 
@@ -179,6 +183,8 @@ class Acquisition:
             doubt = _DOUBT_WITHOUT_RATE if len(best.observations) == 1 else 1.0
             found = compared_poses(predicted, frame, self._reader, doubt)
             followed = best_first(found)
+            if self._reader.frames_take_time:
+                followed = unskewed(followed, frame, self._reader)
             usual = max(observation.pose.inlier_ratio for observation in best.observations)
             enough = max(_HIGH_INLIER_RATIO, usual - _MAX_DROP)
             if followed and followed[0].inlier_ratio >= enough:
@@ -187,6 +193,8 @@ class Acquisition:
         if not self._units_checked:
             self._units_checked = self._reader.check_units(perceived)
         hypotheses, report = search(perceived, self._reader, predicted)
+        if self._refined and self._reader.frames_take_time:
+            hypotheses = unskewed(hypotheses, frame, self._reader)
         if self.report is None or not report.best_inlier_ratio < self.report.best_inlier_ratio:
             self.report = report
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
@@ -223,6 +231,9 @@ class Acquisition:
             views = self._learnt(self._compared(motion, frames, observers), observers, motion)
             arc.frames = [condensed(_timed(view)) for view in views]
             fit = arc.fit() if len(views) >= MIN_FRAMES else None
+            for _ in range(_MOVING_PASSES if self._reader.frames_take_time else 0):
+                if fit is not None:
+                    fit, views = self._fit_moving(arc, fit, views, observers)
         else:
             fit, views = self._fit_rectangles(arc, motion, frames, observers)
         if fit is None and motion.is_fast and not motion.is_steady:
@@ -247,6 +258,28 @@ class Acquisition:
         if self._refined:
             odds += self._odds_gained(followed, odds, motion, frames[-1], observers[-1])
         return Initialised(followed, decision.undecided, views[-1], start, odds)
+
+    def _fit_moving(
+        self, arc: InitialArc, fit: Fit, views: list[FrameView], observers: list[ObserverPose]
+    ) -> tuple[Fit | None, list[FrameView]]:
+        """Frames that take time measured anew, with the target moving in each as the fit to all of
+        them has it, and the fit to them then: one frame alone says little of its rate."""
+        n, lever_m = self._model.mean_motion_rad_s, 0.5 * self._target.diameter_m
+        again: list[FrameView] = []
+        for k, (view, state) in enumerate(zip(views, fit.states, strict=True)):
+            time_s, comparison = view.frame.time_s, view.comparison
+            assert comparison is not None, "it was compared"
+            beside = views[k - 1 if k else 1].frame
+            camera = beside.time_s, beside.T_cam_world
+            half_s = self._reader.half_duration(view.frame)
+            at = state, time_s, self._model
+            motion = predicted_motion(*at, observers[k], camera, half_s, n) if half_s else None
+            self._reader.expect_motion(motion)
+            pose = state.T_cam_model(observers[k].T_cam_world, observers[k].R_hill_world)
+            found = self._reader.compare(view.frame, pose, comparison.seen.doubt.covariance)
+            again.append(view_of_comparison(view.frame, found, lever_m, observers[k]))
+        arc.frames = [condensed(_timed(view)) for view in again]
+        return arc.fit(), again
 
     def _odds_gained(
         self,

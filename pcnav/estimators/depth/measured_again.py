@@ -85,6 +85,7 @@ def measured_again(reader: FrameReader, view: FrameView, observer: ObserverPose)
     """A compared frame about the same pose, by the faces that agree under the noise known now."""
     assert view.comparison is not None, "it was compared"
     pose, spread = view.comparison.T_cam_model, view.comparison.seen.doubt.covariance
+    reader.expect_motion(view.comparison.motion)
     comparison = reader.compare(view.frame, pose, spread)
     lever_m = 0.5 * reader.diameter_m
     faces = tuple(agreeing(comparison.faces, spread, lever_m)) if comparison.faces else ()

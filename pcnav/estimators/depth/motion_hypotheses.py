@@ -142,7 +142,10 @@ class MotionHypothesis:
         return np.asarray(last.p_world_model + share * (last.p_world_model - before.p_world_model))
 
     def motion_at(self, k: int) -> Readout | None:
-        """How the target moves in the camera about observation k; None of a single one."""
+        """How the target moves in the camera about observation k; of a single one as that frame
+        shows it, if it does."""
+        if len(self.observations) == 1:
+            return self.observations[0].pose.motion
         return motion_about([(o.time_s, o.T_cam_model) for o in self.observations], k)
 
     def _last_rate(self) -> FloatArray:

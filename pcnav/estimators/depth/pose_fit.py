@@ -13,6 +13,7 @@ from pcnav.perception.agreement import Agreement
 from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.modality import Evidence
 from pcnav.perception.render_compare import Comparison, RenderComparer, never
+from pcnav.target.row_motion import Readout
 
 _MAX_PASSES = 8
 _STEP_ERROR = 0.1
@@ -42,6 +43,8 @@ class SingleFramePose:
     """Whether a view predicted from it would move it no more."""
     comparison: Comparison | None = None
     """The last one, where the pose was fitted by comparison."""
+    motion: Readout | None = None
+    """How the target moves in the frame, where that shows in it."""
 
     @property
     def inlier_ratio(self) -> float:

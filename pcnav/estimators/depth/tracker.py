@@ -236,9 +236,7 @@ class Tracker(Estimator):
             # A noisy camera pose would be taken for a jolt: the last frames tell more.
             self._reader.expect_motion(motion_about(known, len(known) - 1))
             return
-        half_s = 0.5 * info.row_readout_s
-        if frame.beams is not None:
-            half_s = frame.beams.reach_s
+        half_s = self._reader.half_duration(frame)
         if half_s == 0.0:
             self._reader.expect_motion(None)
             return

@@ -1,0 +1,105 @@
+"""Scans of a target that moves: the pose that one shows, and what a track of them is worth."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pcnav.config.pipeline_file import Pipeline
+from pcnav.estimators.depth.motion_within import motion_about
+from pcnav.estimators.depth.pose_fit import fit_pose
+from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
+from pcnav.estimators.depth.skewed_pose import unskewed
+from pcnav.estimators.depth.tracker import Tracker
+from pcnav.perception.reading import FrameReader
+from pcnav.simulation.depth import Scene
+from pcnav.simulation.scans import FineMotion
+from pcnav.target.row_motion import Readout
+from pcnav.target.satellite import Target, load_target
+
+SIGMA_M = 0.01
+
+
+@pytest.fixture(scope="module")
+def boxsat(repository: Path) -> Target:
+    return load_target(repository / "meshes" / "boxsat.obj")
+
+
+def scene_of(target: Target, frames: int, **scan: Any) -> Scene:
+    pipeline = Pipeline.model_validate(
+        {
+            "scenario": {"frames": frames, "frame_rate_hz": 2.0},
+            "orbit": {"r_hill_m": [18.0, 0.3, -0.2], "v_hill_m_s": [0.004, 0.0, 0.003]},
+            "body": {
+                "attitude_rotvec_deg": [25.0, 40.0, -30.0],
+                "omega_body_deg_s": [11.0, -8.0, 14.0],
+                "com_model_m": [0.10, 0.12, -0.13],
+                "inertia_ratios": [0.577, 0.735, -0.02, 0.06, -0.045],
+            },
+            "camera": {"width_px": 96, "height_px": 96},
+            "scan": {"duration_s": 0.5, "beams": 9000} | scan,
+            "noise": {"range_sigma_m": SIGMA_M},
+        }
+    )
+    return Scene.showing(target, pipeline)
+
+
+@pytest.mark.parametrize("pattern", ["raster", "rosette"])
+def test_one_scan_shows_where_the_target_is_and_how_it_moves(boxsat: Target, pattern: str) -> None:
+    scene = scene_of(boxsat, 2, pattern=pattern)
+    frame, true = list(scene)[1], scene.truth.poses[1]
+    reader = FrameReader(boxsat, scene.pipeline.perception, SIGMA_M, 0)
+    reader.frames_take_time = True
+    guess = moved_pose(true, np.array([0.05, -0.04, 0.03, 0.05, -0.06, 0.04]))
+    still = fit_pose(
+        *(frame.depth_m, guess, np.diag(np.repeat([0.2, 0.15], 3) ** 2), reader.comparer(frame))
+    )
+    assert still is not None
+    (found,) = unskewed((still,), frame, reader)
+    # As if it stood still it is degrees off, or explains little.
+    skewed = pose_error(still.T_cam_model, true)
+    error = pose_error(found.T_cam_model, true)
+    assert np.linalg.norm(error[:3]) < 0.02 and np.linalg.norm(error[3:]) < 0.01
+    assert np.linalg.norm(skewed[3:]) > 3.0 * np.linalg.norm(error[3:])
+    assert found.inlier_ratio > 0.97 > 0.9 > still.inlier_ratio
+    fine, _ = FineMotion.of(scene.pipeline)
+    before, after = fine.about(1, np.array([-0.05, 0.05]))
+    rate = pose_error(before, after) / 0.1
+    assert found.motion is not None
+    assert np.linalg.norm(found.motion.twist[3:] - rate[3:]) < 0.1 * np.linalg.norm(rate[3:])
+
+
+def test_a_parabola_through_three_poses_is_their_motion() -> None:
+    motion = Readout(
+        np.array([0.1, -0.2, 0.05, 0.3, -0.1, 0.2]), np.array([0.0, 0.02, -0.01, 0.05, 0.02, 0.0])
+    )
+    times_s = np.array([0.0, 0.4, 1.0])
+    for k in range(3):
+        poses = motion.poses(np.eye(4), times_s - times_s[k])
+        found = motion_about(list(zip(times_s.tolist(), poses, strict=True)), k)
+        assert found is not None and found.bend is not None
+        np.testing.assert_allclose(found.twist, motion.twist, atol=1e-12)
+        np.testing.assert_allclose(found.bend, motion.bend, atol=1e-12)
+    assert motion_about([(0.0, np.eye(4))], 0) is None
+
+
+@pytest.mark.study
+def test_a_track_of_scans_is_as_good_as_of_returns_seen_at_once(boxsat: Target) -> None:
+    def squared(**scan: Any) -> tuple[float, float]:
+        scene = scene_of(boxsat, 16, pattern="raster", **scan)
+        tracker = Tracker(
+            *(boxsat, scene.info, scene.pipeline.perception, scene.pipeline.filter, 0)
+        )
+        errors = []
+        for frame, true in zip(scene, scene.truth.poses, strict=True):
+            pose = tracker.step(frame).T_cam_target
+            if frame.index >= 6:
+                assert pose is not None
+                errors.append(pose_error(pose, true))
+        rms = np.sqrt(np.mean(np.square(errors), axis=0))
+        return float(np.linalg.norm(rms[:3])), float(np.linalg.norm(rms[3:]))
+
+    scanned, at_once = squared(), squared(duration_s=0.0)
+    # Two runs of ten frames: their own scatter is a third.
+    assert scanned[0] < 1.8 * at_once[0] and scanned[1] < 1.8 * at_once[1]
