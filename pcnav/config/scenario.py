@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from pcnav.config.table import NonNegative, Positive, Table, Vector3, Vector5
+from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.rigid_body import inertia_from_ratios, is_physical_inertia
 
@@ -94,5 +95,17 @@ class BodyTable(Table):
     attitude_rotvec_deg: Vector3 = (0.0, 0.0, 0.0)
     """Rotation vector of R_world_body at time 0."""
     omega_body_deg_s: Vector3 = (0.0, 0.0, 1.0)
-    com_model_m: Vector3 = (0.0, 0.0, 0.0)
-    inertia_ratios: InertiaRatios = (1.0, 1.0, 0.0, 0.0, 0.0)
+    com_model_m: Vector3 | None = None
+    """Mass centre; None takes the nominal one of the mesh, or the origin where there is none."""
+    inertia_ratios: InertiaRatios | None = None
+    """Iyy, Izz, Ixy, Ixz, Iyz over Ixx; None takes the nominal ones of the mesh, or a ball's."""
+
+    @property
+    def com_model(self) -> FloatArray:
+        """(3,) m."""
+        return np.array(self.com_model_m or (0.0, 0.0, 0.0))
+
+    @property
+    def ratios(self) -> FloatArray:
+        """(5,) of the inertia."""
+        return np.array(self.inertia_ratios or (1.0, 1.0, 0.0, 0.0, 0.0))

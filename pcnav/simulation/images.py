@@ -229,7 +229,7 @@ def box_of_inertia(inertia: FloatArray, half_side_m: float) -> tuple[FloatArray,
 
 
 def _hull(pipeline: Pipeline, mesh: trimesh.Trimesh | None, rng: np.random.Generator) -> Hull:
-    table, com_model = pipeline.features, np.array(pipeline.body.com_model_m)
+    table, com_model = pipeline.features, pipeline.body.com_model
     if table.points_m:
         points = np.array(table.points_m)
         normals = np.array(table.normals_body) if table.normals_body else points
@@ -238,7 +238,7 @@ def _hull(pipeline: Pipeline, mesh: trimesh.Trimesh | None, rng: np.random.Gener
         return points + com_model, normals / np.where(length > 0.0, length, 1.0)
     if mesh is not None:
         return surface_points(mesh, table.count, rng)
-    inertia = inertia_from_ratios(np.array(pipeline.body.inertia_ratios))
+    inertia = inertia_from_ratios(pipeline.body.ratios)
     half, R_body_box = box_of_inertia(inertia, table.half_extent_m)
     box = trimesh.creation.box(2.0 * half)
     places, normals = surface_points(box, table.count, rng)

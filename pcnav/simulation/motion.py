@@ -77,10 +77,10 @@ def start_of(pipeline: Pipeline) -> NavigationState:
     return NavigationState(
         r_hill=np.array(orbit.r_hill_m),
         v_hill=np.array(orbit.v_hill_m_s),
-        com_model=np.array(body.com_model_m),
+        com_model=body.com_model,
         R_world_body=exp_rotation(np.deg2rad(np.array(body.attitude_rotvec_deg))),
         omega_body=np.deg2rad(np.array(body.omega_body_deg_s)),
-        inertia_ratios=np.array(body.inertia_ratios),
+        inertia_ratios=body.ratios,
     )
 
 

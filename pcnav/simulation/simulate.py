@@ -9,6 +9,7 @@ from pcnav.recordings.recording import RecordingKind
 from pcnav.simulation.attitudes import simulate_attitudes
 from pcnav.simulation.depth import simulate_depth
 from pcnav.simulation.images import simulate_images
+from pcnav.simulation.nominal_body import with_nominal_body
 from pcnav.simulation.simulation import Simulation
 from pcnav.simulation.stereo import simulate_stereo
 
@@ -48,4 +49,6 @@ def simulate(
     """
     kind = kind or pipeline.scenario.recording
     kind = kind or _SEEN_BY.get(pipeline.estimator.kind, RecordingKind.DEPTH)
+    if kind in (RecordingKind.DEPTH, RecordingKind.IMAGES):
+        pipeline = with_nominal_body(pipeline, target_mesh)
     return SIMULATORS[kind](pipeline, source, target_mesh)

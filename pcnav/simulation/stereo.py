@@ -59,7 +59,7 @@ def simulate_stereo(
 
 def stereo_scenario(pipeline: Pipeline, source: Path | str = "pipeline") -> StereoScenario:
     """The scenario of a pipeline file. ``source`` is what an `InputError` names."""
-    if any(pipeline.body.com_model_m):
+    if np.any(pipeline.body.com_model):
         expected = "expected 0, 0, 0: feature points are given from the mass centre"
         raise InputError(source, "body.com_model_m", expected)
     return StereoScenario(

@@ -285,6 +285,12 @@ def target_mesh_of(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> trim
     return read_mesh_file(mesh_path, mesh_unit or _sidecar_of(mesh_path)[1].mesh_unit).mesh
 
 
+def nominal_mass(mesh_path: Path, mesh_unit: LengthUnit | None = None) -> MassBelief:
+    """The mass properties alone of what `load_target` reads. Raises `InputError`."""
+    path, sidecar = _sidecar_of(mesh_path)
+    return _mass(target_mesh_of(mesh_path, mesh_unit), sidecar.mass, path)
+
+
 def _as_it_is_round(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, Symmetry]:
     """The mesh, with finer facets where it draws a round body with few, and its symmetry."""
     symmetry = find_symmetry(mesh)

@@ -41,6 +41,7 @@ from pcnav.runs.run import Run
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.images import simulated_tracks
 from pcnav.simulation.motion import true_motion
+from pcnav.simulation.nominal_body import with_nominal_body
 from pcnav.simulation.simulate import simulate
 from pcnav.target.satellite import Target, load_target, target_mesh_of
 
@@ -260,6 +261,7 @@ def _chained_subject(
     title: str, pipeline: Pipeline, source: Path | str, mesh: Path | None
 ) -> Subject[RotationState]:
     """The attitudes are those of the chain on simulated tracks, in the target's own axes."""
+    pipeline = with_nominal_body(pipeline, mesh)
     motion = true_motion(pipeline, source)
     shown = None if mesh is None else target_mesh_of(mesh, pipeline.mesh_unit)
     frames = run_chain(simulated_tracks(pipeline, motion, shown, title), pipeline.image_motion)
