@@ -26,7 +26,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs test test-study golden lint format types check bench studies constraints clean distclean
+.PHONY: help setup demo docs dist test test-study golden lint format types check bench studies constraints clean distclean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -78,6 +78,19 @@ types: setup ## Check the types (strict for pcnav)
 	$(BIN)/mypy $(TYPED)
 
 check: lint types docs test ## All of lint, types, docs and test
+
+# What a user gets: the core alone, and its answer on a sequence that it makes itself. The sdist is
+# unpacked and built, too.
+dist: setup ## Build wheel and sdist, and try both in a clean environment
+	@set -eu; rm -rf dist; $(BIN)/python -m hatchling build -d dist; \
+	folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; \
+	for built in dist/*.whl dist/*.tar.gz; do \
+	    echo "dist: trying $$built"; \
+	    $(BIN)/python -m venv --clear "$$folder/venv"; \
+	    "$$folder/venv/bin/python" -m pip install --quiet "$$built"; \
+	    (cd "$$folder" && rm -rf runs && venv/bin/pcnav --version && venv/bin/pcnav demo --quiet); \
+	done; \
+	echo "dist done: $$(ls dist | tr '\n' ' ')"
 
 bench: setup ## Measure pcnav against its peers
 	$(BIN)/python -m benchmarks

@@ -155,6 +155,7 @@ class Navigation:
     def step(self, frame: Any) -> Estimate:
         """The estimate of a frame. Raises `InputError` for one that cannot be."""
         estimate = self.estimator.step(frame)
+        _LOG.debug("%r", estimate)
         if isinstance(frame, Frame):
             self._surveyor.add(frame)
         noise = self.estimator.sensor_noise

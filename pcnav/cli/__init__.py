@@ -13,6 +13,7 @@ from pcnav.cli.simulate import simulate
 from pcnav.cli.study import study
 from pcnav.cli.table import table
 from pcnav.cli.target import target
+from pcnav.cli.verbosity import with_verbosity
 from pcnav.cli.view import view
 
 # In the order in which the help lists them.
@@ -33,6 +34,8 @@ for _command in (
     ),
     config,
 ):
-    app.command()(_command)
+    # Whole, where Typer would cut it to half a line.
+    _summary = " ".join((_command.__doc__ or "").partition("\n\n")[0].split())
+    app.command(short_help=_summary)(with_verbosity(_command))
 
 __all__ = ["app", "main"]

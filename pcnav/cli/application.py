@@ -16,7 +16,8 @@ from pcnav.core.errors import InputError
 app = typer.Typer(
     help="Pose, motion, mass centre and inertia of a tumbling satellite from depth frames.",
     context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode="markdown",
+    # Plain: boxes and Markdown take twice the time of all the rest of a help.
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 

@@ -22,6 +22,7 @@ from pcnav.cli.recording_options import (
     options_of,
     recording_table,
 )
+from pcnav.cli.verbosity import say
 
 
 def convert(
@@ -75,4 +76,4 @@ def convert(
             overwrite=overwrite,
             on_frame=advance,
         )
-    typer.echo(f"sequence: {out} ({len(sequence)} frames, {1000.0 * step_m:g} mm a unit)")
+    say(f"sequence: {out} ({len(sequence)} frames, {1000.0 * step_m:g} mm a unit)")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pcnav.cli.options import Overwrite
+from pcnav.cli.verbosity import say
 from pcnav.core.errors import InputError
 
 _LOG = logging.getLogger("pcnav")
@@ -62,7 +63,7 @@ def export(
         _LOG.warning("%s", sentence)
     for path, content in files.items():
         write_whole(path, content)
-        typer.echo(f"{to}: {path}")
+        say(f"{to}: {path}")
     # Who opens the file next must know its frames, orders and units.
     _LOG.info("%s", chosen.about)
 

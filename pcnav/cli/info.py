@@ -1,5 +1,6 @@
 """``pcnav info``: what is in a recording."""
 
+import json
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,9 +23,11 @@ from pcnav.cli.recording_options import (
     options_of,
     recording_table,
 )
+from pcnav.cli.verbosity import say
 
 if TYPE_CHECKING:
     from pcnav.recordings.sequence import Sequence
+    from pcnav.report.recording_info import RecordingInfo
 
 _LOG = logging.getLogger("pcnav")
 _SHOWN = 6
@@ -49,6 +52,9 @@ def info(
     frames: Frames = None,
     every: Every = 1,
     overwrite: Overwrite = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print it for programs, in one line.")
+    ] = False,
 ) -> None:
     """Say what is in a recording: format, frames, times, camera, depths, and what looks wrong.
 
@@ -83,17 +89,28 @@ def info(
     has_truth = truth_of(opened) is not None
     with progress("info") as advance:
         said = recording_info(opened, found.name, satellite, has_truth, advance)
-    width = max(len(what) for what, _ in said.rows)
-    for what, of_it in said.rows:
-        typer.echo(f"{what:<{width}}  {of_it}")
-    if said.ranges is not None:
-        Console().print(said.ranges.to_rich())
+    if as_json:
+        typer.echo(_as_json(said))
+    else:
+        width = max(len(what) for what, _ in said.rows)
+        for what, of_it in said.rows:
+            typer.echo(f"{what:<{width}}  {of_it}")
+        if said.ranges is not None:
+            Console().print(said.ranges.to_rich())
     for doubt in said.doubts:
         _LOG.warning("%s", doubt)
     if png is not None:
         assert isinstance(opened, Sequence)
         write_whole(png, _drawn(opened))
-        typer.echo(f"picture: {escape(str(png))}")
+        if not as_json:
+            say(f"picture: {escape(str(png))}")
+
+
+def _as_json(said: "RecordingInfo") -> str:
+    table = said.ranges
+    ranges = [] if table is None else [dict(zip(table.header, r, strict=True)) for r in table.rows]
+    whole = {**dict(said.rows), "ranges": ranges, "doubts": said.doubts}
+    return json.dumps(whole, ensure_ascii=False)
 
 
 def _drawn(sequence: "Sequence") -> bytes:

@@ -35,6 +35,7 @@ from pcnav.cli.recording_options import (
     with_recording_options,
 )
 from pcnav.cli.several import folders_of, run_several
+from pcnav.cli.verbosity import is_quiet, say
 from pcnav.config.length_unit import LengthUnit
 from pcnav.core._extras import require_view
 from pcnav.files.new_folder import refuse_unless_replaceable
@@ -132,6 +133,10 @@ def run(
         bool, typer.Option("--view", help="Look at the run in the browser while it goes on.")
     ] = False,
     port: Port = 8080,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print summary.json of the result, one line each, not tables."),
+    ] = False,
 ) -> None:
     """Estimate pose, motion and mass properties from depth frames, feature tracks or images.
 
@@ -186,9 +191,14 @@ def run(
             report=report,
             linked=out is None,
             pace=pace,
+            as_json=as_json,
         )
 
-    found = run_several(sequences, folders, run_one) if several else run_one(sequence, folders[0])
+    found = (
+        run_several(sequences, folders, run_one, as_json)
+        if several
+        else run_one(sequence, folders[0])
+    )
     if not found:
         raise typer.Exit(NOTHING_FOUND)
 
@@ -209,10 +219,12 @@ def run_into(
     report: bool = True,
     linked: bool = False,
     pace: "Pace | None" = None,
+    as_json: bool = False,
 ) -> bool:
     """Run, show how far it is, and say what was found; whether anything was.
 
     ``linked``: `link_latest` to the result. ``pace``: follow the frames as they arrive.
+    ``as_json``: print the answer for programs.
     """
     from pcnav.cli.follow import follow_arriving
     from pcnav.estimators.choice import chosen, refuse_mesh
@@ -267,10 +279,13 @@ def run_into(
             )
     if linked:
         link_latest(summary.folder)
-    _tell(summary)
-    if server is None:
-        typer.echo(f"web view: pcnav view {summary.folder}")
-    else:
+    if as_json:
+        typer.echo(summary.answer.model_dump_json())
+    elif not is_quiet():
+        _tell(summary)
+    if server is None and not as_json:
+        say(f"web view: pcnav view {summary.folder}")
+    if server is not None:
         from pcnav.cli.view import serve_until_interrupted
 
         serve_until_interrupted(server)

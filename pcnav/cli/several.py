@@ -8,6 +8,7 @@ from pathlib import Path
 import typer
 
 from pcnav.cli.dated_folder import dated_folder
+from pcnav.cli.verbosity import say
 from pcnav.core.errors import InputError
 
 
@@ -30,7 +31,10 @@ def folders_of(recordings: Sequence[Path], out: Path | None, now: datetime) -> l
 
 
 def run_several(
-    recordings: Sequence[Path], folders: Sequence[Path], run: Callable[[Path, Path], bool]
+    recordings: Sequence[Path],
+    folders: Sequence[Path],
+    run: Callable[[Path, Path], bool],
+    as_json: bool = False,
 ) -> bool:
     """Run one after another; whether all found something.
 
@@ -38,7 +42,8 @@ def run_several(
     """
     failed, found = [], []
     for recording, folder in zip(recordings, folders, strict=True):
-        typer.echo(f"== {recording}")
+        if not as_json:
+            say(f"== {recording}")
         try:
             found.append(run(recording, folder))
         except InputError as error:

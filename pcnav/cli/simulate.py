@@ -8,6 +8,7 @@ import typer
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
 from pcnav.cli.options import MeshUnit, Overwrite
 from pcnav.cli.progress import progress
+from pcnav.cli.verbosity import say
 from pcnav.config.length_unit import LengthUnit
 
 
@@ -40,4 +41,4 @@ def simulate_into(
     mesh = None if name is None else mesh_of_pipeline(path, name)
     with progress("simulate") as advance:
         told = simulate_pipeline(content, path, mesh, kind).write(out, overwrite, advance)
-    typer.echo(told)
+    say(told)

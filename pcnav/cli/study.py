@@ -10,6 +10,7 @@ import typer
 
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
+from pcnav.cli.verbosity import is_quiet
 from pcnav.core._extras import require_batch
 
 _STUDIES = "pcnav.studies" if find_spec("pcnav.studies") else "studies"
@@ -48,6 +49,8 @@ def study(
         summary = import_module(_STUDIES).run_study(
             name, out, runs=runs, workers=workers, overwrite=overwrite, on_progress=advance
         )
+    if is_quiet():
+        return
     # Numbers cut short would be worse than lines that wrap.
     console = Console(width=max(Console().width, 120))
     for table in summary.tables:

@@ -9,6 +9,7 @@ import typer
 from pcnav.batch.process import one_thread_each
 from pcnav.cli.options import Jobs, Overwrite, Scheduler
 from pcnav.cli.progress import progress
+from pcnav.cli.verbosity import is_quiet
 from pcnav.core._extras import require_batch
 from pcnav.core.errors import InputError
 
@@ -174,6 +175,8 @@ def _compare(
 def _print_summary(summary: "TableSummary") -> None:
     from pcnav.batch.pages import stacked
 
+    if is_quiet():
+        return
     console = _wide_console()
     for table in summary.tables:
         console.print(stacked(table).to_rich())

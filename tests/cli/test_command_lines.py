@@ -21,7 +21,7 @@ def test_help_shows_an_example_of_the_command(pcnav: Pcnav, command: str, flag: 
     answer = pcnav(command, flag)
     assert answer.code == 0
     assert answer.err == ""
-    assert f"Example: pcnav {command}" in answer.out
+    assert f"Example: `pcnav {command}" in answer.out
 
 
 def test_help_of_study_names_every_study(pcnav: Pcnav) -> None:
@@ -35,7 +35,7 @@ def test_without_a_command_the_help_is_shown(pcnav: Pcnav) -> None:
     answer = pcnav()
     assert answer.code == 0
     for command in COMMANDS:
-        assert re.search(rf"^│ {command} ", answer.out, re.MULTILINE)
+        assert re.search(rf"^  {command} ", answer.out, re.MULTILINE)
     assert pcnav("--version").out.startswith("pcnav ")
 
 
