@@ -75,7 +75,7 @@ def range_residual(depth_m: DepthImage, rendered: RenderedDepth) -> FloatArray:
     both = (depth_m > 0.0) & (rendered.triangle >= 0)
     residual = np.full(depth_m.shape, np.nan)
     difference = depth_m[both].astype(np.float64) - rendered.depth_m[both]
-    residual[both] = difference * range_per_depth(rendered.camera)[both]
+    residual[both] = difference * rendered.range_per_depth[both]
     return residual
 
 

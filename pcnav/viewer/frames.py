@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -14,8 +14,10 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import transform_points
+from pcnav.perception.scans import exposure_of_scan
 from pcnav.recordings.sequence import Frame, Sequence, stated_or_default_sigma
 from pcnav.target.rendering import DepthRenderer
+from pcnav.target.row_motion import Exposure, Readout, row_times
 from pcnav.target.satellite import Target
 from pcnav.viewer.colouring import (
     EXPLAINED_SIGMA,
@@ -143,10 +145,12 @@ class FrameStore:
         time_s: float,
         T_cam_model: FloatArray | None,
         max_points: int = MAX_POINTS,
+        motion: Readout | None = None,
     ) -> Shot | None:
         """A frame compared with the model at a pose (4, 4); None where it is not on disk.
 
-        No more than about so many of its returns are read, compared and drawn.
+        ``motion`` is the target's in the camera, where the frame took a time to be taken. No more
+        than about so many of its returns are read, compared and drawn.
         """
         pose = None if T_cam_model is None else tuple(T_cam_model.ravel().tolist())
         key = (index, time_s, pose, max_points)
@@ -154,15 +158,26 @@ class FrameStore:
             if key in self._kept:
                 self._kept.move_to_end(key)
             else:
-                self._keep(key, self._read(*key))
+                self._keep(key, self._read(*key, motion))
             return self._kept[key]
 
     def read_ahead(
-        self, index: int, time_s: float, T_cam_model: FloatArray | None, max_points: int
+        self,
+        index: int,
+        time_s: float,
+        T_cam_model: FloatArray | None,
+        max_points: int,
+        motion: Readout | None = None,
     ) -> None:
         """Get a frame that will be asked for next, unless another is being read ahead."""
         if self._ahead is None or self._ahead.done():
-            self._ahead = self._reader.submit(self.get, index, time_s, T_cam_model, max_points)
+            asked = (index, time_s, T_cam_model, max_points, motion)
+            self._ahead = self._reader.submit(self.get, *asked)
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether a frame's returns are seen one after the other."""
+        return self.recording.info.takes_time
 
     def _keep(self, key: "_Key", shot: Shot | None) -> None:
         self._kept[key] = shot
@@ -179,7 +194,12 @@ class FrameStore:
             return None
 
     def _read(
-        self, index: int, time_s: float, pose: tuple[float, ...] | None, max_points: int
+        self,
+        index: int,
+        time_s: float,
+        pose: tuple[float, ...] | None,
+        max_points: int,
+        motion: Readout | None,
     ) -> Shot | None:
         if index >= len(self.recording):
             return None
@@ -191,10 +211,11 @@ class FrameStore:
             return None
         n_returns = int(np.count_nonzero(whole.depth_m > 0.0))
         stride = max(1, int(np.ceil(np.sqrt(n_returns / max_points))))
-        frame = strided(whole, stride)
+        frame = whole.strided(stride)
         rows, columns = np.nonzero(frame.depth_m > 0.0)
         shown = (rows.astype(np.int16), columns.astype(np.int16))
-        rays, depth_m = pixel_rays(frame.camera)[shown], frame.depth_m[shown]
+        exposure = None if pose is None else self._exposure(frame, np.reshape(pose, (4, 4)), motion)
+        rays, depth_m = rays_of(frame)[shown], frame.depth_m[shown]
         points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)
         if pose is None:
             # It brings Open3D, which most views never need and all would wait for.
@@ -204,7 +225,7 @@ class FrameStore:
             labels = seen.image_labels[::stride, ::stride].astype(np.int16)
             return Shot(frame, stride, n_returns, shown, points, labels, None, None)
         T_cam_model = np.reshape(pose, (4, 4))
-        rendered = self._renderer(frame.camera).render(T_cam_model)
+        rendered = self._renderer(frame.camera).render(T_cam_model, exposure)
         residual_m = range_residual(frame.depth_m, rendered)
         planes, rectangles = (
             labels_of(rendered, residual_m, of_face, self.sigma_m).astype(np.int16)
@@ -216,10 +237,22 @@ class FrameStore:
             self._beside(frame, T_cam_model),
         )
 
+    def _exposure(
+        self, frame: Frame, T_cam_model: FloatArray, motion: Readout | None
+    ) -> Exposure | None:
+        """When and where the pixels of a frame look; None where all look at once."""
+        if frame.beams is not None:
+            return exposure_of_scan(frame.beams, frame.camera, T_cam_model, motion)
+        readout_s = self.recording.info.row_readout_s
+        if readout_s == 0.0 or motion is None:
+            return None
+        times_s = row_times(readout_s, frame.camera.height)
+        return Exposure.by_rows(motion.poses(T_cam_model, times_s), frame.camera.width)
+
     def _beside(self, frame: Frame, T_cam_model: FloatArray) -> BoolArray:
         """(height, width) returns that lie outside a ball about the target at a pose."""
         middle = np.asarray(self._target.mesh.bounds).mean(axis=0)
-        off = pixel_rays(frame.camera) * frame.depth_m[..., None].astype(np.float64)
+        off = rays_of(frame) * frame.depth_m[..., None].astype(np.float64)
         off -= transform_points(T_cam_model, middle[None])[0]
         reach_m = _REACH_FRACTION * self._target.diameter_m + EXPLAINED_SIGMA * self.sigma_m
         return np.asarray((frame.depth_m > 0.0) & (np.einsum("ijk,ijk->ij", off, off) > reach_m**2))
@@ -233,12 +266,11 @@ class FrameStore:
         return self._renderers[camera]
 
 
+def rays_of(frame: Frame) -> FloatArray:
+    """(height, width, 3) that the pixels of a frame look along, z = 1."""
+    if frame.beams is None:
+        return pixel_rays(frame.camera)
+    return frame.beams.image_rays(frame.camera)
+
+
 _Key = tuple[int, float, tuple[float, ...] | None, int]
-
-
-def strided(frame: Frame, stride: int) -> Frame:
-    """Every so many rows and columns of a frame, from the first on."""
-    if stride == 1:
-        return frame
-    depth_m = np.ascontiguousarray(frame.depth_m[::stride, ::stride])
-    return replace(frame, depth_m=depth_m, camera=frame.camera.strided(stride), unseen=None)

@@ -13,7 +13,9 @@ import viser
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import invert_transform, transform_points
+from pcnav.estimators.depth.motion_within import motion_about
 from pcnav.runs.records import ACCEPTED, RectangleRecord
+from pcnav.target.row_motion import Readout
 from pcnav.viewer.frames import MAX_POINTS, Shot
 from pcnav.viewer.glyphs import closed
 from pcnav.viewer.loaded_run import LoadedRun
@@ -238,12 +240,23 @@ def shot_of(loaded: LoadedRun, frame: int, max_points: int = MAX_POINTS) -> Shot
     """The depth frame of a row of a run, compared with the model where there is an estimate."""
     if loaded.frames is None or not len(loaded):
         return None
-    time_s = float(loaded.run.time_s[frame])
-    return loaded.frames.get(frame, time_s, loaded.pose(frame), max_points)
+    time_s, motion = float(loaded.run.time_s[frame]), _motion(loaded, frame)
+    return loaded.frames.get(frame, time_s, loaded.pose(frame), max_points, motion)
 
 
 def read_ahead(loaded: LoadedRun, frame: int, max_points: int) -> None:
     """Read a frame that will be shown next, meanwhile."""
     if loaded.frames is not None and 0 <= frame < len(loaded):
         time_s = float(loaded.run.time_s[frame])
-        loaded.frames.read_ahead(frame, time_s, loaded.pose(frame), max_points)
+        motion = _motion(loaded, frame)
+        loaded.frames.read_ahead(frame, time_s, loaded.pose(frame), max_points, motion)
+
+
+def _motion(loaded: LoadedRun, frame: int) -> Readout | None:
+    """Of the target in the camera about a frame, by the poses beside it; None where no frame takes
+    a time, or none beside it has a pose."""
+    if loaded.frames is None or not loaded.frames.takes_time or loaded.pose(frame) is None:
+        return None
+    near = [k for k in range(frame - 1, frame + 2) if 0 <= k < len(loaded)]
+    poses = [(float(loaded.run.time_s[k]), T) for k in near if (T := loaded.pose(k)) is not None]
+    return motion_about(poses, [time_s for time_s, _ in poses].index(loaded.run.time_s[frame]))

@@ -193,7 +193,8 @@ def frame_picture(
     colours = np.full((*depth_m.shape, 3), _EMPTY, dtype=np.float64)
     shades = 1.0 if shot.shows_residuals(by) else depth_shades(depth_m, camera)[returned][:, None]
     colours[returned] = shot.colours(by, scale_m, returned) * shades
-    top, left, height, width = _window(returned)
+    own = returned if shot.beside is None else returned & ~shot.beside
+    top, left, height, width = _window(own if own.any() else returned)
     part = _cropped(colours.astype(np.uint8), top, left, height, width)
     factor = max(1, round(_PICTURE_PX / width))
     image = Image.fromarray(part).resize(
@@ -215,7 +216,7 @@ def _window(returned: npt.NDArray[np.bool_]) -> tuple[int, int, int, int]:
     rows, columns = np.flatnonzero(returned.any(axis=1)), np.flatnonzero(returned.any(axis=0))
     if not rows.size:
         rows, columns = (np.array([0, size - 1]) for size in returned.shape)
-    border = max(1, (rows[-1] - rows[0]) // 16)
+    border = max(1, (rows[-1] - rows[0]) // 8)
     height = max(rows[-1] - rows[0] + 1 + 2 * border, (columns[-1] - columns[0] + 3) / _ASPECT)
     height, width = int(np.ceil(height)), int(np.ceil(height * _ASPECT))
     top, left = (rows[0] + rows[-1] - height) // 2, (columns[0] + columns[-1] - width) // 2

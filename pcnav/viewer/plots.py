@@ -15,7 +15,6 @@ from pcnav.viewer.palette import REJECTED_COLOUR, RUNS, TRUTH, Rgb, coloured, he
 _KNOWN: Rgb = (80, 130, 255)
 _NO_ESTIMATE: Rgb = REJECTED_COLOUR
 _DIFFERENCE = "difference: "
-_HEIGHT_PX = 360
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,6 @@ def plots_of(runs: tuple[LoadedRun, ...], name: str) -> Plots:
     first, last = (min(t[0] for t in times), max(t[-1] for t in times)) if times else (0.0, 1.0)
     data = {
         "span": [float(first), float(last if last > first else first + 1.0)],
-        "height": _HEIGHT_PX,
         "charts": [_plot(row) for row in rows if any(len(chart.time_s) for chart, _, _ in row)],
     }
     return Plots(data, _key(runs, [group for group, _, _ in groups]))

@@ -12,6 +12,7 @@ import viser
 
 from pcnav.viewer.address import PageState, read_address
 from pcnav.viewer.assessment import worst_frame
+from pcnav.viewer.browser import BACKGROUND
 from pcnav.viewer.camera import Viewfinder, Viewpoint
 from pcnav.viewer.clock import Playback
 from pcnav.viewer.controls import Controls
@@ -185,6 +186,9 @@ class Session:
         self._client.gui.configure_theme(
             dark_mode=dark, show_share_button=False, show_logo=False, brand_color=(80, 150, 255)
         )
+        # The scene stays dark: its colours are for that.
+        behind = None if dark else np.full((2, 2, 3), BACKGROUND, dtype=np.uint8)
+        self._client.scene.set_background_image(behind, format="png")
 
     @property
     def shown_frame(self) -> int:
@@ -249,10 +253,10 @@ class Session:
             Key("end", "last frame", lambda: self.step(last)),
             Key("N", "next event", lambda: self.jump(1, None)),
             Key("P", "previous event", lambda: self.jump(-1, None)),
-            Key("W", "largest error over σ", self.go_to_worst),
+            Key("X", "largest error over σ", self.go_to_worst),
             Key("C", "colour the points by the next quantity", controls.next_colours),
             Key("M", "measure a distance", controls.toggle_measure),
-            Key("D", "dark or light", controls.toggle_dark),
+            Key("L", "dark or light", controls.toggle_dark),
             *(
                 Key(str(k + 1), f"show or hide: {layer}", partial(controls.toggle, k))
                 for k, layer in enumerate(controls.layers[:9])

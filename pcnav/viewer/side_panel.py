@@ -26,7 +26,8 @@ class SidePanel:
     ) -> None:
         panel = gui.add_panel()
         with panel.add_tab("Image and plots"):
-            self._image = gui.add_image(np.zeros((8, 8, 3), dtype=np.uint8), format="png")
+            nothing = np.zeros((8, 8, 3), dtype=np.uint8)
+            self._image = gui.add_image(nothing, format="png", visible=False)
             self._choice = gui.add_dropdown("plots", choices(runs))
             gui.add_html(PLOTS_HTML)
             self._key = gui.add_html("")
@@ -71,7 +72,7 @@ class SidePanel:
             facts.content = "" if at is None else facts_html(loaded, at, options.magnified)
         if first.target is not None:
             self._measurements.content = measurements_html(records)
-        self._image.visible = shot is not None
         if shot is not None and first.frames is not None:
             scale_m = options.residual_scale_m or first.frames.scale_m
             self._image.image = frame_picture(shot, records, options.colour_by, scale_m)
+        self._image.visible = shot is not None

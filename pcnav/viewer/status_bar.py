@@ -13,17 +13,18 @@ Item = dict[str, Any]
 
 
 def status_of_frame(runs: tuple[LoadedRun, ...], frame: int) -> dict[str, Any]:
-    """Frame, time and items of the bar, for the page."""
+    """Frame, time and items of the bar, a row a run, for the page."""
     first = runs[0]
     time_s = float(first.run.time_s[frame])
-    items = []
+    rows = []
     for k, (loaded, colour) in enumerate(zip(runs, RUNS, strict=False)):
         at = frame if k == 0 else loaded.nearest_frame(time_s)
-        items.append({"value": loaded.name, "colour": hex_of(colour)})
+        items: list[Item] = [{"value": loaded.name, "colour": hex_of(colour)}]
         items += [{"value": "no frame then"}] if at is None else items_of(loaded, at)
-    if first.target is not None:
-        items.append({"label": "symmetry", "value": first.target.symmetry_name})
-    return {"frame": frame, "last": len(first) - 1, "time": round(time_s, 6), "items": items}
+        if loaded.target is not None:
+            items.append({"label": "symmetry", "value": loaded.target.symmetry_name})
+        rows.append(items)
+    return {"frame": frame, "last": len(first) - 1, "time": round(time_s, 6), "rows": rows}
 
 
 def items_of(loaded: LoadedRun, frame: int) -> list[Item]:

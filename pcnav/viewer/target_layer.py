@@ -28,6 +28,8 @@ from pcnav.viewer.render_options import (
 
 _GHOST_SCALE = 1.012
 """The true mesh is drawn so much larger: it would be hidden by an estimate that is right."""
+_MAX_RADIUS = 1.5
+"""Of an ellipsoid, over the target's size."""
 _OF_FIRST = frozenset({Layer.BODY, Layer.PRINCIPAL, Layer.TRUTH})
 """Axes have their usual colours whatever the run: two sets would be confused."""
 
@@ -100,9 +102,9 @@ class TargetLayer:
         if Layer.PRINCIPAL in shown:
             self._principal.wxyz = wxyz_of(principal_axes_model(trajectory[RATIOS][frame]))
         if Layer.COM in shown:
-            _stretch(self._com_spread, loaded.covariance(CENTRE, frame), magnified)
+            self._stretch(self._com_spread, loaded.covariance(CENTRE, frame), magnified)
         if Layer.POSITION in shown:
-            _stretch(self._position_spread, loaded.position_spread_cam(frame), magnified)
+            self._stretch(self._position_spread, loaded.position_spread_cam(frame), magnified)
             self._position_spread.position = vector(loaded.centre(frame))
         if Layer.ATTITUDE in shown:
             sd, length = loaded.sd(ATTITUDE, frame), 0.5 * loaded.size_m
@@ -112,7 +114,7 @@ class TargetLayer:
     def _show_arrows(self, frame: int, shown: frozenset[Layer]) -> None:
         loaded, trajectory = self._run, self._run.trajectory
         omega = trajectory[RATE][frame] if loaded.has(RATE) else np.zeros(3)
-        rate, length = float(np.linalg.norm(omega)), 0.8 * self._run.size_m
+        rate, length = float(np.linalg.norm(omega)), 0.6 * self._run.size_m
         moves = rate > 0.0 and bool(np.isfinite(omega).all())
         for layer, (arrow, text) in self._arrows.items():
             arrow.visible = moves and layer in shown
@@ -126,6 +128,19 @@ class TargetLayer:
                 text.text = "angular momentum"
             arrow.points = np.stack([np.zeros(3), length * tip])[None]
             text.position = vector(1.08 * length * tip)
+
+    def _stretch(
+        self, handle: viser.IcosphereHandle, covariance: FloatArray, magnified: float
+    ) -> None:
+        """Draw the standard deviations of a (3, 3) covariance so many times larger.
+
+        One that would swallow the picture is left out; its numbers are beside it.
+        """
+        spread = sigma_ellipsoid(covariance)
+        radii = magnified * spread.radii
+        handle.visible = bool(radii.max() <= _MAX_RADIUS * self._run.size_m)
+        handle.scale = vector(np.maximum(radii, 1e-6))
+        handle.wxyz = wxyz_of(spread.R)
 
     def go_on(self, loaded: LoadedRun) -> None:
         """Draw a later state of the same run, which has more frames, from now on."""
@@ -220,10 +235,3 @@ class TargetLayer:
             thickness=1.5,
             thickness_units="screen",
         )
-
-
-def _stretch(handle: viser.IcosphereHandle, covariance: FloatArray, magnified: float) -> None:
-    """Draw the standard deviations of a (3, 3) covariance so many times larger."""
-    spread = sigma_ellipsoid(covariance)
-    handle.scale = vector(np.maximum(magnified * spread.radii, 1e-6))
-    handle.wxyz = wxyz_of(spread.R)

@@ -160,11 +160,11 @@ def test_a_wrong_lock_does_not_look_right(loaded: LoadedRun) -> None:
     inliers = np.full(FRAMES, 0.57)
     false = with_notes(replace(loaded, errors=wrong), inlier_ratio=inliers)
     told = status_of_frame((false,), LAST)
-    items = {item.get("label", ""): item for item in told["items"]}
+    items = {item.get("label", ""): item for item in told["rows"][0]}
     assert items["inliers"]["value"] == "57 %"
     assert "147 deg" in items["error"]["value"] and items["error"]["bad"]
     assert "NIS" in items and items["symmetry"]["value"] == "C1"
-    right = {i.get("label", ""): i for i in status_of_frame((loaded,), LAST)["items"]}
+    right = {i.get("label", ""): i for i in status_of_frame((loaded,), LAST)["rows"][0]}
     assert not right["error"].get("bad", False)
     ratio = error_over_sigma(false)
     assert ratio is not None and int(np.nanargmax(ratio)) == LAST

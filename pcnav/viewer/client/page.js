@@ -3,7 +3,7 @@
 (() => {
   if (window.pcnav) window.pcnav.close();
 
-  const TOP = 34, GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
+  const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
   const data = {};
   const ends = [];
   let pointer = [200, 200];
@@ -22,11 +22,15 @@
     document.documentElement.getAttribute("data-mantine-color-scheme") !== "light";
   const ink = (share = 1) => (isDark() ? `rgba(200,204,212,${share})` : `rgba(40,44,52,${share})`);
 
+  // Colours are those of a dark page; on a light one texts and lines are darker.
+  const readable = (colour) => (isDark() ? colour : colour.replace(/^#(..)(..)(..)$/, (_, ...rgb) =>
+    `rgb(${rgb.slice(0, 3).map((each) => Math.round(parseInt(each, 16) * 0.62)).join(",")})`));
+
   // To the server: one message at a time, since the field holds but the last.
   const waiting = [];
   let sent = 0, timer = null;
   const field = () =>
-    document.querySelector("[data-floating-window]:has(.pcnav-bridge) input[type=text]");
+    document.querySelector("[data-floating-window]:has(.pcnav-bridge) input");
   const pump = () => {
     timer = null;
     const input = field();
@@ -52,20 +56,22 @@
   const tip = make("div", "pcnav-tip");
   const card = make("div", "pcnav-card");
   const help = make("div", "pcnav-help");
+  const top = () => 8 + 26 * (data.now ? data.now.rows.length : 1);
   const footHeight = () => 50 + (data.timeline ? data.timeline.runs : [])
     .reduce((sum, run) => sum + 16 + 21 * run.bars.length, 0);
 
   const layOut = () => {
     style.textContent = `
-      #root { position: fixed; left: 0; right: 0; top: ${TOP}px; bottom: ${footHeight()}px;
+      #root { position: fixed; left: 0; right: 0; top: ${top()}px; bottom: ${footHeight()}px;
               height: auto !important; }
       [data-floating-window]:has(.pcnav-bridge) { display: none !important; }
       #pcnav-status, #pcnav-time, #pcnav-card, #pcnav-help, #pcnav-tip {
         font: 12px/1.4 system-ui, sans-serif; color: ${ink()};
         background: ${isDark() ? "#1b1c20" : "#f4f5f7"}; }
-      #pcnav-status { position: fixed; left: 0; right: 0; top: 0; height: ${TOP}px; display: flex;
+      #pcnav-status { position: fixed; left: 0; right: 0; top: 0; height: ${top()}px; display: flex;
         align-items: center; gap: 18px; padding: 0 12px; white-space: nowrap; overflow: hidden;
         box-sizing: border-box; border-bottom: 1px solid ${ink(0.2)}; }
+      #pcnav-status .row { display: flex; gap: 18px; align-items: center; height: 26px; }
       #pcnav-status b { font-weight: 600; }
       #pcnav-status i { font-style: normal; opacity: .7; margin-right: 5px; }
       #pcnav-status .chip { padding: 1px 9px; border-radius: 9px; color: #14151a; }
@@ -118,14 +124,19 @@
     if (!now) return;
     if (document.activeElement && document.activeElement.id === "pcnav-frame") return;
     bar.replaceChildren();
-    for (const item of now.items) {
-      const box = make("span", null, bar);
+    const lines = make("div", null, bar);
+    for (const [item, row] of now.rows.flatMap((items) => {
+      const row = make("div", null, lines);
+      row.className = "row";
+      return items.map((item) => [item, row]);
+    })) {
+      const box = make("span", null, row);
       box.title = item.title || "";
       if (item.bad) box.className = "bad";
       if (item.label) make("i", null, box).textContent = item.label;
       const value = make(item.chip ? "span" : "b", null, box);
       if (item.chip) { value.className = "chip"; value.style.background = item.colour; }
-      else if (item.colour) value.style.color = item.colour;
+      else if (item.colour) value.style.color = readable(item.colour);
       value.textContent = item.value;
     }
     const box = make("span", null, bar);
@@ -197,7 +208,7 @@
     const right = canvas.clientWidth - RIGHT, bottom = canvas.clientHeight - 24;
     for (const row of rows()) {
       pen.textAlign = "right";
-      pen.fillStyle = row.kind === "strip" ? row.run.colour : ink(0.8);
+      pen.fillStyle = row.kind === "strip" ? readable(row.run.colour) : ink(0.8);
       const name = row.kind === "strip" ? row.run.name : row.bars.name;
       pen.fillText(name, GUTTER - 8, row.top + row.height / 2, GUTTER - 12);
       if (row.kind === "strip") {
@@ -214,7 +225,7 @@
         const a = x(row.bars.edges[k]), b = x(row.bars.edges[k + 1]);
         const height = Math.min(value / row.bars.top, 1) * row.height;
         pen.fillStyle = row.bars.bound !== null && value > row.bars.bound ? "#eb5032" : row.run.colour;
-        pen.fillRect(a, row.top + row.height - height, Math.max(b - a - 0.3, 1), Math.max(height, 1));
+        pen.fillRect(a, row.top + row.height - height, Math.max(b - a - (b - a > 8 ? 0.5 : 0), 1), Math.max(height, 1));
       });
       pen.textAlign = "left";
       pen.fillStyle = ink(0.6);
@@ -303,7 +314,7 @@
     table(card, told.title, told.rows, hideCard);
     const { width, height } = card.getBoundingClientRect();
     card.style.left = `${Math.max(4, Math.min(pointer[0] + 14, innerWidth - width - 8))}px`;
-    card.style.top = `${Math.max(TOP + 4, Math.min(pointer[1] + 14, innerHeight - height - 8))}px`;
+    card.style.top = `${Math.max(top() + 4, Math.min(pointer[1] + 14, innerHeight - height - 8))}px`;
   };
   const setAddress = () => {
     // Not behind a #, which viser takes for a part of the server's address.
@@ -312,7 +323,7 @@
 
   const drawAll = () => { layOut(); drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); };
   const shows = {
-    now: () => { drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); },
+    now: () => { if (`${bar.clientHeight + 1}` !== `${top()}`) layOut(); drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); },
     timeline: () => { layOut(); drawTime(); },
     plots: () => { if (pcnav.plots) pcnav.plots.taken(); },
     card: showCard,
@@ -337,6 +348,10 @@
     if (event.key === "Escape") { hideHelp(); if (card.style.display === "block") hideCard(); }
     if ([" ", "ArrowLeft", "ArrowRight", "Home", "End"].includes(event.key)) event.preventDefault();
   });
+  // The arrows move through time; viser, which listens farther out, would move its camera as well.
+  on(document.documentElement, "keydown", (event) => {
+    if (event.key.startsWith("Arrow")) event.stopPropagation();
+  });
   const watch = new MutationObserver(() => drawAll());
   watch.observe(document.documentElement, { attributeFilter: ["data-mantine-color-scheme"] });
 
@@ -348,7 +363,7 @@
     if (window.pcnav.plots) window.pcnav.plots.close();
     window.dispatchEvent(new Event("resize"));
   };
-  const pcnav = { data, say, take, close, fitted, ticks, ink, isDark, showTip };
+  const pcnav = { data, say, take, close, fitted, ticks, ink, isDark, readable, showTip, footHeight };
   window.pcnav = pcnav;
   layOut();
   window.dispatchEvent(new Event("resize"));

@@ -45,13 +45,12 @@
     const f = warp(chart), right = width - PAD;
     const x = (t) => LEFT + ((t - from) / (to - from || 1)) * (right - LEFT);
     const y = (v) => 16 + (1 - (f(v) - low) / (high - low)) * height;
-    const dark = pcnav.isDark(), name = (c) => (dark ? c : c.replace(/^#(..)(..)(..)$/, (_, r, g, b) =>
-      `rgb(${[r, g, b].map((each) => Math.round(parseInt(each, 16) * 0.62)).join(",")})`));
+    const dark = pcnav.isDark(), name = pcnav.readable;
     pen.fillStyle = pcnav.ink();
     pen.textAlign = "left";
     pen.fillText(chart.label, 8, 8, right);
     pen.textAlign = "right";
-    for (const [at, value] of values(chart, low, high, height / 26)) {
+    for (const [at, value] of values(chart, low, high, Math.max(height / 26, 3))) {
       const py = 16 + (1 - (at - low) / (high - low)) * height;
       pen.fillStyle = pcnav.ink(0.1);
       pen.fillRect(LEFT, py, right - LEFT, 1);
@@ -149,7 +148,9 @@
     boxes = [];
     if (!place) return;
     place.replaceChildren();
-    const each = Math.min(190, Math.max(78, (spec().height - FOOT) / Math.max(charts.length, 1)));
+    // All of them down to the time line, unless they became too low to be read.
+    const room = innerHeight - pcnav.footHeight() - place.getBoundingClientRect().top - FOOT - 8;
+    const each = Math.min(190, Math.max(72, room / Math.max(charts.length, 1)));
     charts.forEach((chart, k) => {
       const box = document.createElement("canvas");
       box.style.height = `${each + (k === charts.length - 1 ? FOOT - 8 : 0)}px`;
