@@ -88,23 +88,23 @@ def _home() -> Iterator[tuple[Path, int]]:
         shutil.rmtree(home, ignore_errors=True)
 
 
-def picture_png(client: viser.ClientHandle, width: int, height: int) -> bytes:
-    """What a browser shows of the scene, on its dark background, as PNG."""
+def picture(client: viser.ClientHandle, width: int, height: int) -> npt.NDArray[np.uint8]:
+    """(h, w, 3) what a browser shows of the scene, on its dark background."""
     drawn = client.get_render(height, width, transport_format="png", timeout=_PATIENCE_S)
-    return png_bytes(on_background(drawn))
+    return on_background(drawn)
 
 
-def settled_png(client: viser.ClientHandle, width: int, height: int) -> bytes:
+def settled_picture(client: viser.ClientHandle, width: int, height: int) -> npt.NDArray[np.uint8]:
     """The picture once it stays the same: letters and shaders take a browser some time."""
-    picture, same = b"", 0
+    last, same = picture(client, width, height), 0
     for _ in range(_MAX_PICTURES):
-        newer = picture_png(client, width, height)
-        same = same + 1 if newer == picture else 0
+        time.sleep(_BETWEEN_PICTURES_S)
+        newer = picture(client, width, height)
+        same = same + 1 if np.array_equal(newer, last) else 0
         if same == _SAME_PICTURES:
             break
-        picture = newer
-        time.sleep(_BETWEEN_PICTURES_S)
-    return picture
+        last = newer
+    return last
 
 
 def on_background(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

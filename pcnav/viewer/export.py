@@ -8,7 +8,8 @@ import numpy as np
 import viser
 
 from pcnav.core.errors import InputError
-from pcnav.viewer.browser import opened_page, picture_png, settled_png
+from pcnav.viewer.annotate import annotated, overlaid
+from pcnav.viewer.browser import opened_page, picture, png_bytes, settled_picture
 from pcnav.viewer.layers import RunLayers, shot_of
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import RUNS
@@ -56,10 +57,13 @@ def exported(
         return scene_html(runs, frame, options)
     if share is Share.RECORDING:
         return recording(runs, options, on_frame)
+    shot = shot_of(runs[0], frame, options.max_points)
     if client is not None:
-        return picture_png(client, client.camera.image_width, client.camera.image_height)
+        size = client.camera.image_width, client.camera.image_height
+        return png_bytes(annotated(picture(client, *size), runs, frame, options, shot))
     with _still(runs, frame, options) as server, opened_page(server, *_PICTURE_SIZE) as page:
-        return settled_png(page, *_PICTURE_SIZE)
+        settled = settled_picture(page, *_PICTURE_SIZE)
+    return png_bytes(annotated(settled, runs, frame, options, shot))
 
 
 def file_name(share: Share, runs: tuple[LoadedRun, ...], frame: int) -> str:
@@ -71,7 +75,9 @@ def file_name(share: Share, runs: tuple[LoadedRun, ...], frame: int) -> str:
 def scene_html(runs: tuple[LoadedRun, ...], frame: int, options: RenderOptions) -> bytes:
     """A page of its own that shows one frame and can be turned; it opens without a network."""
     with _still(runs, frame, options) as server:
-        return server.get_scene_serializer().as_html(dark_mode=True).encode("utf-8")
+        html = server.get_scene_serializer().as_html(dark_mode=True)
+    shot = shot_of(runs[0], frame, options.max_points)
+    return overlaid(html, runs, frame, options, shot).encode("utf-8")
 
 
 def recorded_frames(loaded: LoadedRun) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ import pytest
 
 from pcnav.core.errors import InputError
 from pcnav.files.new_file import refuse_existing, write_whole
+from pcnav.viewer.annotate import annotated, legend_words
 from pcnav.viewer.browser import on_background
 from pcnav.viewer.export import (
     recorded_frames,
@@ -15,7 +16,10 @@ from pcnav.viewer.export import (
     scene_html,
     shown_frame,
 )
+from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.layers import shot_of
 from pcnav.viewer.loaded_run import LoadedRun
+from pcnav.viewer.palette import RESIDUAL_STOPS, STATUS
 from pcnav.viewer.playback import read_recording, recording_page
 from pcnav.viewer.render_options import RenderOptions
 from tests.viewer.conftest import FRAMES
@@ -26,6 +30,24 @@ def test_the_page_of_a_frame_holds_all_it_needs(loaded: LoadedRun) -> None:
     assert "__VISER_EMBED_DATA__" in html
     tags = re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=[\"']?(https?:)", html)
     assert tags == []
+    # What a picture of points alone would not say.
+    assert "locked" in html and "inliers" in html and "returns drawn" in html
+
+
+def test_a_picture_has_its_status_above_and_its_legend_below(loaded: LoadedRun) -> None:
+    picture = np.full((50, 900, 3), 20, dtype=np.uint8)
+    last, options = FRAMES - 1, RenderOptions(colour_by=ColourBy.RESIDUAL)
+    shot = shot_of(loaded, last)
+    made = annotated(picture, (loaded,), last, options, shot)
+    assert made.shape[0] > 50 + 2 * 24 and made.shape[1] == 900
+    above, below = made[:24], made[74:]
+    assert (made[24:74] == 20).all()
+    # Its status in the status' colour, and the ends of the scale of residuals.
+    assert (above == STATUS["locked"]).all(axis=-1).any()
+    for stop in (RESIDUAL_STOPS[0], RESIDUAL_STOPS[-1]):
+        assert (below == stop).all(axis=-1).any()
+    words = " ".join(text for row in legend_words(loaded, last, options, shot) for _, text in row)
+    assert "range measured minus model, mm" in words and "returns drawn" in words
 
 
 def test_a_recording_grows_with_its_frames_and_plays_in_a_page(
