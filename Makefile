@@ -92,8 +92,8 @@ dist: setup ## Build wheel and sdist, and try both in a clean environment
 	done; \
 	echo "dist done: $$(ls dist | tr '\n' ' ')"
 
-bench: setup ## Measure pcnav against its peers
-	$(BIN)/python -m benchmarks
+bench: setup ## Measure pcnav against its peers and its past (BENCH='--only speed --compare')
+	$(BIN)/python -m benchmarks $(BENCH)
 
 studies: setup ## Rebuild every study's tables and figures under runs/studies
 	@set -e; for study in $(STUDIES); do \

@@ -48,38 +48,64 @@ def main(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for the comparison's tables.")
     ] = _OUT,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Beside the last entry of the folder's history.")
+    ] = False,
 ) -> None:
     """Measure pcnav against its peers, print tables and write the comparison to a folder.
 
-    Example: `python -m benchmarks --only accuracy --satellite boxsat`
+    Times and memory are added to a history in that folder.
+
+    Example: `python -m benchmarks --only speed --compare`
     """
     # As the command line of pcnav does; NumPy reads it when it is first imported, below.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     parts = only or list(Part)
     console = Console(width=max(150, Console().width))
     console.print(f"{os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} before the start")
+    numbers: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="pcnav-bench-") as name:
         folder = Path(name)
         if Part.SPEED in parts:
-            _speed(frames, folder, console)
+            numbers |= _speed(frames, folder, console)
         if Part.ACCURACY in parts:
             _accuracy(frames, satellite or list(Satellite), folder, out, console)
         if Part.MEMORY in parts:
-            _memory(long_frames, folder, console)
+            numbers |= _memory(long_frames, folder, console)
         if Part.SCALING in parts:
             _scaling(batch_runs, console)
         if Part.VIEWER in parts:
             _viewer(folder, console)
+    if numbers:
+        _history(out, numbers, console, compare=compare)
 
 
-def _speed(frames: int, folder: Path, console: Console) -> None:
-    from benchmarks.scenes import record, shortened
+def _history(out: Path, numbers: dict[str, float], console: Console, *, compare: bool) -> None:
+    from benchmarks.history import append, comparison_table, entry_of, last_of_same, read
+
+    entry, earlier = entry_of(numbers), read(out)
+    append(out, entry)
+    before = last_of_same(earlier, entry)
+    if compare and before is not None:
+        console.print(comparison_table(before, entry))
+    elif compare:
+        console.print(f"nothing to compare with in {out}: this is its first entry")
+
+
+def _speed(frames: int, folder: Path, console: Console) -> dict[str, float]:
+    from benchmarks.scenes import load, record, shortened
     from benchmarks.speed import measure_throughput, throughput_table
+    from benchmarks.steps import measure_steps, steps_table
 
     warm_up = record("boxsat", shortened("boxsat", _WARM_UP_FRAMES), folder / "warm-up")
     measure_throughput(warm_up, folder / "warm-up-result")
     scene = record("boxsat", shortened("boxsat", frames), folder / "speed")
-    console.print(throughput_table(scene, measure_throughput(scene, folder / "speed-result")))
+    throughput = measure_throughput(scene, folder / "speed-result")
+    console.print(throughput_table(scene, throughput))
+    case = load(scene)
+    steps = measure_steps(case)
+    console.print(steps_table(case, steps))
+    return {**throughput.numbers, **steps.numbers}
 
 
 def _accuracy(
@@ -109,11 +135,12 @@ def _accuracy(
     console.print(f"tables: {out}")
 
 
-def _memory(long_frames: int, folder: Path, console: Console) -> None:
+def _memory(long_frames: int, folder: Path, console: Console) -> dict[str, float]:
     from benchmarks.memory import SHORT_FRAMES, measure_memory, memory_table
 
-    short = measure_memory(SHORT_FRAMES, folder)
-    console.print(memory_table(short, measure_memory(long_frames, folder)))
+    short, long = measure_memory(SHORT_FRAMES, folder), measure_memory(long_frames, folder)
+    console.print(memory_table(short, long))
+    return short.numbers
 
 
 def _scaling(batch_runs: int, console: Console) -> None:

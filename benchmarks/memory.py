@@ -31,6 +31,12 @@ class PeakMemory:
     whole: int
     """With the evaluation and the report."""
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """By name, for a history."""
+        of = f"peak of {self.frames} frames"
+        return {f"{of}, MB": _MB * self.tracking, f"{of} and report, MB": _MB * self.whole}
+
 
 def long_pipeline(frames: int) -> Pipeline:
     """The benchmark's satellite before a small camera, held in the orbit so that it stays in view.

@@ -10,7 +10,7 @@ from benchmarks.scenes import Scene
 from benchmarks.stopwatch import Stopwatch
 from pcnav.pipeline import run
 
-_READING = "reading depth images"
+_READING = "waiting for depth images"
 _PERCEPTION = "perception of the frame"
 _ACQUISITION = "acquisition (first frames)"
 _COMPARISON = "comparison with the rendered view"
@@ -32,7 +32,8 @@ PER_FRAME = (
 
 _PLACES = {
     "pcnav.pipeline.open_recording": _READING,
-    "pcnav.recordings.sequence.Sequence.frame": _READING,
+    # They are read in a thread beside; this is what the run waits for it.
+    "concurrent.futures.Future.result": _READING,
     "pcnav.perception.reading.perceive": _PERCEPTION,
     "pcnav.perception.reading.pose_hypotheses": _ACQUISITION,
     "pcnav.perception.render_compare.RenderComparer.compare": _COMPARISON,
@@ -63,6 +64,13 @@ class Throughput:
     def frames_per_second(self) -> float:
         """Reading and writing included, evaluation and report not."""
         return self.frames / sum(self.seconds.get(stage, 0.0) for stage in PER_FRAME)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """By name, for a history."""
+        per_frame = {f"{stage}, ms a frame": self.seconds.get(stage, 0.0) for stage in PER_FRAME}
+        report = {f"{_REPORT}, s": self.seconds.get(_REPORT, 0.0)}
+        return {name: 1e3 * s / self.frames for name, s in per_frame.items()} | report
 
 
 def measure_throughput(scene: Scene, out: Path) -> Throughput:

@@ -1,6 +1,7 @@
 """Every part of the benchmarks runs, and its numbers are what they say. Nothing about seconds."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import pytest
 pytest.importorskip("small_gicp", reason="the peers are installed with the extra `peers`")
 
 from benchmarks.accuracy import Spread, score_case
+from benchmarks.history import append, comparison_table, entry_of, last_of_same, read
 from benchmarks.memory import PeakMemory, long_pipeline, measure_memory, memory_table
 from benchmarks.peers import METHODS, OURS, Method, Poses
 from benchmarks.scaling import BatchCost, measure_batch, speed_table
@@ -17,6 +19,7 @@ from benchmarks.scaling import memory_table as scaling_memory_table
 from benchmarks.scaling_runs import real_runs
 from benchmarks.scenes import Case, load, record, shortened
 from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
+from benchmarks.steps import measure_steps, steps_table
 from benchmarks.stopwatch import Stopwatch
 from pcnav.simulation.motion import true_motion
 
@@ -55,6 +58,31 @@ def test_throughput_accounts_for_the_whole_run(case: Case, tmp_path: Path) -> No
     running = sum(throughput.seconds.get(stage, 0.0) for stage in PER_FRAME)
     assert throughput.frames_per_second == pytest.approx(_FRAMES / running)
     assert throughput_table(case.scene, throughput).row_count == len(PER_FRAME) + 2
+
+
+def test_steps_are_timed_after_the_start(case: Case) -> None:
+    times = measure_steps(case)
+    assert 1 <= times.frames < _FRAMES - 1
+    assert 0.0 < times.floor < times.median <= times.p99 <= times.longest
+    assert times.start > times.median
+    assert times.numbers["step median over floor"] == times.median / times.floor
+    assert steps_table(case, times).row_count == 5
+
+
+def test_history_compares_with_the_last_that_measured_the_same(tmp_path: Path) -> None:
+    assert read(tmp_path / "bench") == []
+    for numbers in ({"a, ms": 4.0, "b, MB": 1.0}, {"c, s": 7.0}, {"a, ms": 3.0}):
+        append(tmp_path / "bench", entry_of(numbers))
+    append(tmp_path / "bench", replace(entry_of({"a, ms": 9.0}), machine="another"))
+    entries = read(tmp_path / "bench")
+    assert [entry.numbers for entry in entries][:2] == [{"a, ms": 4.0, "b, MB": 1.0}, {"c, s": 7.0}]
+    now = entry_of({"a, ms": 6.0, "d": 1.0})
+    before = last_of_same(entries, now)
+    assert before == entries[2]
+    table = comparison_table(before, now)
+    assert table.row_count == 1
+    assert [next(iter(column.cells)) for column in table.columns] == ["a, ms", "3", "6", "2.00"]
+    assert last_of_same(entries, entry_of({"d": 1.0})) is None
 
 
 def test_stopwatch_counts_time_once(monkeypatch: pytest.MonkeyPatch) -> None:
