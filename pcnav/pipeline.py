@@ -166,7 +166,7 @@ def _open(
 
 def inputs_of(
     recording: Recording,
-    out: Path,
+    out: Path | None,
     pipeline: Pipeline,
     estimator: str,
     target_mesh: Path | None = None,
@@ -174,8 +174,8 @@ def inputs_of(
 ) -> Inputs:
     """What a run of an estimator is made from; of depth frames the target is loaded.
 
-    Raises `InputError` for a target or a region that cannot be, and for a result folder ``out``
-    whose replacing would remove what is read.
+    Raises `InputError` for a target or a region that cannot be, and for a result folder ``out``,
+    where there is one, whose replacing would remove what is read.
     """
     inputs, target = [] if recording.path is None else [recording.path], None
     as_run: dict[str, object] = {}
@@ -198,7 +198,7 @@ def inputs_of(
         as_run["region"] = resolved(pipeline.region, recording.path)
     for each in inputs:
         # Replacing a result folder must not delete what the new result is made from.
-        if each.resolve().is_relative_to(out.resolve()):
+        if out is not None and each.resolve().is_relative_to(out.resolve()):
             raise InputError(out, "folder", f"expected a result folder that does not hold {each}")
     if isinstance(recording, DepthRecording):
         target = load_target(mesh, mesh_unit)

@@ -36,6 +36,8 @@ RESOLUTION_AXIS = "resolution_px"
 FRAME_OFFSET_AXIS = "frame_offset_sigma"
 GROWTH_AXIS = "range_noise_growth"
 DISTORTION_AXIS = "distortion_k1"
+RECORDING_AXIS, OBJECT_AXIS = "recording", "object"
+"""Of recordings that lie in files: there is one run of each."""
 ESTIMATOR_AXIS = "estimator"
 """The one axis that changes no frame."""
 _DIGITS = 12

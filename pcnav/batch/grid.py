@@ -2,7 +2,7 @@
 
 import hashlib
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -160,15 +160,10 @@ class GridPlan:
         enough. Raises `InputError` in one line.
         """
         source, runs = self.basis.source, self.file.batch.runs
-        words = set(case.split())
-        found = [each for each in self.cases if words <= set(each.name.split())]
-        if len(found) != 1:
-            fit = f"{len(found)} cases fit, like {found[0]}" if found else "no case fits"
-            expected = f'expected words that name one case, as "{self.cases[0]}"; {fit}'
-            raise InputError(source, "--case", expected)
+        found = case_named(source, self.cases, case)
         if not 0 <= index < runs:
             raise InputError(source, "--run", f"expected a number from 0 to {runs - 1}")
-        return grid_runs(found, runs, self.file.batch.seed)[index]
+        return grid_runs([found], runs, self.file.batch.seed)[index]
 
     def check(self) -> None:
         """Look at all that the cases need before the first of them runs.
@@ -213,8 +208,8 @@ class GridPlan:
         pipelines = dict(map(basis.shared_pipeline, self.cases))
         meshes = {path.name: path for path in map(basis.mesh_of, self.cases) if path is not None}
         as_run: dict[str, object] = {
-            "pipelines_sha256": {name: _pipeline_digest(pipelines[name]) for name in pipelines},
-            "meshes_sha256": {name: _mesh_digest(path) for name, path in meshes.items()},
+            "pipelines_sha256": {name: pipeline_digest(pipelines[name]) for name in pipelines},
+            "meshes_sha256": {name: mesh_digest(path) for name, path in meshes.items()},
         }
         named = {*map(_satellite, self.cases), basis.pipeline_name}
         if any((basis.folder / name).is_file() for name in named if name):
@@ -224,6 +219,17 @@ class GridPlan:
             {key: axes for key, axes in each.items() if axes} for each in table["grid"]
         ]
         return tomli_w.dumps(table | {"as_run": as_run})
+
+
+def case_named(source: str, cases: Sequence[GridCase], name: str) -> GridCase:
+    """The case that has some words in its name. Raises `InputError` unless it is one."""
+    words = set(name.split())
+    found = [each for each in cases if words <= set(each.name.split())]
+    if len(found) != 1:
+        fit = f"{len(found)} cases fit, like {found[0]}" if found else "no case fits"
+        expected = f'expected words that name one case, as "{cases[0]}"; {fit}'
+        raise InputError(source, "--case", expected)
+    return found[0]
 
 
 def grid_runs(cases: Iterable[GridCase], runs: int, seed: int) -> list[GridRun]:
@@ -298,13 +304,14 @@ def _satellite(case: GridCase) -> str | None:
     return None if value is None else str(value)
 
 
-def _pipeline_digest(pipeline: Pipeline) -> str:
+def pipeline_digest(pipeline: Pipeline) -> str:
+    """Of its content."""
     # The mesh has a digest of its own, and may lie elsewhere on another machine.
     content = pipeline.model_dump_json(exclude={"target_mesh"})
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-def _mesh_digest(path: Path) -> str:
+def mesh_digest(path: Path) -> str:
     """Of a mesh, of the files it consists of and the TOML beside it, where there are any."""
     beside = (path.with_suffix(".toml"), *companion_files(path))
     content = path.read_bytes() + b"".join(each.read_bytes() for each in beside if each.is_file())

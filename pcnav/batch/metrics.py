@@ -14,6 +14,7 @@ from pcnav.batch.record import RunRecord
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.errors import InputError
 from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
+from pcnav.runs.status import Status
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,11 @@ def per_degree(name: str) -> SampleOf:
     return sample
 
 
+def per_cent(name: str) -> SampleOf:
+    """A share frame by frame within the window, as per cent."""
+    return lambda record, window: Sample.known(100.0 * within(record, window, name))
+
+
 def per_cent_known(name: str) -> SampleOf:
     """100 for each frame within the window that has a value in the column, 0 for the others."""
     return lambda record, window: Sample.known(100.0 * np.isfinite(within(record, window, name)))
@@ -135,6 +141,8 @@ class Family(StrEnum):
     CONSISTENCY = "consistency"
     BOUND = "bound"
     LOCKING = "locking"
+    FOUND = "found"
+    RECALL = "recall"
     COST = "cost"
 
 
@@ -217,10 +225,10 @@ class Metric:
     def differs_by_factors(self) -> bool:
         """Errors and times do, from run to run and from batch to batch; shares and counts differ
         by so much more or less."""
-        return self.quantity.family is not Family.LOCKING
+        return self.quantity.family not in (Family.LOCKING, Family.FOUND, Family.RECALL)
 
 
-_SUFFIX = {**UNIT_SUFFIX, "s": "_s", "ms": "_ms", "MB": "_mb", "%": "_pct"}
+_SUFFIX = {**UNIT_SUFFIX, "s": "_s", "ms": "_ms", "MB": "_mb", "%": "_pct", "px": "_px"}
 _OF_ERRORS = tuple(statistic for statistic in Statistic if statistic is not Statistic.MEAN)
 
 
@@ -232,6 +240,8 @@ def _error_quantities() -> Iterator[Quantity]:
             yield _error(f"{each.name}{ending}", each.short + title, each.unit)
     yield Quantity("add", "ADD", "m", Family.ERRORS, column("add_m"))
     yield Quantity("add_s", "ADD-S", "m", Family.ERRORS, column("add_s_m"))
+    yield Quantity("mssd", "MSSD", "m", Family.ERRORS, column("mssd_m"))
+    yield Quantity("mspd", "MSPD", "px", Family.ERRORS, column("mspd_px"))
     for each in QUANTITIES:
         if each.name and not each.of_pose:
             yield _error(each.name, each.short, each.unit)
@@ -299,7 +309,30 @@ def _all_metrics() -> Iterator[Metric]:
     for name, title, unit, sample_of, better in _LOCKING:
         quantity = Quantity(name, title, unit, Family.LOCKING, sample_of, better)
         yield Metric(name + _SUFFIX[unit], quantity, Statistic.MEAN)
+    yield from _found()
     yield from _cost()
+
+
+def _found() -> Iterator[Metric]:
+    """What is said without any truth, and the recalls of BOP."""
+
+    def mean_of(name: str, title: str, sample_of: SampleOf, family: Family) -> Metric:
+        quantity = Quantity(name, title, "%", family, sample_of, Better.HIGHER)
+        return Metric(f"{name}_pct", quantity, Statistic.MEAN)
+
+    with_pose = per_cent("has_pose")
+    yield mean_of("with_pose", "frames with a pose", with_pose, Family.FOUND)
+    for word in map(str, Status):
+        share = value(f"share_{word}", 100.0)
+        yield mean_of(f"status_{word}", f"frames {word}", share, Family.FOUND)
+    explained = Quantity(
+        "explained", "explained share", "%", Family.FOUND, per_cent("inlier_ratio"), Better.HIGHER
+    )
+    for statistic in (Statistic.MEDIAN, Statistic.MEAN):
+        yield Metric(f"explained_{statistic}_pct", explained, statistic)
+    for name, title in (("mssd", "MSSD"), ("mspd", "MSPD")):
+        sample_of = per_cent(f"recall_{name}")
+        yield mean_of(f"recall_{name}", f"average recall of {title}", sample_of, Family.RECALL)
 
 
 def _consistency(name: str, title: str, is_correlated: bool) -> Metric:

@@ -28,6 +28,7 @@ from pcnav.estimators.interface import Estimator, EstimatorEntry, FirstPose, Giv
 from pcnav.estimators.peers.icp import disturbed
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import SceneBound, compared, pose_jacobian
+from pcnav.recordings.intake import Intake
 from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.collector import RunCollector, collected
@@ -68,7 +69,7 @@ class OneRun:
         free = pipeline.motion.kind is MotionKind.FREE
         if isinstance(recording, Scene) and target and free and not told:
             bound = LeastErrors(recording, target)
-        with _without_track_messages():
+        with without_track_messages():
             followed = follow(recording, name, estimator, bound)
         found = run_metrics(followed, simulation.truth, target)
         return RunRecord(
@@ -143,7 +144,7 @@ class LeastErrors:
 
 
 def follow(
-    recording: Recording, name: str, estimator: Estimator, bound: LeastErrors | None = None
+    recording: Recording | Intake, name: str, estimator: Estimator, bound: LeastErrors | None = None
 ) -> Followed:
     """Put an estimator of a name to all frames of a recording; one frame at a time is in memory.
 
@@ -181,7 +182,7 @@ def given_to(
 
 
 @contextmanager
-def _without_track_messages() -> Iterator[None]:
+def without_track_messages() -> Iterator[None]:
     """Of hundreds of runs nobody wants to read when each was locked; the records have it."""
     logger = logging.getLogger("pcnav")
     before = logger.level

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
-from pcnav.batch.axes import ESTIMATOR_AXIS
+from pcnav.batch.axes import ESTIMATOR_AXIS, RECORDING_AXIS
 from pcnav.batch.metrics import EvaluationWindow
 from pcnav.batch.record import RunRecord
 from pcnav.batch.store import RunStore
@@ -70,9 +70,9 @@ class TabulatedBatch:
     def estimators(self) -> TextTable | None:
         """What each is, and what it knows of the first pose; None where the axis is missing."""
         axes = (dict(header.run.case.settings) for header in self.headers)
-        names = dict.fromkeys(str(each[ESTIMATOR_AXIS]) for each in axes if ESTIMATOR_AXIS in each)
+        found = [(str(e[ESTIMATOR_AXIS]), RECORDING_AXIS in e) for e in axes if ESTIMATOR_AXIS in e]
         header = ("estimator", "what it is", "known of the pose")
-        rows = tuple((name, *_known_of(name)) for name in names)
+        rows = tuple((name, *_known_of(name, is_read)) for name, is_read in dict.fromkeys(found))
         return TextTable("estimators", "", header, rows, text_columns=3) if rows else None
 
 
@@ -167,8 +167,11 @@ def _without_title(table: TextTable) -> str:
     return table.to_markdown().split("\n", 2)[2]
 
 
-def _known_of(estimator: str) -> tuple[str, str]:
-    """What an estimator is, and what it knows of the first pose; empty of one that is gone."""
+def _known_of(estimator: str, is_read: bool) -> tuple[str, str]:
+    """What an estimator is, and what it knows of the first pose; empty of one that is gone.
+
+    Of a recording that ``is_read`` from files none is told more than `pcnav run` would tell it.
+    """
     # It brings Open3D, which nothing else here needs.
     from pcnav.estimators.peers.icp import START_SHIFT_FRACTION, START_TURN_DEG
 
@@ -181,4 +184,7 @@ def _known_of(estimator: str) -> tuple[str, str]:
         FirstPose.EXACT: "the first pose, exactly",
     }
     entry = ESTIMATORS[estimator]
+    if is_read:
+        knows = entry.first_pose is FirstPose.NOTHING
+        return entry.title, "nothing" if knows else "that which the recording states or pcnav finds"
     return entry.title, known[entry.first_pose]

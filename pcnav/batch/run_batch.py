@@ -1,12 +1,14 @@
-"""A grid as a list of verbs: check, run what is missing, tabulate."""
+"""A grid, or a batch of recordings, as a list of verbs: check, run what is missing, tabulate."""
 
 from pathlib import Path
 
 from pcnav.batch.cluster import Workers
 from pcnav.batch.grid import GridPlan
 from pcnav.batch.metrics import SETTLED, EvaluationWindow
+from pcnav.batch.one_recording import OneRecording
 from pcnav.batch.one_run import OneRun
 from pcnav.batch.record import RunRecord
+from pcnav.batch.recordings import RecordingsPlan
 from pcnav.batch.standard_tables import STANDARD, Wanted, asked_layout
 from pcnav.batch.store import OnBatchProgress, new_store, run_stored
 from pcnav.batch.tables import run_table
@@ -14,9 +16,11 @@ from pcnav.batch.tabulate import INDEX_FILE, TABLES_FOLDER, TableSummary, tabula
 from pcnav.core.errors import InputError
 from pcnav.files.new_folder import refuse_unless_replaceable
 
+Plan = GridPlan | RecordingsPlan
+
 
 def run_batch(
-    plan: GridPlan,
+    plan: Plan,
     out: Path,
     workers: Workers,
     wanted: Wanted = STANDARD,
@@ -37,7 +41,7 @@ def run_batch(
     is_new = not out.exists()
     store = new_store(out, plan.to_toml(), plan.runs)
     try:
-        run_stored(OneRun(plan.basis), plan.runs, store, workers, plan.basis.command, on_progress)
+        run_stored(_function_of(plan), plan.runs, store, workers, plan.basis.command, on_progress)
     except InputError:
         # Workers that cannot be used leave nothing behind; finished runs are never thrown away.
         if is_new:
@@ -46,7 +50,7 @@ def run_batch(
     return tabulate(store, wanted=wanted, window=window)
 
 
-def run_alone(plan: GridPlan, case: str, index: int, out: Path) -> RunRecord:
+def run_alone(plan: Plan, case: str, index: int, out: Path) -> RunRecord:
     """One run of a grid by itself, in this process; its record goes to ``out``, too.
 
     A record that is there already is read, not made again. Raises as `run_batch` does, and
@@ -55,5 +59,11 @@ def run_alone(plan: GridPlan, case: str, index: int, out: Path) -> RunRecord:
     run = plan.run_named(case, index)
     plan.check()
     store = new_store(out, plan.to_toml(), plan.runs)
-    run_stored(OneRun(plan.basis), [run], store, Workers(jobs=1), plan.basis.command)
+    run_stored(_function_of(plan), [run], store, Workers(jobs=1), plan.basis.command)
     return store.record(run.key)
+
+
+def _function_of(plan: Plan) -> OneRun | OneRecording:
+    if isinstance(plan, GridPlan):
+        return OneRun(plan.basis)
+    return OneRecording(plan.basis)

@@ -12,6 +12,13 @@ from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.spatial import xyzw_from_rotation
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.interface import AxesPolicy
+from pcnav.evaluation.bop_errors import (
+    MSSD_THRESHOLDS,
+    bop_errors,
+    bop_vertices,
+    mspd_thresholds_px,
+    recall,
+)
 from pcnav.evaluation.consistency import squared_errors
 from pcnav.evaluation.errors import Errors, errors
 from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
@@ -29,7 +36,19 @@ BOUNDED = {
     "crb_inertia_ratio": 1.0,
 }
 """Columns of the bound, and their scale from SI."""
+INLIER_RATIO = "inlier_ratio"
+"""The share of what is seen that the estimate explains."""
+_Columns = dict[str, FloatArray]
 _POSE_COLUMNS = ("tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True)
+class Views:
+    """The cameras of the frames of a run."""
+
+    intrinsics: FloatArray
+    """(n, 4) fx, fy, cx, cy, px."""
+    width_px: int
 
 
 @dataclass(frozen=True)
@@ -44,6 +63,8 @@ class Followed:
     """(n,) by column of `BOUNDED`: roots of the traces of the blocks of the bound of what is
     compared, SI, the least RMS error of the pose's position, the attitude, the rate, the mass
     centre and the inertia ratios. Empty where it does not hold."""
+    views: Views | None = None
+    """The cameras of depth frames, where the poses are compared in their images, too."""
 
 
 @dataclass(frozen=True)
@@ -56,33 +77,53 @@ class RunMetrics:
     """Of the run as a whole."""
 
 
-def run_metrics(followed: Followed, truth: Trajectory, target: Target | None) -> RunMetrics:
-    """Compare what an estimator said with the truth.
+def run_metrics(followed: Followed, truth: Trajectory | None, target: Target | None) -> RunMetrics:
+    """Compare what an estimator said with the truth; without one, what can be said without.
 
     Errors are those of `QUANTITIES` in the axes that the registry says of the estimator; those of
     a pose of a target with a model also in the true axes. ``sym`` in a name means the former.
+    Raises `InputError` for a truth that has no frame of the run.
     """
+    columns, values = _told(followed)
+    if truth is None:
+        return RunMetrics(columns, values)
     run = followed.run
     symmetries = None if target is None else target.symmetry_transforms
     roundness = None if target is None else target.roundness
     found = errors(run, truth, symmetry_transforms=symmetries, roundness=roundness)
     plain = found if target is None else errors(run, truth, AxesPolicy.SAME)
     nees = squared_errors(run, found)
+    columns |= {
+        **_errors(plain, found),
+        **_distances(followed, plain.truth, target),
+        **{f"nees_{name}": squared for name, (squared, _) in nees.items()},
+        **{name: BOUNDED[name] * bound for name, bound in followed.bound.items()},
+    }
+    values |= {f"nees_{name}_dof": float(degrees) for name, (_, degrees) in nees.items()}
+    values |= _right(run, found, target) | _trajectory(found.truth, run.trajectory)
+    return RunMetrics(columns, values)
+
+
+def _told(followed: Followed) -> tuple[dict[str, FloatArray | list[str]], dict[str, float]]:
+    """Columns and values that need no truth."""
+    run = followed.run
+    T = run.trajectory.T_cam_target
     columns: dict[str, FloatArray | list[str]] = {
         "time_s": run.time_s,
         "status": list(run.status),
-        **_errors(plain, found),
-        **_distances(run, truth, target),
-        **{f"nees_{name}": squared for name, (squared, _) in nees.items()},
         "nis": run.nis,
         "nis_dof": run.nis_dof.astype(np.float64),
-        **{name: BOUNDED[name] * bound for name, bound in followed.bound.items()},
         "frame_ms": 1e3 * followed.frame_s,
     }
-    values = {f"nees_{name}_dof": float(degrees) for name, (_, degrees) in nees.items()}
-    values |= _locking(run, found, target) | _trajectory(found.truth, run.trajectory)
+    if T is not None:
+        columns |= {"has_pose": np.isfinite(T[:, 0, 0]).astype(np.float64)} | _poses("est", T)
+    if INLIER_RATIO in run.notes:
+        columns[INLIER_RATIO] = run.notes[INLIER_RATIO]
+    words = np.array(run.status)
+    values = {f"share_{word}": float(np.mean(words == word)) for word in map(str, Status)}
+    values |= _locking(run)
     values |= {"ms_per_frame": 1e3 * float(np.mean(followed.frame_s)), "frames": float(len(run))}
-    return RunMetrics(columns, values)
+    return columns, values
 
 
 def _errors(plain: Errors, found: Errors) -> dict[str, FloatArray]:
@@ -100,15 +141,31 @@ def _errors(plain: Errors, found: Errors) -> dict[str, FloatArray]:
     return columns
 
 
-def _distances(run: Run, truth: Trajectory, target: Target | None) -> dict[str, FloatArray]:
-    """The poses, and the distances of the model's points between them."""
-    T_true, T_run = truth.T_cam_target, run.trajectory.T_cam_target
+def _distances(followed: Followed, truth: Trajectory, target: Target | None) -> _Columns:
+    """The true poses, and the distances of the model's points between them and the estimates."""
+    T_true, T_run = truth.T_cam_target, followed.run.trajectory.T_cam_target
     if T_true is None or T_run is None or target is None:
         return {}
     points = surface_points(target.mesh, target.symmetry_transforms)
     distances = model_distances(points, T_true, T_run)
     columns = {"add_m": distances.add_m, "add_s_m": distances.add_s_m}
-    return columns | _poses("est", T_run) | _poses("true", T_true)
+    return columns | _of_bop(followed.views, T_true, T_run, target) | _poses("true", T_true)
+
+
+def _of_bop(views: Views | None, T_true: FloatArray, T_run: FloatArray, target: Target) -> _Columns:
+    if views is None:
+        return {}
+    vertices, round_about = bop_vertices(target.mesh), target.roundness
+    symmetries = target.symmetry_transforms
+    found = bop_errors(vertices, T_true, T_run, symmetries, views.intrinsics, round_about)
+    # A frame without a pose is one that was missed; one without a truth asks for nothing.
+    is_asked = np.where(np.isfinite(T_true[:, 0, 0]), 1.0, np.nan)
+    in_space = recall(found.mssd_m, float(target.diameter_m) * MSSD_THRESHOLDS)
+    in_image = recall(found.mspd_px, mspd_thresholds_px(views.width_px))
+    return {
+        **{"mssd_m": found.mssd_m, "mspd_px": found.mspd_px},
+        **{"recall_mssd": is_asked * in_space, "recall_mspd": is_asked * in_image},
+    }
 
 
 def _poses(whose: str, T: FloatArray) -> dict[str, FloatArray]:
@@ -134,24 +191,38 @@ def _trajectory(truth: Trajectory, run: Trajectory) -> dict[str, float]:
     }
 
 
-def _locking(run: Run, found: Errors, target: Target | None) -> dict[str, float]:
-    claims: BoolArray = np.array([word in CLAIMED for word in run.status])
+def _locking(run: Run) -> dict[str, float]:
+    claims = _claims(run)
+    locks = np.flatnonzero(claims)
+    first = int(locks[0]) if locks.size else len(run)
+    elapsed_s = run.time_s[first] - run.time_s[0] if locks.size else np.nan
+    return {
+        "time_to_lock_s": float(elapsed_s),
+        "share_unlocked": float(np.mean(~claims)),
+        "frames_lost": float(np.count_nonzero(~claims[first:])),
+    }
+
+
+def _right(run: Run, found: Errors, target: Target | None) -> dict[str, float]:
+    """Shares of the frames that have a truth."""
+    T_true = found.truth.T_cam_target
+    known = np.ones(len(run), dtype=np.bool_) if T_true is None else np.isfinite(T_true[:, 0, 0])
+    claims = _claims(run)[known]
     attitude = next(quantity.of(found) for quantity in QUANTITIES if quantity.name == "attitude")
     assert attitude is not None, "all estimators have one"
     # Comparisons with nan are false: a claim without a pose is wrong.
     near = _norm(attitude) <= np.rad2deg(WRONG_TURN_RAD)
     if target is not None:
         near &= _norm(found.p_cam_m) <= WRONG_SHIFT_FRACTION * target.diameter_m
-    locks = np.flatnonzero(claims)
-    first = int(locks[0]) if locks.size else len(run)
-    elapsed_s = run.time_s[first] - run.time_s[0] if locks.size else np.nan
     return {
-        "time_to_lock_s": float(elapsed_s),
-        "share_locked_right": float(np.mean(claims & near)),
-        "share_locked_wrong": float(np.mean(claims & ~near)),
-        "share_unlocked": float(np.mean(~claims)),
-        "frames_lost": float(np.count_nonzero(~claims[first:])),
+        "share_locked_right": float(np.mean(claims & near[known])),
+        "share_locked_wrong": float(np.mean(claims & ~near[known])),
     }
+
+
+def _claims(run: Run) -> BoolArray:
+    """(n,) frames whose pose can be relied on, as the run says."""
+    return np.array([word in CLAIMED for word in run.status])
 
 
 def _norm(vectors: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pcnav.batch.axes import ESTIMATOR_AXIS, RESOLUTION_AXIS, SATELLITE_AXIS
+from pcnav.batch.axes import ESTIMATOR_AXIS, RECORDING_AXIS, RESOLUTION_AXIS, SATELLITE_AXIS
 from pcnav.batch.metrics import METRICS, Family, Metric, named_metrics, of_family
 from pcnav.batch.tables import TableLayout, axes_of, varying_axes
 from pcnav.core.errors import InputError
@@ -70,6 +70,8 @@ def asked_layout(wanted: Wanted, runs: pd.DataFrame, measured: Measured = ()) ->
 
 def default_layouts(runs: pd.DataFrame, measured: Measured = ()) -> tuple[TableLayout, ...]:
     """The tables that every batch has; the cost is apart, because no two machines agree on it."""
+    if RECORDING_AXIS in runs:
+        return _of_recordings(runs, measured)
     scenario, estimator = _scenario(runs, but=(ESTIMATOR_AXIS,)), _estimator(runs)
     position = position_of(measured)
     cases, satellite = (*scenario, *estimator), tuple({SATELLITE_AXIS} & set(axes_of(runs)))
@@ -109,6 +111,41 @@ def default_layouts(runs: pd.DataFrame, measured: Measured = ()) -> tuple[TableL
         )
         for key, title, rows, metrics in layouts
     )
+
+
+def _of_recordings(runs: pd.DataFrame, measured: Measured) -> tuple[TableLayout, ...]:
+    """Recording by recording, and pooled; what needs a truth where there is any."""
+    estimator = _estimator(runs)
+    rows = (*_scenario(runs, but=(ESTIMATOR_AXIS,)), *estimator)
+    position = position_of(measured)
+    found = (
+        *("with_pose_pct", "status_locked_pct", "status_ambiguous_pct", "status_coasting_pct"),
+        *("time_to_lock_s", "explained_median_pct", "nis"),
+    )
+    errors = (
+        *(f"{position}_median_m", f"{position}_p95_m"),
+        *("attitude_sym_median_deg", "attitude_sym_p95_deg", "locked_right_pct"),
+        "locked_wrong_pct",
+    )
+    bop = (
+        *("add_median_m", "add_s_median_m", "mssd_median_m", "mspd_median_px"),
+        *("recall_mssd_pct", "recall_mspd_pct"),
+    )
+    trajectory = ("ate_rmse_m", "rpe_translation_rmse_m", "rpe_rotation_rmse_deg")
+    parts = [
+        ("found", "What was found", rows, found),
+        ("found_pooled", "What was found, recordings pooled", estimator, found),
+        ("errors", "Errors, against the recordings' truth", rows, errors),
+        ("errors_pooled", "Errors, recordings pooled", estimator, errors),
+        ("bop", "Errors and recalls of the BOP challenge", rows, bop),
+        ("bop_pooled", "Errors and recalls of BOP, recordings pooled", estimator, bop),
+        ("trajectory", "Errors of the trajectory", rows, trajectory),
+    ]
+    has_truth = "attitude_error_deg" in measured
+    kept = [each for each in parts if has_truth or each[0].startswith("found")]
+    layouts = [TableLayout(key, title, by, (), named_metrics(m)) for key, title, by, m in kept]
+    cost = TableLayout("cost", "Cost", rows, (), of_family(Family.COST))
+    return (*layouts, cost)
 
 
 def statistics_layout(runs: pd.DataFrame) -> TableLayout:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
+from pcnav.batch.axes import ESTIMATOR_AXIS, RECORDING_AXIS, GridCase
 from pcnav.batch.metrics import EvaluationWindow, Metric, Sample, Statistic
 from pcnav.batch.record import RunRecord
 from pcnav.core.arrays import FloatArray, IntArray
@@ -244,10 +245,18 @@ def cell_of(
         if record.failure is not None:
             failed += 1
             continue
-        strata.append(record.run.case.name)
+        strata.append(_stratum(record.run.case))
         for name, sample in samples_of(record, metrics, window).items():
             samples[name].append(sample)
     return Cell(len(strata) + failed, failed, values_of(samples, strata, metrics))
+
+
+def _stratum(case: GridCase) -> str:
+    """What runs have in common that are drawn again together: recordings are drawn themselves."""
+    axes = dict(case.settings)
+    if RECORDING_AXIS not in axes:
+        return case.name
+    return str(axes.get(ESTIMATOR_AXIS, ""))
 
 
 def samples_of(

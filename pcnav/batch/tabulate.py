@@ -47,8 +47,8 @@ DOCUMENT_FILE = "index.md"
 _FIGURES_FOLDER = "figures"
 _NOT_EVERYONES = {Family.CONSISTENCY, Family.BOUND}
 """What only a filter has: rows without any number say nothing there."""
-_OF_SOME = ("states", "model")
-"""Keys of tables of what only some estimators estimate."""
+_OF_SOME = ("states", "model", "errors", "errors_pooled", "bop", "bop_pooled", "trajectory")
+"""Keys of tables of what only some estimators estimate, and of what only some recordings tell."""
 _KEPT_BYTES = 200_000_000
 _PANELS = 2
 """Metrics drawn side by side in a figure."""

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pcnav.batch.process import one_thread_each
-from pcnav.cli.options import Jobs, Overwrite, Scheduler
+from pcnav.cli.options import Jobs, MeshUnit, Overwrite, Scheduler
 from pcnav.cli.progress import progress
+from pcnav.cli.table_recordings import (
+    BATCH_FILE,
+    Estimators,
+    Objects,
+    PipelineOf,
+    TargetOf,
+    plan_of_recordings,
+)
 from pcnav.cli.verbosity import is_quiet
 from pcnav.core._extras import require_batch
 from pcnav.core.errors import InputError
@@ -18,6 +26,7 @@ if TYPE_CHECKING:
 
     from pcnav.batch.grid import GridPlan
     from pcnav.batch.metrics import EvaluationWindow
+    from pcnav.batch.recordings import RecordingsPlan
     from pcnav.batch.standard_tables import Wanted
     from pcnav.batch.tabulate import TableSummary
 
@@ -28,7 +37,11 @@ _MAX_FAILURES = 10
 
 def table(
     source: Annotated[
-        str | None, typer.Argument(help="A grid: a file or a shipped name. Or a finished batch.")
+        str | None,
+        typer.Argument(
+            help="A grid: a file or a shipped name. Or a folder of recordings, like a BOP data "
+            "set. Or a finished batch."
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder of the batch, or of its tables.")
@@ -52,13 +65,20 @@ def table(
         tuple[Path, Path] | None,
         typer.Option(metavar="OLD NEW", help="Two batches; exit code 1 where NEW is worse."),
     ] = None,
+    estimator: Estimators = None,
+    target: TargetOf = None,
+    mesh_unit: MeshUnit = None,
+    pipeline: PipelineOf = None,
+    object_: Objects = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Run a grid of cases and tabulate how accurate each estimator is; or tabulate, or compare.
+    """Run a grid of cases, or recordings, and tabulate how accurate each estimator is; or tabulate
+    again, or compare.
 
     Examples: `pcnav table accuracy -o runs/accuracy`,
+    `pcnav table recordings --estimator depth,open3d_icp -o runs/recordings`,
     `pcnav table runs/accuracy --rows range_m --columns estimator --metrics attitude_rms_deg`,
     `pcnav table --compare runs/old runs/new`
     """
@@ -72,21 +92,30 @@ def table(
         window = EvaluationWindow(from_s)
         where: dict[str, object] = {"--jobs": jobs, "--scheduler": scheduler}
         alone: dict[str, object] = {"--case": case, "--run": run}
+        of_files: dict[str, object] = {
+            **{"--estimator": estimator, "--target": target, "--mesh-unit": mesh_unit},
+            **{"--pipeline": pipeline, "--object": object_},
+        }
         if compare is not None:
             pivot = {"GRID": source, "--out": out, "--rows": rows, "--columns": columns}
-            _refuse("--compare", {**pivot, **where, **alone})
+            _refuse("--compare", {**pivot, **where, **alone, **of_files})
             _compare(*compare, wanted.metrics, window)
         elif source is None:
             expected = "expected a grid, a batch or --compare OLD NEW"
             raise InputError("pcnav table", "argument", expected)
-        elif Path(source).is_dir():
-            _refuse(f"{source} (a finished batch)", where | alone)
+        elif (Path(source) / BATCH_FILE).is_file():
+            _refuse(f"{source} (a finished batch)", where | alone | of_files)
             _tabulate(Path(source), out, wanted, window, overwrite)
         else:
-            from pcnav.batch.grid import named_grid
+            plan: GridPlan | RecordingsPlan
+            if Path(source).is_dir():
+                plan = plan_of_recordings(Path(source), of_files)
+            else:
+                from pcnav.batch.grid import named_grid
 
-            # A name that nobody knows is a more likely mistake than a folder left out.
-            plan = named_grid(source)
+                # A name that nobody knows is a more likely mistake than a folder left out.
+                plan = named_grid(source)
+                _refuse(f"{source} (a grid)", of_files)
             if out is None:
                 raise InputError(source, "--out", "expected a folder for the batch: -o OUT")
             if case is not None:
@@ -105,7 +134,7 @@ def _refuse(what: str, options: Mapping[str, object]) -> None:
 
 
 def _run(
-    plan: "GridPlan",
+    plan: "GridPlan | RecordingsPlan",
     out: Path,
     where: tuple[int | None, str | None],
     wanted: "Wanted",
@@ -121,7 +150,7 @@ def _run(
     _print_summary(summary)
 
 
-def _run_alone(plan: "GridPlan", case: str, index: int, out: Path) -> None:
+def _run_alone(plan: "GridPlan | RecordingsPlan", case: str, index: int, out: Path) -> None:
     """One run of a grid, and its numbers."""
     from pcnav.batch.run_batch import run_alone
     from pcnav.batch.tabulate import single_run_table
