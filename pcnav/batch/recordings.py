@@ -25,7 +25,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.errors import InputError
 from pcnav.estimators.choice import depth_estimator
 from pcnav.estimators.registry import ESTIMATORS
-from pcnav.recordings.bop_models import refuse_data_set, scenes_of
+from pcnav.recordings.bop_models import is_models, refuse_data_set, scenes_of
 from pcnav.recordings.opening import format_of
 from pcnav.recordings.recording import RecordingKind
 from pcnav.runs.result_files import STATES_FILE
@@ -118,7 +118,7 @@ def recordings_plan(
         raise InputError(folder, "--estimator", "expected every estimator once")
     places = {_name(folder, path): path.resolve() for path in recordings_below(folder)}
     if not places:
-        expected = "expected a finished batch, or recordings of depth frames in it"
+        expected = "expected that of a batch, with batch.json, or recordings of depth frames in it"
         raise InputError(folder, "folder", expected)
     basis = RecordingsBasis(str(folder), places, pipeline, mesh, mesh_unit, tuple(words))
     cases = []
@@ -136,15 +136,18 @@ def recordings_below(folder: Path) -> tuple[Path, ...]:
 
     Results of runs are none.
     """
+    if is_models(folder):
+        return ()
     form = format_of(folder, _DEPTH)
     if form is not None and form.read is not refuse_data_set:
         return (folder,)
-    inside = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
-    # A data set has its models, masks and images of scenes beside its scenes.
-    found = set(scenes_of(folder))
-    if not found:
-        found = {path for path in inside if _is_recording(path)}
-    return tuple(sorted(found))
+    found = []
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or is_models(path):
+            continue
+        # A split of a data set is a folder of scenes.
+        found += [each for each in (path, *scenes_of(path)) if _is_recording(each)]
+    return tuple(found)
 
 
 def _is_recording(path: Path) -> bool:

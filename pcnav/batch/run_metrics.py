@@ -182,7 +182,7 @@ def _trajectory(truth: Trajectory, run: Trajectory) -> dict[str, float]:
     T_true, T_run = truth.T_cam_target, run.T_cam_target
     if T_true is None or T_run is None:
         return {}
-    known = np.isfinite(T_run).all(axis=(1, 2))
+    known = np.isfinite(T_run).all(axis=(1, 2)) & np.isfinite(T_true).all(axis=(1, 2))
     translation_m, rotation_rad = relative_errors(T_true[known], T_run[known])
     return {
         "ate_rmse_m": root_mean_square(absolute_errors(T_true[known], T_run[known])),

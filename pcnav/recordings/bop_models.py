@@ -38,6 +38,11 @@ def model_of(scene: Path, object_id: int | None) -> Path | None:
     return None
 
 
+def is_models(path: Path) -> bool:
+    """Whether a folder holds the models of a data set: a PLY may be a cloud, too."""
+    return path.is_dir() and any(_MODEL.fullmatch(file.name) for file in path.iterdir())
+
+
 def scenes_of(path: Path) -> tuple[Path, ...]:
     """Scenes below a folder of them, or of several such folders: a split, or a data set."""
     if not path.is_dir():
