@@ -25,7 +25,7 @@ from pcnav.evaluation.metrics import QUANTITIES, UNIT_SUFFIX
 from pcnav.evaluation.model_distance import model_distances, surface_points
 from pcnav.evaluation.trajectory import absolute_errors, relative_errors, root_mean_square
 from pcnav.runs.run import Run
-from pcnav.runs.status import CLAIMED, WRONG_SHIFT_FRACTION, WRONG_TURN_RAD
+from pcnav.runs.status import CLAIMED, WRONG_SHIFT_FRACTION, WRONG_TURN_RAD, Status
 from pcnav.target.satellite import Target
 
 BOUNDED = {
