@@ -151,7 +151,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
 def test_a_pipeline_is_no_grid_and_a_grid_no_pipeline() -> None:
     with pytest.raises(InputError, match=r"boxsat\.toml: batch: expected a grid of cases"):
         named_grid("boxsat")
-    assert shipped_grid_names() == ("abroad", "accuracy")
+    assert shipped_grid_names() == ("abroad", "accuracy", "scan_accuracy")
     assert "accuracy" not in shipped_pipeline_names()
     path = named_grid("accuracy").basis.folder / "accuracy.toml"
     with pytest.raises(InputError, match=r"accuracy\.toml: batch: expected a pipeline; this is a"):

@@ -266,8 +266,8 @@ class Acquisition:
         them has it, and the fit to them then: one frame alone says little of its rate."""
         n, lever_m = self._model.mean_motion_rad_s, 0.5 * self._target.diameter_m
         again: list[FrameView] = []
-        for k, (view, state) in enumerate(zip(views, fit.states, strict=True)):
-            time_s, comparison = view.frame.time_s, view.comparison
+        for k, view in enumerate(views):
+            state, time_s, comparison = picked(fit.path, k), view.frame.time_s, view.comparison
             assert comparison is not None, "it was compared"
             beside = views[k - 1 if k else 1].frame
             camera = beside.time_s, beside.T_cam_world

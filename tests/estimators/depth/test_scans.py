@@ -13,6 +13,7 @@ from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.skewed_pose import unskewed
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.perception.reading import FrameReader
+from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.scans import FineMotion
 from pcnav.target.row_motion import Readout
@@ -82,6 +83,18 @@ def test_a_parabola_through_three_poses_is_their_motion() -> None:
         np.testing.assert_allclose(found.twist, motion.twist, atol=1e-12)
         np.testing.assert_allclose(found.bend, motion.bend, atol=1e-12)
     assert motion_about([(0.0, np.eye(4))], 0) is None
+
+
+def test_three_scans_are_a_start(boxsat: Target) -> None:
+    scene = scene_of(boxsat, 4, pattern="raster")
+    tracker = Tracker(*(boxsat, scene.info, scene.pipeline.perception, scene.pipeline.filter, 0))
+    *_, third, fourth = [tracker.step(frame) for frame in scene]
+    assert third.status == fourth.status == Status.LOCKED
+    for estimate, true in zip((third, fourth), scene.truth.poses[2:], strict=True):
+        assert estimate.T_cam_target is not None
+        error = pose_error(estimate.T_cam_target, true)
+        # Where the start takes the target to stand still in each it is off by 30 mm and more.
+        assert np.linalg.norm(error[:3]) < 0.005 and np.linalg.norm(error[3:]) < 0.005
 
 
 @pytest.mark.study
