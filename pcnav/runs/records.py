@@ -1,5 +1,6 @@
 """What became of each rectangle seen: the rows of measurements.csv."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,12 +63,11 @@ class RectangleRecord:
         p_rect = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]])
         return transform_points(self.T_cam_rect, p_rect)
 
-    def row(self) -> list[float | str]:
-        """In the order of `MEASUREMENT_COLUMNS`."""
-        known = np.isfinite(self.T_cam_rect).all()
+    def row(self, pose: Sequence[float | str]) -> list[float | str]:
+        """In the order of `MEASUREMENT_COLUMNS`, with its pose in that of `POSE_COLUMNS`."""
         return [
             *(float(self.time_s), self.rectangle, float(self.length_m), float(self.width_m)),
-            *(pose_fields(self.T_cam_rect) if known else [""] * len(POSE_COLUMNS)),
+            *(pose or [""] * len(POSE_COLUMNS)),
             *(*self.sd.tolist(), self.case, self.outcome),
             *(
                 "" if np.isnan(value) else float(value)
@@ -75,6 +75,18 @@ class RectangleRecord:
             ),
             self.worst_axis,
         ]
+
+
+def rows_of(records: Sequence[RectangleRecord]) -> Iterator[list[float | str]]:
+    """Those of one frame, in the order of `MEASUREMENT_COLUMNS`."""
+    poses = np.array([record.T_cam_rect for record in records]).reshape(-1, 4, 4)
+    known = np.isfinite(poses).all(axis=(1, 2))
+    # Quaternions of all at once: the call takes longer than the arithmetic.
+    fields = np.full((len(poses), len(POSE_COLUMNS)), np.nan)
+    fields[known, :3] = poses[known, :3, 3]
+    fields[known, 3:] = xyzw_from_rotation(poses[known, :3, :3]) if known.any() else 0.0
+    for record, pose, is_known in zip(records, fields.tolist(), known.tolist(), strict=True):
+        yield record.row(pose if is_known else ())
 
 
 def pose_fields(T: FloatArray) -> list[float]:

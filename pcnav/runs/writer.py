@@ -26,7 +26,7 @@ from pcnav.dynamics.blocks import ATTITUDE, Block
 from pcnav.files.new_folder import Place, new_place
 from pcnav.runs.estimate import Estimate, FeaturePoint, FeatureUse, Note, Output
 from pcnav.runs.nis_window import NisWindow
-from pcnav.runs.records import MEASUREMENT_COLUMNS, pose_fields
+from pcnav.runs.records import MEASUREMENT_COLUMNS, pose_fields, rows_of
 from pcnav.runs.result_files import (
     COVARIANCES_FILE,
     FEATURE_COLUMNS,
@@ -190,7 +190,7 @@ class _Tables:
             table = self._table(SEGMENTS_FILE, SEGMENT_COLUMNS)
             table.writerow([float(estimate.time_s), *quaternion.tolist()])
         if self._output.has_records:
-            self._records.writerows(record.row() for record in estimate.records)
+            self._records.writerows(rows_of(estimate.records))
         if self._output.has_features:
             self._add_features(float(estimate.time_s), estimate.features)
         if estimate.T_cam_target is not None and self._output.has_poses:

@@ -11,7 +11,7 @@ from pcnav.core.spatial import make_transform
 from pcnav.estimators.depth.pose_fit import fit_pose
 from pcnav.estimators.depth.pose_measurement import pose_error
 from pcnav.perception.calibration_evidence import evidence_of_fields
-from pcnav.perception.calibration_fields import displacements
+from pcnav.perception.calibration_fields import by_fields
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.calibration import Calibration
@@ -93,6 +93,6 @@ def test_points_seem_displaced_to_where_the_pixel_is_taken_to_look() -> None:
     y = (v - CAMERA.cy) / CAMERA.fy * p_cam[:, 2]
     seems = np.column_stack([x, y, p_cam[:, 2]])
     errors = np.array([2.0, 3.0 / CAMERA.fx, -5.0 / CAMERA.fy, 0.0, 0.0, 0.0])
-    assert (seems - p_cam) / small == pytest.approx(
-        displacements(p_cam, pose) @ errors, rel=1e-4, abs=1e-4
-    )
+    for axis in np.eye(3, 6):
+        moved = by_fields(np.tile(axis, (40, 1)), p_cam, pose) @ errors
+        assert (seems - p_cam) @ axis[:3] / small == pytest.approx(moved, rel=1e-4, abs=1e-4)
