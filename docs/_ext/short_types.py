@@ -24,7 +24,8 @@ def _shorten(_app: Sphinx, doctree: nodes.document, _name: str) -> None:
                 is_named = kind is addnodes.desc_parameter and colon
                 first = [addnodes.desc_sig_name("", name)] if is_named else []
                 node.children = []
-                node += [*first, nodes.Text(colon + rest if is_named else short)]
+                plain = colon + rest if is_named else short.removeprefix(" -> ")
+                node += [*first, nodes.Text(plain)]
 
 
 def _of_fields(_app: Sphinx, what: str, _name: str, thing: object, *_rest: object) -> object:
@@ -36,9 +37,9 @@ def _plain_text(
     _app: Sphinx, what: str, _name: str, _thing: object, _options: object, lines: list[str]
 ) -> None:
     """Napoleon, which comes next, takes what stands before a colon in the first line of a field's
-    text for its type."""
+    text for its type: here that is an empty comment."""
     if what in ("attribute", "data", "property"):
-        lines.insert(0, "")
+        lines[:0] = ["..", ""]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -39,6 +39,8 @@ def run_example(repository: Path, name: str) -> None:
 def test_the_examples_run_and_tell_what_they_promise(
     repository: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    run_example(repository, "write_recording")
+    assert capsys.readouterr().out.splitlines() == ["one.npz 6", "folder 6", "tum 6"]
     run_example(repository, "numpy_loop")
     assert "locked" in capsys.readouterr().out
     assert (place / "run" / "report.html").is_file()

@@ -57,6 +57,12 @@ def test_every_example_stands_on_a_page(docs: Path) -> None:
     assert shown == {f"examples/{path.name}" for path in (docs / "examples").glob("*.py")}
 
 
+def test_the_readme_shows_the_example_that_is_run(repository: Path) -> None:
+    shown = (repository / "README.md").read_text().partition("```python\n")[2].partition("```")[0]
+    example = (repository / "docs" / "examples" / "numpy_loop.py").read_text()
+    assert example.partition('"""\n\n')[2] == shown
+
+
 def test_links_of_the_readme_and_the_pages_lead_somewhere(repository: Path) -> None:
     files = [*repository.glob("*.md"), *(repository / "docs").rglob("*.md")]
     assert len(files) > 10
@@ -65,6 +71,25 @@ def test_links_of_the_readme_and_the_pages_lead_somewhere(repository: Path) -> N
             place = link.partition("#")[0]
             if place and "://" not in place:
                 assert (file.parent / place).exists(), (file.name, link)
+
+
+def test_what_the_pages_repeat_of_the_grid_is_what_its_tables_say(docs: Path) -> None:
+    """The median errors of boxsat, and how often it is locked wrong."""
+    grid, trust = (pages(docs)[name] for name in ("accuracy", "trust"))
+    names = {
+        **{"pcnav": "pcnav", "small_gicp": "small_gicp", "KISS-ICP, no model": "kiss_icp"},
+        "Open3D point-to-plane ICP": "open3d_icp",
+    }
+    rows = [line.strip("| ").split(" | ") for line in grid.splitlines() if "| boxsat |" in line]
+    by_estimator = {row[1]: row for row in rows}
+    for title, key in names.items():
+        (line,) = re.findall(rf"^\| {title} \| (.*) \|$", trust, re.MULTILINE)
+        position, attitude, wrong, _ = line.split(" | ")
+        numbers = [[float(x) for x in re.findall(r"[\d.]+", text)] for text in by_estimator[key]]
+        assert [float(x) for x in re.findall(r"[\d.]+", position)] == numbers[2]
+        told = [float(x) for x in re.findall(r"[\d.]+", attitude)]
+        assert told == pytest.approx(numbers[4], abs=6e-5)
+        assert float(wrong.removesuffix(" %")) == pytest.approx(numbers[7][0], abs=0.05)
 
 
 def test_the_settings_page_has_every_key_of_every_table(docs: Path, made: ModuleType) -> None:
