@@ -11,6 +11,7 @@ from pcnav.viewer.clock import speeds
 from pcnav.viewer.events import Kind
 from pcnav.viewer.export import Share
 from pcnav.viewer.frames import MAX_POINTS, ColourBy
+from pcnav.viewer.future import AHEAD_S
 from pcnav.viewer.loaded_run import Snapshot
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 
@@ -27,6 +28,10 @@ _OF_SENSOR = "3 σ of the sensor"
 _LIMITS_MM: dict[str, float | None] = {
     _OF_SENSOR: None,
     **{f"± {limit:g} mm": limit for limit in (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)},
+}
+_AHEAD: dict[str, float | None] = {
+    "none": None,
+    **{f"{ahead:g} s after the last estimate": ahead for ahead in AHEAD_S},
 }
 _FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
 
@@ -62,7 +67,8 @@ class Controls:
         self._frames = len(first)
         self._notes = gui.add_html(_notes_html(snapshot))
         self._add_time(gui, snapshot)
-        self._add_colours(gui, first.frames is not None)
+        has_future = first.target is not None and not snapshot.is_live
+        self._add_colours(gui, first.frames is not None, has_future)
         self._checkboxes = self._add_layers(gui, snapshot)
         self._add_share(gui)
 
@@ -78,6 +84,7 @@ class Controls:
             magnified=_MAGNIFIED[self._magnified.value],
             max_points=_POINTS[self._points.value],
             point_size=float(self._point_size.value),
+            forecast_s=_AHEAD[self._ahead.value],
             residual_scale_m=None if limit_mm is None else 1e-3 * limit_mm,
         )
 
@@ -198,7 +205,7 @@ class Controls:
 
         self._speed.on_update(lambda _: self._session.change_speed())
 
-    def _add_colours(self, gui: viser.GuiApi, has_frames: bool) -> None:
+    def _add_colours(self, gui: viser.GuiApi, has_frames: bool, has_future: bool) -> None:
         self._colour = gui.add_dropdown(
             "points by",
             tuple(str(by) for by in ColourBy),
@@ -218,6 +225,10 @@ class Controls:
         self._magnified = gui.add_dropdown(
             "3σ drawn", tuple(_MAGNIFIED), initial_value="enlarged to be seen"
         )
+        self._ahead = gui.add_dropdown(
+            "forecast", tuple(_AHEAD), initial_value="none", visible=has_future
+        )
+        self._ahead.on_update(lambda _: self._session.redraw())
         camera = gui.add_button_group("look from", tuple(str(each) for each in Viewpoint))
         self._colour.on_update(lambda _: self._session.redraw())
         self._magnified.on_update(lambda _: self._session.redraw())

@@ -13,13 +13,15 @@ from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.errors import Errors, match_times
 from pcnav.runs.records import RectangleRecord
-from pcnav.runs.run import Run
+from pcnav.runs.run import FeatureTable, Run
 from pcnav.runs.status import CLAIMED
 from pcnav.target.satellite import Target
 from pcnav.viewer.events import Event, events_of, merged
 from pcnav.viewer.frames import FrameStore
+from pcnav.viewer.future import FuturePose, future_poses
 from pcnav.viewer.glyphs import SIGMAS, seen_magnification
 from pcnav.viewer.render_options import Layer
+from pcnav.viewer.tracks_picture import TrackedImages
 
 Records = Mapping[float, tuple[RectangleRecord, ...]]
 """By time."""
@@ -67,6 +69,11 @@ class LoadedRun:
     points_body: FloatArray | None = None
     """(m, 3) estimated points of a target without a model, body axes, m."""
 
+    features: FeatureTable | None = None
+    """What became of the points that were tracked."""
+    tracked: TrackedImages | None = None
+    """What a camera saw; None of runs on depth frames."""
+
     def __len__(self) -> int:
         return len(self.run)
 
@@ -102,6 +109,14 @@ class LoadedRun:
     def pose(self, frame: int) -> FloatArray | None:
         """(4, 4) of `T_cam_model`; None without an estimate."""
         return np.asarray(self.T_cam_model[frame]) if self.run.has_estimate[frame] else None
+
+    @cached_property
+    def future(self) -> Mapping[float, FuturePose] | None:
+        """By the time ahead of the last estimate; None where it cannot be told."""
+        known = np.flatnonzero(self.run.has_estimate)
+        if self.target is None or self.run.folder is None or not self.run.is_finished:
+            return None
+        return future_poses(self.run.folder, self.T_cam_model[known[-1]]) if known.size else None
 
     @cached_property
     def com_model(self) -> FloatArray:

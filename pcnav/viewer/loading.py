@@ -32,6 +32,7 @@ from pcnav.viewer.loaded_run import (
     LoadedRun,
     StateVerdict,
 )
+from pcnav.viewer.tracks_picture import tracked_images
 
 
 def load_run(folder: Path, sequence: Path | None = None) -> LoadedRun:
@@ -62,6 +63,7 @@ def load_run(folder: Path, sequence: Path | None = None) -> LoadedRun:
         verdicts=_verdicts(folder / KNOWLEDGE_FILE),
         notes=loaded.notes if run.is_finished else (unfinished, *loaded.notes),
         covariances=stored,
+        features=features,
         points_body=None if points is None else points[np.isfinite(points).all(axis=1)],
     )
 
@@ -87,6 +89,10 @@ def opened(run: Run) -> LoadedRun:
         loaded = replace(loaded, notes=(f"{of_what} only: drawn {where}",))
     elif path is not None:
         loaded = replace(loaded, orbit=read_stereo_tracks(path).orbit)
+    takes = {RecordingKind.STEREO_TRACKS, RecordingKind.IMAGES} & set(entry.takes)
+    if path is not None and takes:
+        is_rig = RecordingKind.STEREO_TRACKS in takes
+        loaded = replace(loaded, tracked=tracked_images(path, is_rig=is_rig))
     if path is None:
         gone = f"the recording is not at {pipeline.sequence}: no truth"
         loaded = replace(loaded, notes=(*loaded.notes, gone))

@@ -50,6 +50,8 @@ class RenderOptions:
     max_points: int = MAX_POINTS
     point_size: float = 1.0
     """Over the distance of neighbouring returns."""
+    forecast_s: float | None = None
+    """The ghost of the future is drawn so far ahead of the last estimate; None for none."""
     residual_scale_m: float | None = None
     """End of the scale of residuals; None for that of the sensor's noise."""
 

@@ -87,7 +87,7 @@ class Session:
             self._bind_keys()
             self._page.send("timeline", time_line(self._runs, self._events))
             self._page.send("plots", self._side.plots(self._runs))
-            self._controls.tell(f"{len(self._events)} events; ? lists the keys")
+            self._controls.tell(f"{len(self._events)} event(s); ? lists the keys")
             self._look_at_first()
             if len(self._first):
                 frame = min(self._wanted, len(self._first) - 1)

@@ -11,11 +11,24 @@ from pcnav.viewer.frames import Shot
 from pcnav.viewer.knowledge import knowledge_html
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.page import PLOTS_HTML
+from pcnav.viewer.palette import (
+    ACCEPTED_COLOUR,
+    MASS_CENTRE,
+    REJECTED_COLOUR,
+    SENSOR,
+    coloured,
+)
 from pcnav.viewer.panels import facts_html, frame_picture, measurements_html
 from pcnav.viewer.plots import choices, plots_of
 from pcnav.viewer.render_options import RenderOptions
 
 _WIDTH_PX = 430
+_TRACKS_LEGEND = (
+    "<div style='font-size:12px;padding:0 10px'>"
+    f"tracks over 12 frames: {coloured('●', ACCEPTED_COLOUR)} used, "
+    f"{coloured('●', REJECTED_COLOUR)} mostly rejected, {coloured('●', SENSOR)} not told; "
+    f"{coloured('+', MASS_CENTRE)} where the final points of the estimate should be</div>"
+)
 
 
 class SidePanel:
@@ -28,6 +41,7 @@ class SidePanel:
         with panel.add_tab("Image and plots"):
             nothing = np.zeros((8, 8, 3), dtype=np.uint8)
             self._image = gui.add_image(nothing, format="png", visible=False)
+            self._legend = gui.add_html(_TRACKS_LEGEND, visible=False)
             self._choice = gui.add_dropdown("plots", choices(runs))
             gui.add_html(PLOTS_HTML)
             self._key = gui.add_html("")
@@ -75,4 +89,10 @@ class SidePanel:
         if shot is not None and first.frames is not None:
             scale_m = options.residual_scale_m or first.frames.scale_m
             self._image.image = frame_picture(shot, records, options.colour_by, scale_m)
-        self._image.visible = shot is not None
+        elif first.tracked is not None:
+            pose = first.pose(frame) if first.trajectory.T_cam_target is not None else None
+            time_s = float(first.run.time_s[frame])
+            self._image.image = first.tracked.picture(time_s, first.features, pose)
+        has_picture = shot is not None or first.tracked is not None
+        self._image.visible = has_picture
+        self._legend.visible = shot is None and has_picture

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from pcnav.dynamics.blocks import POSITION
 from pcnav.runs.status import CLAIMED
 from pcnav.viewer.assessment import SIGMA_BOUND, error_over_sigma, inlier_ratio, nis_over_bound
 from pcnav.viewer.loaded_run import LoadedRun
@@ -49,8 +50,10 @@ def _error(loaded: LoadedRun, frame: int, *, claimed: bool) -> list[Item]:
     if loaded.errors is None:
         return []
     parts = []
-    if loaded.errors.has_pose[frame]:
-        parts.append(f"{1e3 * np.linalg.norm(loaded.errors.p_cam_m[frame]):.3g} mm")
+    for placed in (loaded.errors.p_cam_m, loaded.error(POSITION)):
+        if placed is not None and np.isfinite(placed[frame]).all():
+            parts.append(f"{1e3 * np.linalg.norm(placed[frame]):.3g} mm")
+            break
     turned = loaded.attitude_error_rad
     if turned is not None and np.isfinite(turned[frame]).all():
         parts.append(f"{np.rad2deg(np.linalg.norm(turned[frame])):.3g} deg")

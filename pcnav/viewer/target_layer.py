@@ -8,6 +8,7 @@ from pcnav.dynamics.blocks import ATTITUDE, CENTRE, RATE, RATIOS
 from pcnav.target.mesh import wireframe_edges
 from pcnav.viewer import palette
 from pcnav.viewer.glyphs import (
+    SIGMAS,
     attitude_cone_scale,
     momentum_direction,
     path_segments,
@@ -16,7 +17,7 @@ from pcnav.viewer.glyphs import (
     unit_cone,
 )
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.palette import MASS_CENTRE, MOMENTUM, TRUTH, Rgb
+from pcnav.viewer.palette import COASTING, MASS_CENTRE, MOMENTUM, TRUTH, Rgb
 from pcnav.viewer.render_options import (
     Layer,
     RenderOptions,
@@ -49,6 +50,10 @@ class TargetLayer:
         self._ghost = scene.add_frame(f"{root}/truth", show_axes=False, visible=False)
         if is_first:
             self._add_edges(f"{root}/truth", TRUTH, _GHOST_SCALE)
+        self._future = scene.add_frame(f"{root}/future", show_axes=False, visible=False)
+        if is_first:
+            self._add_edges(f"{root}/future", COASTING, 1.0)
+        self._future_spread = self._add_ellipsoid(f"{root}/future_spread", COASTING, True)
         self._add_points()
         self._body = scene.add_frame(
             f"{com}/body", axes_length=0.3 * size, axes_radius=0.004 * size
@@ -88,6 +93,7 @@ class TargetLayer:
         self._ghost.visible = true is not None
         if true is not None:
             place(self._ghost, true)
+        self._show_future(options.forecast_s)
         pose = None if frame is None else loaded.pose(frame)
         self._model.visible = pose is not None
         for layer, handle in self._switched.items():
@@ -111,10 +117,21 @@ class TargetLayer:
             self._cone.scale = vector(attitude_cone_scale(sd, length, magnified))
         self._show_arrows(frame, shown)
 
+    def _show_future(self, ahead_s: float | None) -> None:
+        """The ghost of the forecast, and where its origin is in 95 % of the motions drawn."""
+        future = None
+        if self._is_first and ahead_s is not None and self._run.future is not None:
+            future = self._run.future.get(ahead_s)
+        self._future.visible = self._future_spread.visible = future is not None
+        if future is not None:
+            place(self._future, future.T_cam_model)
+            self._stretch(self._future_spread, future.covariance_cam, future.reach / SIGMAS)
+            self._future_spread.position = vector(future.T_cam_model[:3, 3])
+
     def _show_arrows(self, frame: int, shown: frozenset[Layer]) -> None:
         loaded, trajectory = self._run, self._run.trajectory
         omega = trajectory[RATE][frame] if loaded.has(RATE) else np.zeros(3)
-        rate, length = float(np.linalg.norm(omega)), 0.6 * self._run.size_m
+        rate, length = float(np.linalg.norm(omega)), 0.5 * self._run.size_m
         moves = rate > 0.0 and bool(np.isfinite(omega).all())
         for layer, (arrow, text) in self._arrows.items():
             arrow.visible = moves and layer in shown
