@@ -44,6 +44,10 @@ def view(
     recording: Annotated[
         Path | None, typer.Option(help="Write a recording (.viser) of the run, and end.")
     ] = None,
+    rrd: Annotated[
+        Path | None,
+        typer.Option(help="Write a recording of rerun of the run, and end; needs the extra rerun."),
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Look at a run in the browser: cloud, rectangles and the estimated satellite over time.
@@ -55,7 +59,7 @@ def view(
     _refuse_foreign(host)
     if len(runs) > _MAX_RUNS:
         raise InputError("pcnav view", "runs", f"expected at most {_MAX_RUNS}, got {len(runs)}")
-    exports = {"html": html, "png": png, "recording": recording}
+    exports = {"html": html, "png": png, "recording": recording, "rrd": rrd}
     asked = {kind: path for kind, path in exports.items() if path is not None}
     if len(runs) == 1 and runs[0].suffix == ".viser" and runs[0].is_file():
         if asked:

@@ -34,6 +34,11 @@ def mcap(part: str, needed_for: str) -> ModuleType:
     return _module(f"mcap.{part}", "mcap", "bags", needed_for)
 
 
+def rerun(needed_for: str) -> ModuleType:
+    """The module rerun. Raises `InputError` where it is not installed."""
+    return _module("rerun", "rerun-sdk", "rerun", needed_for)
+
+
 def small_gicp(needed_for: str) -> ModuleType:
     """The module small_gicp. Raises `InputError` where it is not installed."""
     return _module("small_gicp", "small_gicp", "peers", needed_for)

@@ -1,6 +1,7 @@
 """The controls of one browser: time, colours, camera, layers."""
 
 from html import escape
+from importlib.util import find_spec
 from typing import Any, Protocol
 
 import viser
@@ -253,6 +254,8 @@ class Controls:
     def _add_share(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Share", expand_by_default=False):
             for share in Share:
+                if share is Share.RRD and find_spec("rerun") is None:
+                    continue
                 self._add_share_button(gui, share)
 
     def _add_share_button(self, gui: viser.GuiApi, share: Share) -> None:

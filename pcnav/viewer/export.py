@@ -14,6 +14,7 @@ from pcnav.viewer.layers import RunLayers, shot_of
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.render_options import CAMERA_FOV_RAD, RenderOptions, vector
+from pcnav.viewer.rerun_file import rerun_recording
 from pcnav.viewer.server import UP, LocalServer
 
 MAX_RECORDED_FRAMES = 300
@@ -30,12 +31,14 @@ class Share(StrEnum):
     PNG = "PNG of this view"
     HTML = "HTML of this frame"
     RECORDING = "recording (.viser)"
+    RRD = "recording (.rrd, rerun)"
 
 
 SUFFIXES = {
     Share.PNG: (".png",),
     Share.HTML: (".html", ".htm"),
     Share.RECORDING: (".viser",),
+    Share.RRD: (".rrd",),
 }
 """Of the files of each kind; the first is what pcnav gives them."""
 
@@ -57,6 +60,8 @@ def exported(
         return scene_html(runs, frame, options)
     if share is Share.RECORDING:
         return recording(runs, options, on_frame)
+    if share is Share.RRD:
+        return rerun_recording(runs, options, on_frame)
     shot = shot_of(runs[0], frame, options.max_points)
     if client is not None:
         size = client.camera.image_width, client.camera.image_height
@@ -69,7 +74,9 @@ def exported(
 def file_name(share: Share, runs: tuple[LoadedRun, ...], frame: int) -> str:
     """What a downloaded file is called."""
     stem = "-".join(loaded.name for loaded in runs)
-    return f"{stem}{'' if share is Share.RECORDING else f'-{frame}'}{SUFFIXES[share][0]}"
+    return (
+        f"{stem}{'' if share in (Share.RECORDING, Share.RRD) else f'-{frame}'}{SUFFIXES[share][0]}"
+    )
 
 
 def scene_html(runs: tuple[LoadedRun, ...], frame: int, options: RenderOptions) -> bytes:

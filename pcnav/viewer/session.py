@@ -85,6 +85,7 @@ class Session:
             self._pointer = Pointer(client, self._page)
             self._viewfinder = Viewfinder(client)
             self._bind_keys()
+            client.scene.on_click()(self._pick)
             self._page.send("timeline", time_line(self._runs, self._events))
             self._page.send("plots", self._side.plots(self._runs))
             self._controls.tell(f"{len(self._events)} event(s); ? lists the keys")
@@ -92,7 +93,6 @@ class Session:
             if len(self._first):
                 frame = min(self._wanted, len(self._first) - 1)
                 self._draw(time.monotonic(), frame, self._shot_of(frame))
-        client.scene.on_click()(self._pick)
         self._questions = ThreadPoolExecutor(1, "pcnav questions")
         self._shown = self._asked_page()
         """Whether the browser has worked off what was drawn for it."""
