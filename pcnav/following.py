@@ -94,6 +94,8 @@ def follow(
     if in_use(out):
         raise InputError(out, "folder", "expected one that no other process writes into")
     with _interrupts() as asked_to_end:
+        if not source.look() and source.recording is None:
+            _LOG.info("waiting for frames")
         if not _wait(source, pace, time.monotonic(), asked_to_end) or source.recording is None:
             expected = "expected at least one frame that can be read"
             raise source.why_not or InputError(out, "frames", expected)

@@ -106,6 +106,7 @@ def _source_of(path: Path, pipeline: "Pipeline", target_mesh: Path | None) -> "A
         # A descriptor of its own: the thread that reads it must not hold up the process's end.
         stream = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
         return BagStream(McapMessages(stream), info, table, gates_of(pipeline.region, path))
+    from pcnav.recordings.depth_folder import with_more
     from pcnav.recordings.growing_folder import GrowingFolder
     from pcnav.recordings.opening import open_sequence
 
@@ -113,4 +114,6 @@ def _source_of(path: Path, pipeline: "Pipeline", target_mesh: Path | None) -> "A
         expected = "expected a folder that frames are written to, or - for standard input"
         raise InputError(path, "--follow", expected)
     opened = partial(open_sequence, path, target_mesh, True, table)
-    return GrowingFolder(path, opened, pipeline.region, table.frames)
+    # Which of the images are taken is counted from the first.
+    adds = with_more if (table.start, table.every) == (0, 1) else lambda *_: None
+    return GrowingFolder(path, opened, pipeline.region, table.frames, adds)

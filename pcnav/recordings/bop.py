@@ -2,6 +2,7 @@
 
 import logging
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -143,7 +144,7 @@ def _images(
     """Names of the depth images of frames. Raises `InputError` for one that is not there."""
     if not folder.is_dir():
         raise InputError(folder, "folder", "expected a folder with the depth images")
-    present = {file.name for file in folder.iterdir()}
+    present = set(os.listdir(folder))  # noqa: PTH208 (paths of many thousand files take long)
     files = []
     for number in numbers:
         file = find(folder, _stem(number), present)

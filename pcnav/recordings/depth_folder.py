@@ -6,7 +6,9 @@ times.csv             optional: time_s, one row an image; else names that are ti
 poses.tum             optional: T_world_cam of every image, at its time stamp
 """
 
+import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from pcnav.files.csv_table import read_csv
 from pcnav.recordings.assembling import Parts, assembled
 from pcnav.recordings.bop_scene import SCENE_CAMERA_FILE
 from pcnav.recordings.depth_camera import camera_file, depth_camera
-from pcnav.recordings.depth_image import SUFFIXES
+from pcnav.recordings.depth_image import SUFFIXES, read_depth_image
 from pcnav.recordings.images import TIMES_FILE, is_image_sequence
 from pcnav.recordings.sequence import Sequence
 from pcnav.recordings.sequence_file import SEQUENCE_FILE
@@ -27,6 +29,8 @@ from pcnav.recordings.tsdf_fusion import INTRINSICS_FILE
 
 POSES_FILE = "poses.tum"
 _DEPTH_FOLDER = "depth"
+_DEPTH_LIST = "depth.txt"
+"""Of a TUM RGB-D recording, which is none of these."""
 _NUMBERS = re.compile(r"\d+")
 _DECIMAL = re.compile(r"\d+\.\d+")
 _PER_SECOND = {13: 1e3, 16: 1e6, 19: 1e9}
@@ -65,13 +69,42 @@ def read_depth_folder(
     return assembled(parts, target_mesh, table, skip_bad_frames)
 
 
+def with_more(sequence: Sequence, names: list[str]) -> Sequence | None:
+    """A recording with more images, where their names alone tell what is new: time stamps, of a
+    camera at rest.
+
+    None where they do not, or where the images come before others: the folder is to be opened anew.
+    """
+    files, path = sequence.files, sequence.path
+    beside = (SCENE_CAMERA_FILE, INTRINSICS_FILE, TIMES_FILE, POSES_FILE, _DEPTH_LIST)
+    if sequence.read_image is not read_depth_image or any((path / n).exists() for n in beside):
+        return None
+    new = sorted(names, key=number_of)
+    stamp_s = named_stamps([Path(file).stem for file in (files[-1], *new)])
+    if stamp_s is None or not (np.diff(stamp_s) > 0.0).all():
+        return None
+    times_s = stamp_s - sequence.info.time_zero_s
+    if times_s[0] != sequence.times_s[-1]:
+        return None
+    n = len(new)
+    return replace(
+        sequence,
+        files=(*files, *new),
+        times_s=np.concatenate([sequence.times_s, times_s[1:]]),
+        intrinsics=np.concatenate([sequence.intrinsics, np.tile(sequence.intrinsics[-1], (n, 1))]),
+        depth_step_m=np.concatenate([sequence.depth_step_m, np.full(n, sequence.depth_step_m[-1])]),
+        T_cam_world=np.concatenate([sequence.T_cam_world, np.tile(np.eye(4), (n, 1, 1))]),
+    )
+
+
 def _files(path: Path) -> tuple[Path, list[str]]:
     """The folder of the images, and their names."""
     for folder in (path / _DEPTH_FOLDER, path):
         if folder.is_dir():
-            # What is hidden is somebody's file on its way, or of a file system.
-            shown = (p for p in folder.iterdir() if not p.name.startswith("."))
-            names = [p.name for p in shown if p.suffix.lower() in SUFFIXES]
+            # What is hidden is somebody's file on its way, or of a file system. Of a folder that
+            # is opened again with every frame of many thousands, paths would take most of the time.
+            shown = (name for name in os.listdir(folder) if not name.startswith("."))  # noqa: PTH208
+            names = [name for name in shown if name.lower().endswith(SUFFIXES)]
             if names:
                 return folder, names
     return path, []

@@ -6,11 +6,12 @@ for a while and then taken for a bad one.
 """
 
 import os
+import stat
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pcnav.config.region import RegionTable
@@ -25,9 +26,21 @@ _SETTLED_S = 0.02
 _PATIENCE_S = 1.0
 """One that cannot be read and was not touched for so long never will be."""
 _SUBFOLDERS = ("", "depth")
+_CLOCK_STEP_NS = 100_000_000
+"""Longer than the step in which a file system counts time."""
 
 Stamp = tuple[int, int]
 """Size and time of the last change of a file."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a folder holds; differs when there are other images, or another file was written."""
+
+    images: frozenset[str] = frozenset()
+    """Names."""
+    others: frozenset[tuple[Path, int, int]] = frozenset()
+    """With sizes and times of the last change."""
 
 
 class GrowingFolder:
@@ -39,22 +52,25 @@ class GrowingFolder:
         opened: Callable[[], Sequence],
         region: RegionTable,
         max_frames: int | None = None,
+        with_more: Callable[[Sequence, list[str]], Sequence | None] = lambda *_: None,
     ) -> None:
         """``opened`` reads what there is now, images that are missing or damaged among it.
 
-        ``max_frames`` ends it.
+        ``max_frames`` ends it. ``with_more`` adds images of some names to what was read, where that
+        is possible, so that a long recording is not read again for each of its frames.
         """
+        self._with_more, self._looking = with_more, _Looking(path)
         self._path, self._open, self._region = path, opened, region
         self._max_frames = max_frames
         self._sequence: Sequence | None = None
         self._intake: Intake | None = None
-        self._seen: object = None
+        self._seen: Look | None = None
         self._queue: deque[int] = deque()
         self._known: set[str] = set()
         self._taken, self._overtaken = 0, 0
         self._last_s = -float("inf")
         self._began_s = time.monotonic()
-        self._there = _names_in(path)
+        self._there = self._looking.at().images
         self._resting = _Resting()
         self._later: tuple[str, float] | None = None
         self._ready: Frame | None = None
@@ -111,21 +127,30 @@ class GrowingFolder:
 
     def _refresh(self) -> None:
         """Open the folder anew where there is something new in it."""
-        now = _look_of(self._path)
+        now = self._looking.at()
         if now == self._seen:
             return
         try:
-            with unheard():
-                sequence = self._open()
-            if self._sequence is None:
-                # Whatever it says of the recording is said once.
-                sequence = self._open()
+            sequence = self._extended(now) or self._opened()
         except InputError as error:
             # What cannot be read may be half-written: a later look tells.
             self._failure = error
             return
         self._failure, self._seen = None, now
         self._accept(sequence)
+
+    def _opened(self) -> Sequence:
+        with unheard():
+            sequence = self._open()
+        # Whatever it says of the recording is said once.
+        return self._open() if self._sequence is None else sequence
+
+    def _extended(self, now: Look) -> Sequence | None:
+        if self._seen is None or self._sequence is None or now.others != self._seen.others:
+            return None
+        names = [name for name in now.images if name not in self._seen.images]
+        is_told = all((self._sequence.images / name).is_file() for name in names)
+        return self._with_more(self._sequence, names) if names and is_told else None
 
     def _accept(self, sequence: Sequence) -> None:
         if self._sequence is None or self._intake is None:
@@ -214,25 +239,48 @@ class _Resting:
         return now - self._watched[2]
 
 
-def _names_in(path: Path) -> frozenset[str]:
-    return frozenset(file.name for file in _files_in(path))
+class _Looking:
+    """Looks into a folder, at its images again only where their folder has changed."""
+
+    def __init__(self, path: Path) -> None:
+        self._folders = [path / below for below in _SUBFOLDERS]
+        self._last: tuple[list[int], Look] | None = None
+
+    def at(self) -> Look:
+        """What is there now."""
+        changed, now_ns = [], time.time_ns()
+        for folder in self._folders:
+            with suppress(OSError):
+                changed.append(folder.stat().st_mtime_ns)
+        if self._last is not None and self._last[0] == changed:
+            look = self._last[1]
+            # Two changes within the clock's step leave one time.
+            if all(abs(now_ns - each) > _CLOCK_STEP_NS for each in changed):
+                return replace(look, others=frozenset(map(_stamped, _paths(look.others))))
+        images, others = set(), set()
+        for folder in self._folders:
+            # It may not be there yet.
+            with suppress(OSError):
+                for name in os.listdir(folder):  # noqa: PTH208 (paths of many files take long)
+                    if name.lower().endswith(SUFFIXES) and not name.startswith("."):
+                        images.add(name)
+                    elif not name.startswith("."):
+                        others.add(_stamped(folder / name))
+        look = Look(frozenset(images), frozenset(others))
+        self._last = (changed, look)
+        return look
 
 
-def _look_of(path: Path) -> object:
-    """Differs when there are other images, or another file was written."""
-    images, others = set(), set()
-    for file in _files_in(path):
-        if file.name.lower().endswith(SUFFIXES):
-            images.add(file.name)
-        elif file.is_file():
-            found = file.stat()
-            others.add((file.name, found.st_size, found.st_mtime_ns))
-    return images, others
+def _stamped(path: Path) -> tuple[Path, int, int]:
+    try:
+        found = path.stat()
+    except OSError:
+        return path, -1, -1
+    if stat.S_ISDIR(found.st_mode):
+        # What is in it is looked at by itself.
+        return path, 0, 0
+    return path, found.st_size, found.st_mtime_ns
 
 
-def _files_in(path: Path) -> Iterator[os.DirEntry[str]]:
-    """All but hidden ones, which are on their way to a name."""
-    for folder in (path / below for below in _SUBFOLDERS):
-        # It may not be there yet.
-        with suppress(OSError), os.scandir(folder) as files:
-            yield from (file for file in files if not file.name.startswith("."))
+def _paths(others: frozenset[tuple[Path, int, int]]) -> Iterator[Path]:
+    return (path for path, *_ in others)

@@ -87,7 +87,8 @@ def test_nothing_within_the_idle_time_is_an_error_that_says_what_is_missed(
     tmp_path: Path, pcnav: Pcnav
 ) -> None:
     (tmp_path / "frames").mkdir()
-    answer = pcnav("run", tmp_path / "frames", "-o", tmp_path / "out", *FOLLOW, "--idle", "0.05")
+    words = ("-o", tmp_path / "out", *FOLLOW, "--idle", "0.05", "--quiet")
+    answer = pcnav("run", tmp_path / "frames", *words)
     expect_refusal(answer, tmp_path / "frames", "expected")
     assert not (tmp_path / "out").exists()
     expect_refusal(pcnav("run", tmp_path / "frames", "--idle", "1"), "--idle", "--follow")

@@ -11,9 +11,11 @@ import pytest
 from pcnav.config.region import RegionTable
 from pcnav.recordings import growing_folder
 from pcnav.recordings.arriving import END_FILE, Arrival
+from pcnav.recordings.depth_folder import with_more
 from pcnav.recordings.depth_png import write_depth_png
 from pcnav.recordings.growing_folder import GrowingFolder
 from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.sequence import Sequence
 
 CAMERA = {"K": [100.0, 0.0, 3.5, 0.0, 100.0, 2.5, 0.0, 0.0, 1.0], "depth_scale": 1.0}
 SIZE = (6, 8)
@@ -33,7 +35,7 @@ def png(folder: Path, value: int) -> bytes:
 
 def followed(folder: Path, max_frames: int | None = None) -> GrowingFolder:
     opened = partial(open_sequence, folder, None, True)
-    return GrowingFolder(folder, opened, RegionTable(), max_frames)
+    return GrowingFolder(folder, opened, RegionTable(), max_frames, with_more)
 
 
 def next_of(source: GrowingFolder, within_s: float = 2.0) -> Arrival | None:
@@ -156,3 +158,33 @@ def test_a_growing_list_of_cameras_is_read_again(folder: Path) -> None:
         arrival = next_of(source)
         assert arrival is not None and arrival.frame.time_s == float(k)
     assert source.recording is not None and len(source.recording) == 3
+
+
+def test_images_named_by_their_times_are_added_without_reading_all_again(folder: Path) -> None:
+    for k in range(3):
+        (folder / f"170000000{k}.5.png").write_bytes(png(folder, 1000 + k))
+    opened = []
+
+    def counted() -> Sequence:
+        opened.append(1)
+        return open_sequence(folder, None, True)
+
+    source = GrowingFolder(folder, counted, RegionTable(), None, with_more)
+    for _ in range(3):
+        next_of(source)
+    count = len(opened)
+    for k in range(3, 6):
+        (folder / f"170000000{k}.5.png").write_bytes(png(folder, 1000 + k))
+        assert depth_of(next_of(source)) == pytest.approx(1.0 + 0.001 * k)
+    assert len(opened) == count
+    found, whole = source.recording, open_sequence(folder)
+    assert found is not None and found.files == whole.files
+    for name in ("times_s", "intrinsics", "depth_step_m", "T_cam_world"):
+        assert np.array_equal(getattr(found, name), getattr(whole, name)), name
+    assert found.info.time_zero_s == whole.info.time_zero_s == 1700000000.5
+    # What the names do not tell, the reader does.
+    (folder / "1699999999.5.png").write_bytes(png(folder, 900))
+    assert next_of(source, 0.1) is None and len(opened) > count
+    assert source.remarks == ("1 frames came after later ones and were left out",)
+    (folder / "poses.tum").write_text("")
+    assert with_more(whole, ["1700000009.5.png"]) is None
