@@ -8,6 +8,7 @@ nor one of the filter or the outline is taken for one of the faces.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import logsumexp
@@ -90,6 +91,8 @@ class FaceErrors:
         return self.lever_m * float(np.exp(weights[1:] @ np.log(_LEVELS[1:]) / weights[1:].sum()))
 
 
+# The errors of faces, their memory and the outline beside them all ask for those of one frame.
+@lru_cache(maxsize=1)
 def face_terms(seen: SeenFrame) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Of the k faces that have ranges: derivatives (k, 3, 6 + s) of their offsets and tilts by the
     pose and the shared errors, what they measure (k, 3), the variance (k,) of each by white noise

@@ -134,9 +134,9 @@ class RangeResiduals:
         return self.pixels[1].astype(np.float64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SeenFrame:
-    """A frame beside the view rendered at a pose."""
+    """A frame beside the view rendered at a pose. Each is like itself alone."""
 
     depth_m: DepthImage
     """(height, width), 0 where nothing returned."""

@@ -12,7 +12,8 @@ import numpy as np
 import trimesh
 from scipy import ndimage
 
-from pcnav.core.arrays import BoolArray, FloatArray, IntArray
+from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
+from pcnav.core.arrays import Part as ImagePart
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import (
     exp_rotation,
@@ -232,13 +233,14 @@ def _seen(
     sigma_m: float,
     reach_m: float,
 ) -> _Seen:
-    camera, n_parts = rendered.camera, len(parts.each)
-    depth_m, shown = frame.depth_m, rendered.triangle
+    n_parts, part_of_image = len(parts.each), _worth_looking_at(frame.depth_m, rendered.triangle)
+    depth_m, shown = frame.depth_m[part_of_image], rendered.triangle[part_of_image]
     label = np.where(shown >= 0, parts.of_triangle[shown], _UNEXPLAINED)
     inside = _inside(label)
     returned = depth_m > 0.0
     tolerance_m = _GATE_SIGMA * sigma_m
-    residual = (depth_m - rendered.depth_m) * range_per_depth(camera)
+    per_depth = range_per_depth(rendered.camera)[part_of_image]
+    residual = (depth_m - rendered.depth_m[part_of_image]) * per_depth
     agrees = (shown >= 0) & returned & (np.abs(residual) < tolerance_m)
     through = inside & (~returned | (residual >= tolerance_m))
     counts = [
@@ -250,7 +252,7 @@ def _seen(
     owner[~(agrees & inside)] = _UNEXPLAINED
     # What agrees beside an edge may be of either side; what does not is on no part of the mesh.
     rows, columns = np.nonzero(returned & (inside | ~agrees))
-    rays = pixel_rays(camera)[rows, columns]
+    rays = pixel_rays(rendered.camera)[part_of_image][rows, columns]
     p_cam = rays * depth_m[rows, columns].astype(np.float64)[:, None]
     near = np.flatnonzero(np.sum((p_cam - T_cam_model[:3, 3]) ** 2, axis=-1) < reach_m**2)
     near = near[:: max(len(near) // _MAX_POINTS, 1)]
@@ -259,6 +261,17 @@ def _seen(
     eye = np.broadcast_to(T_model_cam[:3, 3], points.shape)
     part = owner[rows[near], columns[near]]
     return _Seen(counts[0], counts[1], points, part, eye)
+
+
+def _worth_looking_at(depth_m: DepthImage, shown: IntArray) -> ImagePart:
+    """The rows and columns that hold all returns and all of the view, and one more about them."""
+    some = (depth_m > 0.0) | (shown >= 0)
+    spans = []
+    for axis in (1, 0):
+        places = np.flatnonzero(some.any(axis=axis))
+        first, last = (places[0], places[-1]) if len(places) else (0, -1)
+        spans.append(slice(max(int(first) - 1, 0), int(last) + 2))
+    return spans[0], spans[1]
 
 
 def _inside(label: IntArray) -> BoolArray:
