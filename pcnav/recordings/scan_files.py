@@ -21,7 +21,7 @@ from pcnav.recordings.scan import Scan
 from pcnav.recordings.sequence import Frame
 
 SCAN_FILE = "scan.npz"
-_MAX_BEAMS = 20_000_000
+_MAX_BEAMS, _MAX_PIXELS = 20_000_000, 16_777_216
 _SUFFIXES = (".npy", ".npz")
 
 
@@ -56,8 +56,15 @@ def read_scan_table(path: Path) -> ScanTable:
     if len(time_s) != len(rays):
         raise InputError(path, "time_s", f"expected {len(rays)} numbers, one a ray")
     numbers = _floats(path, arrays, "camera")
-    if numbers.shape != (6,) or not np.isfinite(numbers).all() or (numbers[:4] <= 0.0).any():
+    if (
+        numbers.shape != (6,)
+        or not np.isfinite(numbers).all()
+        or (numbers[:2] < 1.0).any()
+        or (numbers[2:4] <= 0.0).any()
+    ):
         raise InputError(path, "camera", "expected width, height, fx, fy, cx, cy")
+    if numbers[0] * numbers[1] > _MAX_PIXELS:
+        raise InputError(path, "camera", f"expected at most {_MAX_PIXELS:,} pixels")
     width, height = numbers[:2].astype(int).tolist()
     camera = PinholeCamera(width, height, *numbers[2:].tolist())
     checked_camera(str(path), camera)

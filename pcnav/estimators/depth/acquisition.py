@@ -168,7 +168,10 @@ class Acquisition:
             frame.index,
             100.0 * fit.pose.inlier_ratio,
         )
-        return (fit.pose,), _looked_at(perceived, "no motion decided on yet")
+        begun: tuple[SingleFramePose, ...] = (fit.pose,)
+        if self._refined and self._reader.frames_take_time:
+            begun = unskewed(begun, frame, self._reader)
+        return begun, _looked_at(perceived, "no motion decided on yet")
 
     def _hypotheses(self, frame: Frame) -> tuple[tuple[SingleFramePose, ...], FrameView]:
         """Where the target may be in a frame, and the frame as it was seen.

@@ -27,7 +27,7 @@ def boxsat(repository: Path) -> Target:
     return load_target(repository / "meshes" / "boxsat.obj")
 
 
-def scene_of(target: Target, frames: int, **scan: Any) -> Scene:
+def scene_of(target: Target, frames: int, side_px: int = 96, **scan: Any) -> Scene:
     pipeline = Pipeline.model_validate(
         {
             "scenario": {"frames": frames, "frame_rate_hz": 2.0},
@@ -38,7 +38,7 @@ def scene_of(target: Target, frames: int, **scan: Any) -> Scene:
                 "com_model_m": [0.10, 0.12, -0.13],
                 "inertia_ratios": [0.577, 0.735, -0.02, 0.06, -0.045],
             },
-            "camera": {"width_px": 96, "height_px": 96},
+            "camera": {"width_px": side_px, "height_px": side_px},
             "scan": {"duration_s": 0.5, "beams": 9000} | scan,
             "noise": {"range_sigma_m": SIGMA_M},
         }
@@ -86,7 +86,7 @@ def test_a_parabola_through_three_poses_is_their_motion() -> None:
 
 
 def test_three_scans_are_a_start(boxsat: Target) -> None:
-    scene = scene_of(boxsat, 4, pattern="raster")
+    scene = scene_of(boxsat, 4, 64, pattern="raster")
     tracker = Tracker(*(boxsat, scene.info, scene.pipeline.perception, scene.pipeline.filter, 0))
     *_, third, fourth = [tracker.step(frame) for frame in scene]
     assert third.status == fourth.status == Status.LOCKED
