@@ -39,7 +39,7 @@ from pcnav.runs.timing import AnswerTime, Timing, TimingFile, read_timing, timin
 from pcnav.runs.writer import RunWriter
 
 _LOG = logging.getLogger("pcnav")
-_LOOK_EVERY_S = 0.01
+_LOOK_EVERY_S = 0.005
 _SAID_AT = {10**k for k in range(9)}
 """Late frames are said when there are so many."""
 

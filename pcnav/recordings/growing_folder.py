@@ -21,7 +21,7 @@ from pcnav.recordings.depth_image import SUFFIXES
 from pcnav.recordings.intake import Intake, SkippedFrame
 from pcnav.recordings.sequence import Frame, Sequence
 
-_SETTLED_S = 0.02
+_SETTLED_S = 0.005
 """A file that was not touched for so long is worth a try."""
 _PATIENCE_S = 1.0
 """One that cannot be read and was not touched for so long never will be."""
