@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pcnav.cli import completion
 from pcnav.cli.dated_folder import dated_folder, link_latest
 from pcnav.cli.follow import Budget, DropLate, Follow, Idle, pace_of
 from pcnav.cli.frame_options import (
@@ -76,7 +77,8 @@ def run(
         str | None,
         typer.Option(
             help="Mesh of the target, or the name of a shipped one; "
-            "without it the sequence's own, else the pipeline's."
+            "without it the sequence's own, else the pipeline's.",
+            autocompletion=completion.meshes,
         ),
     ] = None,
     mesh_unit: MeshUnit = None,
@@ -84,12 +86,16 @@ def run(
         str | None,
         typer.Option(
             help="File with the settings of the estimator, or the name of a shipped one; "
-            "a result's pipeline.toml repeats its run."
+            "a result's pipeline.toml repeats its run.",
+            autocompletion=completion.pipelines,
         ),
     ] = None,
     estimator: Annotated[
         str | None,
-        typer.Option(help="Another estimator than the pipeline's, like open3d_icp or kiss_icp."),
+        typer.Option(
+            help="Another estimator than the pipeline's, like open3d_icp or kiss_icp.",
+            autocompletion=completion.estimators,
+        ),
     ] = None,
     initial_pose: Annotated[
         str | None,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pcnav.cli import completion
 from pcnav.cli.names import mesh_of_pipeline, named_pipeline
 from pcnav.cli.options import MeshUnit, Overwrite
 from pcnav.cli.progress import progress
@@ -13,7 +14,13 @@ from pcnav.config.length_unit import LengthUnit
 
 
 def simulate(
-    pipeline: Annotated[str, typer.Argument(help="Pipeline file, or the name of a shipped one.")],
+    pipeline: Annotated[
+        str,
+        typer.Argument(
+            help="Pipeline file, or the name of a shipped one.",
+            autocompletion=completion.pipelines,
+        ),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of the sequence.")],
     mesh_unit: MeshUnit = None,
     overwrite: Overwrite = False,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from pcnav.cli import completion
 from pcnav.cli.names import named_mesh
 from pcnav.cli.options import MeshUnit, Overwrite
 from pcnav.core.errors import InputError
@@ -17,7 +18,12 @@ _PICTURE, _CATALOGUE = ".png", ".toml"
 
 
 def target(
-    mesh: Annotated[str, typer.Argument(help="Mesh of any common format, or a shipped name.")],
+    mesh: Annotated[
+        str,
+        typer.Argument(
+            help="Mesh of any common format, or a shipped name.", autocompletion=completion.meshes
+        ),
+    ],
     out: Annotated[
         list[Path] | None,
         typer.Option(
