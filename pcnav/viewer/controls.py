@@ -2,6 +2,7 @@
 
 from html import escape
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Protocol
 
 import viser
@@ -13,7 +14,7 @@ from pcnav.viewer.events import Kind
 from pcnav.viewer.export import Share
 from pcnav.viewer.frames import MAX_POINTS, ColourBy
 from pcnav.viewer.future import AHEAD_S
-from pcnav.viewer.loaded_run import Snapshot
+from pcnav.viewer.loaded_run import LoadedRun, Snapshot
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
 
 _ANY_EVENT = "any event"
@@ -272,8 +273,18 @@ def available_layers(snapshot: Snapshot) -> tuple[Layer, ...]:
     return tuple(layer for layer in Layer if layer in available)
 
 
+def recording_of(loaded: LoadedRun) -> Path | None:
+    """Where the recording of a run is or was; None where it does not tell."""
+    pipeline = loaded.run.pipeline
+    if pipeline is None or pipeline.sequence is None:
+        return None
+    return Path(pipeline.sequence).resolve()
+
+
 def _notes_html(snapshot: Snapshot) -> str:
     notes = [note for loaded in snapshot.runs for note in loaded.notes]
+    if len({recording_of(loaded) for loaded in snapshot.runs} - {None}) > 1:
+        notes.append("the runs are of different recordings: compared by time alone")
     if snapshot.is_live:
         notes.append("live: the run goes on")
     return "".join(

@@ -103,6 +103,15 @@ def test_what_a_folder_says_is_text(loaded: LoadedRun) -> None:
     assert "<img" not in html and "&lt;img" in html
 
 
+def test_runs_of_different_recordings_are_said_to_be_so(loaded: LoadedRun) -> None:
+    assert loaded.run.pipeline is not None
+    other = loaded.run.pipeline.model_copy(update={"sequence": "/elsewhere/sequence"})
+    moved = replace(loaded, run=replace(loaded.run, pipeline=other))
+    for second, said in ((moved, True), (loaded, False)):
+        html = _notes_html(Snapshot((loaded, second), 0, is_live=False))
+        assert ("different recordings" in html) is said
+
+
 def test_the_position_is_told_in_the_axes_of_an_eccentric_orbit(loaded: LoadedRun) -> None:
     orbit = KeplerOrbit(1e-3, 0.3, 0.4)
     P = np.diag([1.0, 4.0, 9.0])

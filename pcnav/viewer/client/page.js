@@ -323,7 +323,7 @@
 
   const drawAll = () => { layOut(); drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); };
   const shows = {
-    now: () => { if (`${bar.clientHeight + 1}` !== `${top()}`) layOut(); drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); },
+    now: () => { if (bar.clientHeight + 1 !== top()) { layOut(); if (pcnav.plots) pcnav.plots.build(); } drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); },
     timeline: () => { layOut(); drawTime(); },
     plots: () => { if (pcnav.plots) pcnav.plots.taken(); },
     card: showCard,
