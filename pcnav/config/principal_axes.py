@@ -50,7 +50,7 @@ class PrincipalAxesTable(Table):
     gate_probability: Probability = 0.9999
     """A true observation of a point passes the gate with this probability."""
     max_iterations: Count = 5
-    """Of the iterated update."""
+    """Of the iterated update by printed measurements; pixels are smoothed over a gap."""
     max_features: Annotated[int, Field(ge=3)] = 30
     """Points in the state; the one not seen for longest makes room."""
     max_rejections: Count = 5

@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.batch.monte_carlo import Run, runs_of
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
 from pcnav.core.arrays import FloatArray
-from pcnav.core.statistics import root_mean_square
+from pcnav.core.statistics import MeanSquared, mean_squared, root_mean_square
 from pcnav.dynamics.inertia_parameters import parameters_of
 from pcnav.estimators.attitude_inertia.chained_inertia import ChainedInertiaEstimator
 from pcnav.estimators.attitude_inertia.rotation_model import (
@@ -82,6 +82,14 @@ def run_joined(run: Run[Chained]) -> JoinedErrors:
         np.stack(covariances)[:, INERTIA, INERTIA],
         float(np.mean([frame.R_world_body is not None for frame in frames])),
     )
+
+
+def nees_at(runs: Sequence[JoinedErrors], length_s: float) -> MeanSquared:
+    """Mean over the runs, after an arc of a length."""
+    last = [(run, run.last_up_to(length_s)) for run in runs]
+    error = np.stack([run.error[k] for run, k in last])
+    stated = np.stack([run.covariance[k] for run, k in last])
+    return mean_squared(squared_normalised_errors(error, stated), SIZE)
 
 
 def joined_table(by_case: Mapping[str, Sequence[JoinedErrors]], duration_s: float) -> TextTable:

@@ -1,12 +1,13 @@
 """The study of Appl. Sci. 2022, 12, 12625 as a list of verbs: track, chain, compare."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pcnav.batch.monte_carlo import runs_of
 from pcnav.core.arrays import FloatArray
-from pcnav.core.statistics import chi_square_bounds
+from pcnav.core.statistics import chi_square_bounds, mean
 from pcnav.estimators.image_motion.chain import run_chain
 from pcnav.estimators.image_motion.rates import continuous_xyzw, rotation_history
 from pcnav.report.panels import panels_figure
@@ -14,7 +15,7 @@ from pcnav.simulation.images import TrackFaults
 
 from ..folder import Study, StudyFigure
 from ..panels import component_panels
-from ..tables import cell
+from ..tables import Claim, below, cell, inside, verdict
 from ..text import study_of
 from ..work import Work
 from . import joined, limits, paper
@@ -82,6 +83,7 @@ def study(runs: int, work: Work) -> Study:
         Path(__file__).parent,
         runs,
         [
+            verdict(_claims(named, inertia.by_case, joined_s), "figure", "expected"),
             *(errors_table(key, found) for key, found in groups.items()),
             *(outcomes_table(key, found) for key, found in groups.items()),
             joined.joined_table(inertia.by_case, joined_s),
@@ -94,7 +96,7 @@ def study(runs: int, work: Work) -> Study:
             growth_figure("growth", noises, ("0.1 px", "0.5 px")),
             growth_figure("growth_faults", faults, tuple(FAULTS)),
         ],
-        shown=("noise", "faults", "intervals", "inertia_from_images"),
+        shown=("verdict", "noise", "faults", "intervals", "inertia_from_images"),
         pipelines={},
         ends="\n".join(
             f"- attitude error at the end, {name}: {cell(named[name].error_at_end)} deg"
@@ -106,6 +108,31 @@ def study(runs: int, work: Work) -> Study:
         limits=limits,
         displacement=cell(np.linalg.norm(limits.DISPLACEMENT_M)),
     )
+
+
+def _claims(
+    named: Mapping[str, ChainErrors],
+    inertia: Mapping[str, Sequence[joined.JoinedErrors]],
+    joined_s: float,
+) -> list[Claim]:
+    """What the paper shows, of exact matches, and what is asked of the robust chain beyond."""
+    printed, robust = named["as printed, 0 px"], named["robust, key frames, 0.1 px"]
+    wrong = named["robust, key frames, 20 % wrong"]
+    nees = "NEES of the attitude, robust, key frames"
+    found = [
+        below(*("Fig. 8", "attitude as printed, exact matches, deg"), [printed.error_at_end], 0.01),
+        below(*("Fig. 9", "rate as printed, exact matches, deg/s"), [printed.rate_rms], 0.01),
+        below(
+            "-", "attitude at the end, robust, key frames, 0.1 px, deg", [robust.error_at_end], 1.0
+        ),
+        below("-", "the same with 20 % wrong matches, deg", [wrong.error_at_end], 1.0),
+        below("-", f"{nees}, 0.1 px, over dof", [mean(robust.nees)], 1.5),
+        below("-", f"{nees}, 20 % wrong matches, over dof", [mean(wrong.nees)], 1.5),
+    ]
+    for name, runs in inertia.items():
+        judged = joined.nees_at(runs, joined_s)
+        found.append(inside("-", f"NEES of the inertia ratios from images, {name}", judged))
+    return found
 
 
 def _paper_figures(duration_s: float) -> list[StudyFigure]:

@@ -146,7 +146,8 @@ def filter_runs(motion: Motion) -> list[Estimates]:
 
 
 def filter_figures(runs: Sequence[Estimates]) -> list[StudyFigure]:
-    """Figs. 2-5: attitudes with the noise of R, then estimates of quaternion, rate and ratios."""
+    """Figs. 2-5: attitudes, true and with the noise of R, then estimates of quaternion, rate and
+    ratios; of all but the first their first tenth as well, in which they converge."""
     motion, q = runs[0].motion, ("q1", "q2", "q3", "q4")
     true_q = continuous_xyzw(motion.truth.R_world_body)
     noisy = continuous_xyzw(measured(motion, paper.HALF_ANGLE_SD_RAD, seed=1))
@@ -155,28 +156,35 @@ def filter_figures(runs: Sequence[Estimates]) -> list[StudyFigure]:
     rate_names = [f"rate {axis}, deg/s" for axis in "xyz"]
     true_rates = _DEGREES * motion.truth.omega_body
     return [
-        _figure("fig2", motion, q, true_q, {"measured": noisy}),
-        _figure("fig3", motion, q, true_q, quaternions),
-        _figure("fig4", motion, rate_names, true_rates, rates),
-        ratio_figure("fig5", runs),
+        *_figures("fig2a", motion, q, true_q, {})[:1],
+        *_figures("fig2", motion, q, true_q, {"measured": noisy}),
+        *_figures("fig3", motion, q, true_q, quaternions),
+        *_figures("fig4", motion, rate_names, true_rates, rates),
+        *ratio_figures("fig5", runs),
     ]
 
 
-def ratio_figure(key: str, runs: Sequence[Estimates]) -> StudyFigure:
-    """Inertia ratios over time."""
+def ratio_figures(key: str, runs: Sequence[Estimates]) -> list[StudyFigure]:
+    """Inertia ratios over time, and over its first tenth."""
     motion = runs[0].motion
     found = {run.name: run.state.printed_ratios[:, 0] for run in runs}
-    return _figure(key, motion, RATIO_NAMES, motion.truth.printed_ratios, found)
+    return _figures(key, motion, RATIO_NAMES, motion.truth.printed_ratios, found)
 
 
-def _figure(
+def _figures(
     key: str,
     motion: Motion,
     labels: Sequence[str],
     truth: FloatArray,
     found: Mapping[str, FloatArray],
-) -> StudyFigure:
-    return StudyFigure(key, panels_figure(motion.times_s, component_panels(labels, truth, found)))
+) -> list[StudyFigure]:
+    """The whole run, and its first tenth."""
+    figures = []
+    for name, end in ((key, len(motion.times_s)), (f"{key}_start", len(motion.times_s) // 10 + 1)):
+        shown = {what: values[:end] for what, values in found.items()}
+        panels = component_panels(labels, truth[:end], shown)
+        figures.append(StudyFigure(name, panels_figure(motion.times_s[:end], panels)))
+    return figures
 
 
 def error_table(runs: Sequence[Estimates]) -> TextTable:

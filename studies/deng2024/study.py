@@ -57,7 +57,7 @@ def study(runs: int, work: Work) -> Study:
         [
             observability.rank_figure(ranks),
             *filters.filter_figures(in_nutation),
-            filters.ratio_figure("fig6", in_spin),
+            *filters.ratio_figures("fig6", in_spin),
             consistency.nees_figure(results),
             observability.arc_figure(arcs),
         ],
@@ -92,7 +92,7 @@ def _verdict(
     for result in results[:3]:
         nees, name = result.settled_nees, result.case.name
         quantity = f"NEES per state from {result.settled_from_s:g} s on: {name}"
-        rows.append((quantity, result.bounds, f"{nees.mean:.3f}", nees.inside))
+        rows.append((quantity, result.mean_bounds, f"{nees.mean:.3f}", result.is_inside))
     return table("verdict", ("quantity", "expected", "ours", "met"), rows, text_columns=4)
 
 

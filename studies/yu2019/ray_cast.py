@@ -34,7 +34,7 @@ from ..blocks import BLOCKS, WHOLE
 from ..folder import StudyFigure
 from ..following import JudgedRun, follow
 from ..panels import error_panel
-from ..tables import Claim, as_printed, table, table_of
+from ..tables import Claim, as_printed, below, table, table_of
 
 _READ = tuple(product((0.1, 0.02), (PerceptionMode.PAPER, PerceptionMode.AREA_WEIGHTED)))
 """Noises and modes: the paper's noise first."""
@@ -42,6 +42,8 @@ _POSITION_GOAL_MM, _ATTITUDE_GOAL_DEG = 10.0, 0.2
 _PANEL_FRAMES_PER_RUN, _RUNS_PER_SATELLITE_FRAME = 3, 2
 _PANEL_WORK, _SATELLITE_WORK, _SEQUENCE_WORK = 0.03, 0.8, 0.08
 """Of a frame."""
+_MAX_NEES = 2.0
+"""Median over the last third of a run, over its degrees of freedom: of a right one it is 1."""
 MAX_INCIDENCE_DEG = 70.0
 _PANEL_OFF_AXIS_M, _SATELLITE_OFF_AXIS_M = 1.0, 0.5
 _GUESS_RAD = (0.1, -0.05, 0.08)
@@ -288,6 +290,15 @@ def claims(found: RayCast) -> list[Claim]:
             ("attitude RMS, worst axis, deg", _ATTITUDE_GOAL_DEG, worst),
             ("attitude RMS, whole angle, deg", _ATTITUDE_GOAL_DEG, angle),
         )
+    ] + [
+        below(
+            "ray-cast",
+            f"NEES of the filter, {setting.mode}, {setting.noise_m:g} m, over its degrees of "
+            "freedom",
+            [percentile(run.nees(WHOLE)[2 * len(run) // 3 :] / WHOLE.size, 50)],
+            _MAX_NEES,
+        )
+        for setting, run in found.sequences
     ]
 
 

@@ -50,7 +50,7 @@ def study(runs: int, work: Work) -> Study:
     rays = ray_cast.RayCast(panel.results, frames.results, sequences.results)
     claims = [
         *extraction.claims(extracted, moments.results),
-        *single_frame.claims(even),
+        *single_frame.claims(turns.by_case),
         *filtering.claims(filters),
         *ray_cast.claims(rays),
     ]

@@ -84,7 +84,12 @@ def test_consistency_is_told_against_its_bounds():
     row = nees_table([result]).rows[0]
     assert row[0] == case.name
     inside = np.mean(result.judged.inside[result.settled])
-    assert row[5] == f"{100.0 * inside:.0f} %"
+    assert row[6] == f"{100.0 * inside:.0f} %"
+    # Bounds of the mean over time are those of the means of the runs, which are independent.
+    of_run = np.mean(result.found.nees[result.settled], axis=0) / 11.0
+    low, high = (float(word) for word in result.mean_bounds.split(" to "))
+    assert high - 1.0 == pytest.approx(1.96 * np.std(of_run, ddof=1) / np.sqrt(3.0), abs=1e-3)
+    assert low + high == pytest.approx(2.0)
 
 
 def test_rank_chapter_needs_no_case_twice(study):

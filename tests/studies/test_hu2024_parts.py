@@ -19,7 +19,7 @@ from studies.hu2024.errors import (
     error_figures,
     last_table,
 )
-from studies.hu2024.following import cases, disturbed_truth, judge
+from studies.hu2024.following import Following, cases, disturbed_truth, judge
 from studies.hu2024.identification import (
     REPORT_S,
     Method,
@@ -134,6 +134,18 @@ def test_consistency_of_matched_runs(runs):
     assert consistent.whole[0].verdict == "-"
     whole, motion = consistent.at(18.0)
     assert whole.values == motion.values == 2
+
+
+def test_a_start_and_a_gap_under_a_strong_torque_are_what_they_say():
+    """A tenth of the printed disturbance: an arc fitted without one has a misfit of 40 and more."""
+    scenario = short(17.0)
+    features = scenario.features.model_copy(update={"blackouts_s": ((11.0, 15.0),)})
+    case = Following(paper.settings(0.1), disturbed=True, every=3)
+    run = judge(case, replace(scenario, features=features), 0)
+    per_degree = run.nees[0] / run.size[0]
+    assert np.isfinite(per_degree[run.time_s > 10.0]).all()
+    assert np.nanmean(per_degree[run.time_s < 11.0]) < 2.0
+    assert np.nanmean(per_degree[run.time_s > 15.0]) < 2.0
 
 
 def test_tables_of_the_filter(runs, monkeypatch):

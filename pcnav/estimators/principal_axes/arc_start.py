@@ -1,7 +1,7 @@
 """From an arc of frames to the state of Hu 2024's filter at its end, nothing known before.
 
 Points -> rigid map and its poses -> rotation and inertia -> unique principal frame -> mass centre
--> everything together, from the pixels -> a filter pass over the arc.
+-> everything together, from the pixels -> the same under disturbances: smoothed over the arc.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import numpy as np
 
 from pcnav.config.principal_axes import Identification, PrincipalAxesTable
 from pcnav.core.arrays import FloatArray
+from pcnav.core.spatial import log_rotation
 from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.inertia_parameters import BALL, inertia_of, parameters_of
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
@@ -19,31 +20,41 @@ from pcnav.dynamics.principal_inertia import ratios_from_moments
 from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc, positive
 from pcnav.estimators.features.feature_map import FeatureMap, build_map, triangulated
 from pcnav.estimators.features.photogrammetric_frame import best_triple, photogrammetric_axes
-from pcnav.estimators.principal_axes.arc_fit import ArcFit, bounded_steps, fit_pixels, weakly_held
+from pcnav.estimators.principal_axes.arc_fit import fit_pixels, weakly_held
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
-from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
+from pcnav.estimators.principal_axes.feature_states import (
+    PA_OMEGA,
+    PA_R_HILL,
+    PA_RATIOS,
+    PA_THETA,
+    PA_V_HILL,
+    PrincipalAxesModel,
+    PrincipalState,
+)
 from pcnav.estimators.principal_axes.inertia_identification import (
     angular_rate,
     batch_least_squares,
     errors_in_variables,
 )
-from pcnav.estimators.principal_axes.linearised import Leg, filter_about
-from pcnav.estimators.principal_axes.principal_choice import AxesCertainty, axes_certainty
+from pcnav.estimators.principal_axes.linearised import Prior, smoothed
+from pcnav.estimators.principal_axes.principal_choice import axes_certainty
 from pcnav.estimators.principal_axes.principal_frame import (
     clearest_order,
     free_axes,
     principal_axes,
 )
-from pcnav.filtering.error_state import retraction_jacobian
 from pcnav.recordings.tracks import TrackFrame
 
 _MIN_POSES = 10
-_PASSES = 2
+_MAX_MISFIT = 1.5
+"""Squared residuals over degrees of freedom, hundreds of them; beyond, momentum changes."""
 _MAX_ATTITUDES = 40
 _MAX_GAP_RAD = 0.5
 """Turn between the attitudes that a rate is differentiated from."""
-_DIFFUSE = 1000.0
-"""The filter pass begins with the fit's deviations times this: with none of its information."""
+_SOME = np.array([1.0, 1.0]) / 3.0
+"""Ratios far from those of equal moments and of thin bodies."""
+_VAGUE = 10.0
+"""Before the frames, rates may be off by so many times the largest that they show."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +71,9 @@ class ArcStart:
     """Those of the last frame that agree with the others."""
     triple: tuple[int, int, int]
     """The features whose photogrammetric frame gave the axes their signs."""
-    certainty: AxesCertainty
-    """How well the arc shows the axes if the target turned without torque, as (10) has it."""
+    is_ready: bool
+    """Whether to wait for a longer arc is of no use: the axes are determined if the target turned
+    without torque, as (10) has it, or its pixels deny that it does."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +118,24 @@ def start_from_arc(
         orbit, table.acceleration_psd_m2_s3, table.angular_acceleration_psd_rad2_s3
     )
     fit = fit_pixels(times, views, model, state)
-    end, covariance = _filtered(fit, times, views, model, table.gate_probability)
+    is_disturbed = fit.misfit > _MAX_MISFIT
+    # A disturbance leads fits without one astray, as far as no step of least squares brings it
+    # back; so the trajectory begins as the frames show it, and with a body like many.
+    nominal = _as_seen(found, times, orbit, replace(state, ratios=_SOME) if is_disturbed else state)
+    prior = Prior(_vague(nominal), nominal[0] if is_disturbed else None)
+    try:
+        end = smoothed(nominal, times.tolist(), views, model, prior, table.gate_probability)
+    except np.linalg.LinAlgError:
+        return None
+    if is_disturbed and not end.is_settled:
+        return None
     i, j, k = (names[slot] for slot in triple)
     known = axes_certainty(fit.state, max(1.0, fit.misfit) * fit.covariance)
+    is_ready = known.is_determined or is_disturbed
     used = tuple(views[-1].features.tolist())
-    return ArcStart(float(times[-1]), end, covariance, tuple(names), used, (i, j, k), known)
+    return ArcStart(
+        float(times[-1]), end.state, end.covariance, tuple(names), used, (i, j, k), is_ready
+    )
 
 
 def _unit(points: int) -> FloatArray:
@@ -237,42 +262,47 @@ def _views(
     return views
 
 
-def _filtered(
-    fit: ArcFit,
-    times: FloatArray,
-    views: Sequence[FeatureView],
-    model: PrincipalAxesModel,
-    gate_probability: float,
-) -> tuple[PrincipalState, FloatArray]:
-    """State and covariance at the end of the arc: the fit, with process noise along the way.
+def _vague(nominal: Sequence[PrincipalState]) -> FloatArray:
+    """(n, n) of the first state's error before the frames say anything: the size of what they show.
 
-    A target that is disturbed leads the fit astray, and with it the trajectory that the pass is
-    linear about. The state that a pass finds is therefore carried back to the start, without
-    disturbances, for the next to be linear about.
+    That is hundreds of times what one frame leaves open, and little enough to be told from zero.
     """
-    first, misfit = fit.state, max(1.0, fit.misfit)
-    for _ in range(_PASSES):
-        states, legs = _trajectory(first, times, model)
-        # The information of the fit itself is not used; see `_DIFFUSE`.
-        wide = weakly_held(fit.state, _DIFFUSE**2 * misfit * fit.covariance)
-        error, covariance = filter_about(states, legs, views, wide, gate_probability)
-        error = states[-1].admissible(error, covariance)
-        reset = retraction_jacobian(states[-1], error)
-        end = states[-1].retract(error)
-        first, _, _ = model.propagate(end, float(times[-1]), float(times[0] - times[-1]))
-    return end, reset @ covariance @ reset.T
+    first = nominal[0]
+    sd = np.full(first.size, np.linalg.norm(first.points - first.points.mean(axis=0), axis=1).max())
+    sd[PA_THETA] = sd[PA_RATIOS] = 1.0
+    sd[PA_OMEGA] = _VAGUE * max(float(np.linalg.norm(state.omega_body)) for state in nominal)
+    sd[PA_R_HILL] = np.linalg.norm(first.r_hill)
+    sd[PA_V_HILL] = _VAGUE * max(float(np.linalg.norm(state.v_hill)) for state in nominal)
+    return weakly_held(first, np.diag(sd**2))
 
 
-def _trajectory(
-    first: PrincipalState, times: FloatArray, model: PrincipalAxesModel
-) -> tuple[list[PrincipalState], list[list[Leg]]]:
-    """States at all times, and the legs between them, without disturbances."""
-    states, legs = [first], []
-    for before, after in zip(times[:-1].tolist(), times[1:].tolist(), strict=True):
-        state, leg = states[-1], []
-        for time, step in bounded_steps(before, after):
-            state, transition, noise = model.propagate(state, time, step)
-            leg.append(Leg(transition, noise))
-        states.append(state)
-        legs.append(leg)
-    return states, legs
+def _as_seen(
+    found: FeatureMap, times: FloatArray, orbit: KeplerOrbit, first: PrincipalState
+) -> list[PrincipalState]:
+    """States at all times, each with its own frame's pose, and rates between neighbours.
+
+    ``first`` is the state at the first time, whose axes and points hold for all.
+    """
+    R_map_body = found.poses[0].R_world_map.T @ first.R_world_body
+    names = sorted(found.points)
+    centre = found.points[names[0]] - R_map_body @ first.points[0]
+    R = np.stack([pose.R_world_map @ R_map_body for pose in found.poses])
+    r = np.stack(
+        [
+            orbit.R_hill_world(time) @ (pose.t_world + pose.R_world_map @ centre)
+            for pose, time in zip(found.poses, times.tolist(), strict=True)
+        ]
+    )
+    steps = np.diff(times)
+    turns = log_rotation(np.swapaxes(R[:-1], -1, -2) @ R[1:]) / steps[:, None]
+    moves = np.diff(r, axis=0) / steps[:, None]
+    last = len(steps) - 1
+    # Of the two neighbours of a time the nearer: after a gap a turn may be another by a whole one.
+    by = [min(max(k - 1, 0), last) for k in range(len(times))]
+    by = [
+        j if steps[j] <= steps[min(j + (k > 0), last)] else min(k, last) for k, j in enumerate(by)
+    ]
+    return [
+        replace(first, R_world_body=R[k], omega_body=turns[j], r_hill=r[k], v_hill=moves[j])
+        for k, j in enumerate(by)
+    ]

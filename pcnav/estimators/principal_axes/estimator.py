@@ -108,7 +108,7 @@ class PrincipalAxesEstimator(Estimator):
         start = start_from_arc(self._arc, self._rig, self._orbit, self._table, self._rng)
         if start is None:
             return
-        if at_last or start.certainty.is_determined:
+        if at_last or start.is_ready:
             self._follower = FeatureFollower(start, self._rig, self._orbit, self._table, self._rng)
             self._arc, self._used_at_start = [], start.used
 

@@ -26,6 +26,7 @@ from pcnav.estimators.principal_axes.feature_state_changes import (
     without_points,
 )
 from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
+from pcnav.estimators.principal_axes.linearised import Prior, smoothed
 from pcnav.estimators.principal_axes.principal_choice import (
     axes_certainty,
     free_choice,
@@ -37,6 +38,8 @@ from pcnav.recordings.tracks import TrackFrame
 
 _GAP_S = 2.0
 """Without features for longer, those that re-appear must agree with one another first."""
+_GAP_NODES = 20
+"""About so many states stand for the path over a gap."""
 _CLEAR_SD = 3.0
 _NEW_POINT_DISTANCE = 16.3
 """Squared, of two observations of a new feature: the 99.9 % point of three components."""
@@ -49,6 +52,15 @@ class Taken:
     result: UpdateResult | None = None
     used: tuple[int, ...] = ()
     rejected: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """A time since the last frame that was used."""
+
+    time_s: float
+    state: PrincipalState
+    covariance: FloatArray
 
 
 class FeatureFollower:
@@ -74,6 +86,7 @@ class FeatureFollower:
         """Features that one frame has shown: point (body axes, m) and covariance."""
         self._has_broken_down = False
         self._shape = dict(zip(start.features, start.state.points, strict=True))
+        self._path = [_Passed(start.time_s, start.state, start.covariance)]
 
     @property
     def state(self) -> PrincipalState:
@@ -102,6 +115,7 @@ class FeatureFollower:
             for time, step in bounded_steps(self._time_s, time_s):
                 self._filter.predict(self._model, time, step)
             self._time_s = time_s
+            self._path.append(_Passed(time_s, self.state, self.covariance))
 
     def take(self, frame: TrackFrame) -> Taken:
         """Measure the features of a frame at the present time."""
@@ -124,6 +138,7 @@ class FeatureFollower:
             self._keep_axes_unique()
             self._drop_rejected()
             self._add_new(seen)
+            self._path = [_Passed(self._time_s, self.state, self.covariance)]
         return taken
 
     def _filter_of(
@@ -172,11 +187,12 @@ class FeatureFollower:
             measurements = self._pixels(frame, slots, trusted)
         else:
             measurements = self._points_and_attitude(seen, slots, trusted)
-        # From a wide prediction one linearisation does not lead to the estimate.
-        iterations = self._table.max_iterations if after_gap else 1
-        kalman = self._filter_of(self.state, self.covariance, iterations)
-        result = kalman.update(measurements)
-        self._filter = kalman
+        if after_gap and self._table.measurements is FeatureMeasurements.PIXELS:
+            result = self._smoothed_over_gap(frame, slots, trusted)
+        else:
+            iterations = self._table.max_iterations if after_gap else 1
+            self._filter = self._filter_of(self.state, self.covariance, iterations)
+            result = self._filter.update(measurements)
         passed = dict(zip(names, result.accepted, strict=False))
         return Taken(
             result,
@@ -184,13 +200,40 @@ class FeatureFollower:
             (*(name for name in names if not passed[name]), *refused),
         )
 
-    def _pixels(
+    def _smoothed_over_gap(
         self, frame: TrackFrame, slots: IntArray, trusted: BoolArray
-    ) -> list[Measurement[PrincipalState]]:
+    ) -> UpdateResult:
+        """Take the first frame after a gap.
+
+        What it says of rate and inertia goes by how they moved the attitude meanwhile. That is
+        known only now: by the path that was predicted, it would say more, and something else.
+        """
+        every = max(1, len(self._path) // _GAP_NODES)
+        nodes = [*self._path[:-1:every], self._path[-1]]
+        views = [*[None] * (len(nodes) - 1), self._view(frame, slots, trusted)]
+        found = smoothed(
+            [node.state for node in nodes],
+            [node.time_s for node in nodes],
+            views,
+            self._model,
+            Prior(nodes[0].covariance, nodes[0].state),
+            self._table.gate_probability,
+        )
+        if not found.is_settled:
+            raise np.linalg.LinAlgError("the path over the gap is not found")
+        self._filter = self._filter_of(found.state, found.covariance)
+        return found.result
+
+    def _view(self, frame: TrackFrame, slots: IntArray, trusted: BoolArray) -> FeatureView:
         if not trusted.all():
             frame = replace(frame, features=frame.features[trusted], pixels=frame.pixels[trusted])
         R_hill_world = self._orbit.R_hill_world(frame.time_s)
-        return [*FeatureView(frame, self._rig, R_hill_world, slots[trusted]).measurements()]
+        return FeatureView(frame, self._rig, R_hill_world, slots[trusted])
+
+    def _pixels(
+        self, frame: TrackFrame, slots: IntArray, trusted: BoolArray
+    ) -> list[Measurement[PrincipalState]]:
+        return [*self._view(frame, slots, trusted).measurements()]
 
     def _points_and_attitude(
         self, seen: TriangulatedFrame, slots: IntArray, trusted: BoolArray
