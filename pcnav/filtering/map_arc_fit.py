@@ -158,6 +158,8 @@ def fit_arc(
     arc: Sequence[TimedMeasurements[S]],
     start: S | None = None,
     gathered: ArcMeasurements[S] | None = None,
+    *,
+    bends: bool = True,
 ) -> ArcFit[S]:
     """Fit the state at the arc's first time; the guess is also the mean of the prior.
 
@@ -171,11 +173,13 @@ def fit_arc(
         start: state at the first time to iterate from, as an earlier fit found it; the guess
             if None.
         gathered: the measurements of the arc as they are compared; None for one by one.
+        bends: whether the covariance counts the second-order part, see `arc_curvature`.
 
     Raises `ArcError` when a covariance is not positive definite or an iterate is not finite.
     """
     try:
-        trajectory = _Trajectory(model, guess, prior_covariance, arc, gathered or OneByOne(arc))
+        measured = gathered or OneByOne(arc)
+        trajectory = _Trajectory(model, guess, prior_covariance, arc, measured, bends=bends)
         begin = np.zeros(len(prior_covariance)) if start is None else guess.local(start)
         settled = None if start is None else _settled(trajectory, begin)
         if settled is not None:
@@ -221,9 +225,11 @@ class _Trajectory(Generic[S]):
         prior_covariance: FloatArray,
         arc: Sequence[TimedMeasurements[S]],
         measured: ArcMeasurements[S],
+        *,
+        bends: bool,
     ) -> None:
         self._model, self._guess, self._measured = model, guess, measured
-        self._times_s = np.array([timed.time_s for timed in arc])
+        self._times_s, self._bends = np.array([timed.time_s for timed in arc]), bends
         self._prior_root = cholesky(np.linalg.inv(prior_covariance), lower=False)
         size = len(prior_covariance)
         self._bound_rows = slice(size, size + len(guess.thinness()[0]))
@@ -247,9 +253,11 @@ class _Trajectory(Generic[S]):
         by_error = cho_solve(cho_factor(J.T @ J), np.eye(size))
         admissible = self._guess.admissible(error, by_error)
         moved = at if np.array_equal(admissible, error) else self._evaluated(admissible)
-        bend = bend_of(at_fit, error, by_error, self._guess.loose, self._beside)
         # A covariance of the error at the guess: carry it to the last state.
-        covariance = moved.sensitivity @ by_error @ moved.sensitivity.T + bend.second_moment
+        covariance, excess = moved.sensitivity @ by_error @ moved.sensitivity.T, 0.0
+        if self._bends:
+            bend = bend_of(at_fit, error, by_error, self._guess.loose, self._beside)
+            covariance, excess = covariance + bend.second_moment, bend.excess
         return ArcFit(
             path=moved.states,
             covariance=0.5 * (covariance + covariance.T),
@@ -257,7 +265,7 @@ class _Trajectory(Generic[S]):
             dof=len(J) - size,
             converged=converged,
             first_error=error,
-            excess=bend.excess,
+            excess=excess,
         )
 
     def _beside(self, error: FloatArray) -> LinearisedArc:

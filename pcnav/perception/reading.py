@@ -9,9 +9,9 @@ import numpy as np
 
 from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
-from pcnav.core.camera import PinholeCamera
+from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import rotation_angle
+from pcnav.core.spatial import rotation_angle, transform_points
 from pcnav.perception.agreement import Agreement, judged
 from pcnav.perception.association import (
     MeasuredFace,
@@ -39,6 +39,9 @@ _INLIER_SIGMA = 3.0
 _ENOUGH_RETURNS = 3_000
 """So many returns suffice to find a target: about those of one that spans 60 pixels."""
 _RIVAL_LAG = 0.3
+_WELL_EXPLAINED, _MAX_TURNED = 0.97, 8
+"""What a pose leaves of a frame may tell of another attitude if it is more than this leaves; of so
+many is asked."""
 _SAME_ANGLE_RAD = 0.15
 _SAME_SHIFT_FRACTION = 0.1
 """Poses closer than this angle and share of the diameter are one."""
@@ -229,12 +232,15 @@ class FrameReader:
     def rivals(self, frame: Frame, poses: Sequence[FloatArray]) -> list[FloatArray]:
         """Poses (4, 4) that the shape of the target makes the likeliest to be taken for the first
         of others, and that explain about as much of the frame: turns that nearly keep its
-        surface."""
+        surface; where the first leaves returns unexplained, turns as well that bring them to it."""
         best = poses[0]
         coarse = self.comparer(frame).coarse(frame.depth_m, best)
         tolerance = depth_tolerance(self._target, self._sigma_in(frame))
-        least = coarse.score(frame.depth_m, best, tolerance).inlier_ratio - _RIVAL_LAG
+        explained = coarse.score(frame.depth_m, best, tolerance).inlier_ratio
+        least = explained - _RIVAL_LAG
         turned = [best @ motion for motion in self._target.rival_turns]
+        if explained < _WELL_EXPLAINED:
+            turned += self._turned_to(frame, best)
         new = [
             T
             for T in turned
@@ -244,6 +250,20 @@ class FrameReader:
             )
         ]
         return [T for T in new if coarse.score(frame.depth_m, T, tolerance).inlier_ratio >= least]
+
+    def _turned_to(self, frame: Frame, T_cam_model: FloatArray) -> list[FloatArray]:
+        """Poses (4, 4) that turn the target so that more of the returns about it lie on it.
+
+        What little tells attitudes of a nearly round body apart decides where none of the views
+        that were sampled shows it: a ball with two boxes on it looks like a ball from everywhere.
+        """
+        rays, depth_m = pixel_rays(frame.camera), frame.depth_m.astype(np.float64)
+        p_cam = (rays * depth_m[..., None])[depth_m > 0.0]
+        p_model = transform_points(np.linalg.inv(T_cam_model), p_cam)
+        matcher = self._target.matcher
+        about = np.linalg.norm(p_model - matcher.probes.centre, axis=1) < self.diameter_m
+        motions = matcher.turned(p_model[about], _MAX_TURNED) if about.any() else []
+        return [T_cam_model @ np.linalg.inv(motion) for motion in motions]
 
     def judged(self, frame: Frame, T_cam_model: FloatArray, sigma_m: float) -> Agreement:
         """How the target at a pose (4, 4) that is roughly right explains a frame of such noise."""

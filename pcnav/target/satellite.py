@@ -37,7 +37,7 @@ from pcnav.target.mesh_files.units import length_text
 from pcnav.target.rival_turns import rival_turns
 from pcnav.target.round_mesh import rounded
 from pcnav.target.roundness import Roundness
-from pcnav.target.self_matches import SelfMatch, near_symmetries
+from pcnav.target.self_matches import SelfMatch, SelfMatcher, near_symmetries
 from pcnav.target.sidecar import MassTable, RectangleName, Sidecar, read_sidecar, write_sidecar
 from pcnav.target.symmetry import (
     Resolution,
@@ -170,6 +170,11 @@ class Target:
         """(n, 4, 4) turns of the model frame that a start has to rule out, the half turns first,
         see `rival_turns`; symmetries may be among them."""
         return rival_turns(self.mesh, self.half_turns)
+
+    @cached_property
+    def matcher(self) -> SelfMatcher:
+        """Compares surfaces with that of the target."""
+        return SelfMatcher(self.mesh, Resolution.usual(self.diameter_m).tolerance_m)
 
     @cached_property
     def near_symmetries(self) -> tuple[SelfMatch, ...]:

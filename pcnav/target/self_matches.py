@@ -72,7 +72,18 @@ class SelfMatcher:
 
     def all_over(self, max_share: float) -> list[SelfMatch]:
         """What is found from turns of all kinds, see `near`."""
-        return self.near(list(self._fitted_roughly(self._promising())), max_share)
+        points = self.probes.some(_GRID_POINTS)
+        return self.near(
+            list(self._fitted_roughly(self._promising(points), self._rough)), max_share
+        )
+
+    def turned(self, points: FloatArray, count: int) -> list[FloatArray]:
+        """Motions (4, 4), ``count`` at most, the likeliest first, after which points (n, 3) of
+        somebody's surface lie nearer to this one, roughly, than as they are."""
+        some = points[:: max(1, len(points) // _GRID_POINTS)]
+        found = self._fitted_roughly(self._promising(some), some)
+        cost = self._mean_distance(np.concatenate([np.eye(4)[None], found]), some)
+        return _distinct(list(found[cost[1:] < cost[0]]))[:count]
 
     def near(self, starts: Sequence[FloatArray], max_share: float) -> list[SelfMatch]:
         """Motions near some (4, 4 each), the likeliest first, that leave at most a share of the
@@ -121,11 +132,10 @@ class SelfMatcher:
     def _share(self, T: FloatArray, points: FloatArray) -> float:
         return float(self.samples.is_off(transform_points(T, points), self._tolerance_m).mean())
 
-    def _promising(self) -> FloatArray:
-        """(n, 4, 4) turns that leave the surface nearest to itself."""
+    def _promising(self, points: FloatArray) -> FloatArray:
+        """(n, 4, 4) turns that leave points (n, 3) nearest to the surface."""
         R = np.concatenate([_turns_about(self.probes.axes), _rotation_grid()])
         turns = turns_about_point(self.probes.centre, R[rotation_angle(R) > _LIKE_NONE_RAD])
-        points = self.probes.some(_GRID_POINTS)
         # In parts, which bounds the memory.
         cost = [self._mean_distance(part, points) for part in np.array_split(turns, 16)]
         order = np.argsort(np.concatenate(cost), kind="stable")
@@ -134,18 +144,24 @@ class SelfMatcher:
     def _mean_distance(self, T: FloatArray, points: FloatArray) -> FloatArray:
         """(k,) of points (n, 3) from the surface, roughly, after motions (k, 4, 4), m."""
         moved = transform_points(T, points)
-        nearest, _ = self.samples.nearest_roughly(moved)
-        apart = np.linalg.norm(moved - nearest, axis=-1)
+        nearest, normal = self.samples.nearest_roughly(moved)
+        # Samples are further apart than what is told apart here: of the way to one, what leads
+        # along the surface counts only beyond their spacing.
+        way = moved - nearest
+        apart = np.abs(np.sum(way * normal, axis=-1))
+        along = np.linalg.norm(way, axis=-1) - self.samples.spacing_m
+        apart = np.maximum(apart, along)
         return np.asarray(np.minimum(apart, _REACH_FRACTION * self.diameter_m).mean(axis=1))
 
-    def _fitted_roughly(self, T: FloatArray) -> FloatArray:
-        """(n, 4, 4) moved to where they fit best on the coarse map, the best fitting first."""
+    def _fitted_roughly(self, T: FloatArray, points: FloatArray) -> FloatArray:
+        """Motions (n, 4, 4) moved to where points (m, 3) fit best on the coarse map, the best
+        fitting first."""
         width_m = 0.2 * _REACH_FRACTION * self.diameter_m
         for _ in range(_ROUGH_STEPS):
-            moved = transform_points(T, self._rough)
+            moved = transform_points(T, points)
             nearest, normal = self.samples.nearest_roughly(moved)
             T = self._step(moved, nearest - moved, normal, width_m, _SLIDE_WEIGHT) @ T
-        return np.asarray(T[np.argsort(self._mean_distance(T, self._rough), kind="stable")])
+        return np.asarray(T[np.argsort(self._mean_distance(T, points), kind="stable")])
 
     def _step(
         self,

@@ -145,6 +145,12 @@ class SurfaceSamples:
         self._face = np.concatenate([faces, owners])
         self._tree = cKDTree(self.points)
 
+    @cached_property
+    def spacing_m(self) -> float:
+        """How far from a place the sample may be that a coarse grid takes for the nearest."""
+        area = float(np.sum(np.linalg.norm(_cross_of(self._triangles), axis=1))) / 2.0
+        return self.diameter_m / _CELLS_ACROSS + np.sqrt(area / _GRID_SAMPLES)
+
     def closest(
         self, points: FloatArray, neighbours: int = _NEIGHBOURS
     ) -> tuple[FloatArray, FloatArray]:
@@ -203,6 +209,12 @@ class SurfaceSamples:
         some = np.arange(0, len(self.points), max(1, len(self.points) // _GRID_SAMPLES))
         _, nearest = cKDTree(self.points[some]).query(cells, eps=0.1)
         return low, cell_m, shape, some[nearest]
+
+
+def _cross_of(triangles: FloatArray) -> FloatArray:
+    """(n, 3) normals as long as twice the areas."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    return np.cross(sides[:, 0], sides[:, 1])
 
 
 def _along_edges(triangles: FloatArray, step_m: float) -> tuple[FloatArray, IntArray]:

@@ -32,6 +32,7 @@ from pcnav.estimators.depth.motion_within import predicted_motion
 from pcnav.estimators.depth.noise_learning import NoiseLearner
 from pcnav.estimators.depth.pose_fit import SingleFramePose
 from pcnav.estimators.depth.pose_measurement import ObserverPose
+from pcnav.estimators.depth.round_axes import RoundAxes
 from pcnav.estimators.depth.single_frame import (
     agreeing_faces,
     best_first,
@@ -108,6 +109,7 @@ class Acquisition:
         said to be in the first frame."""
         self._first_pose, self._noise = first_pose, noise
         self._target, self._reader, self._model = target, reader, model
+        self._axes = None if target.roundness is None else RoundAxes(target.roundness)
         self._filtering, self._belief, self._refined = filtering, belief, refined
         self._choice = filtering.motion
         self._units_checked = False
@@ -224,7 +226,7 @@ class Acquisition:
             guess = with_first_rate(
                 guess, self._model, first.time_s, then.time_s, then.R_world_body
             )
-        arc = InitialArc(self._model, guess, belief)
+        arc = InitialArc(self._model, guess, belief, self._axes)
         frames = [self._frames[observation.time_s] for observation in motion.observations]
         observers = [
             ObserverPose.of(frame.T_cam_world, frame.time_s, n, self._camera_noise)
@@ -254,7 +256,7 @@ class Acquisition:
             return None
         free = None if fit is None else FreeBody.of(fit, arc, self._filtering)
         begin = guess if fit is None else fit.first
-        setup = MotionSetup(self._model, self._filtering, self._target.diameter_m)
+        setup = MotionSetup(self._model, self._filtering, self._target.diameter_m, self._axes)
         followed = FollowedMotion(setup, belief, free, begin, measured)
         start = tuple(zip(views, observers, strict=True))
         odds = prior_odds + motion.odds

@@ -27,6 +27,7 @@ from pcnav.estimators.depth.mass import learnt_belief
 from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.motion_contest import WINDOW_FRAMES, MotionContest
+from pcnav.estimators.depth.round_axes import InChosenAxes, RoundAxes
 from pcnav.filtering.error_state import Measurement, MotionModel
 from pcnav.filtering.map_arc_fit import TimedMeasurements
 from pcnav.filtering.predictive import predicted
@@ -54,6 +55,13 @@ class MotionSetup:
     model: MassCentreModel
     filtering: FilterTable
     diameter_m: float
+    axes: RoundAxes | None = None
+    """Of a round target."""
+
+    @property
+    def free(self) -> MotionModel[NavigationState]:
+        """How a free body moves."""
+        return self.model if self.axes is None else InChosenAxes(self.model, self.axes)
 
     @property
     def choice(self) -> MotionChoice:
@@ -134,7 +142,8 @@ class FollowedMotion:
     ) -> KinematicFilter:
         setup, time_s = self._setup, arc[0].time_s
         kinematic = KinematicFilter(
-            self._begin, setup.model.mean_motion_rad_s, setup.diameter_m, setup.filtering
+            *(self._begin, setup.model.mean_motion_rad_s, setup.diameter_m, setup.filtering),
+            axes=setup.axes,
         )
         if densities is not None:
             kinematic.suggest(densities, arc[1].time_s - time_s)
@@ -206,11 +215,13 @@ class FollowedMotion:
 
     @property
     def reported_covariance(self) -> FloatArray:
-        """(20, 20) of the state in force, with the doubt about a mass that was only told."""
-        if self._free_in_force:
-            return self.kalman.covariance
-        state, hill = self.kalman.state, self._setup.R_hill_world(self.time_s)
-        return with_belief(state, self.kalman.covariance, self._belief, hill)
+        """(20, 20) of the state in force, with the doubt about a mass that was only told, and about
+        what a round target does not show."""
+        covariance, axes = self.kalman.covariance, self._setup.axes
+        if not self._free_in_force:
+            hill = self._setup.R_hill_world(self.time_s)
+            covariance = with_belief(self.kalman.state, covariance, self._belief, hill)
+        return covariance if axes is None else axes.reported(covariance)
 
     @property
     def learnt_mass(self) -> MassBelief | None:
@@ -225,7 +236,7 @@ class FollowedMotion:
         """Move both filters to the time of a frame."""
         step_s = time_s - self.time_s
         if self._free is not None:
-            self._free.kalman.predict(self._setup.model, self.time_s, step_s)
+            self._free.kalman.predict(self._setup.free, self.time_s, step_s)
             self._free_before = self._free.kalman.snapshot()
         if self._kinematic is not None:
             self._kinematic.predict(self.time_s, step_s)
@@ -391,7 +402,7 @@ class FollowedMotion:
         hill = self._setup.R_hill_world(first.timed.time_s)
         for belief in filter(None, (self._confirmed, self._prior)):
             guess = with_mass(first.state, belief, hill)
-            arc = InitialArc(self._setup.model, guess, belief)
+            arc = InitialArc(self._setup.model, guess, belief, self._setup.axes)
             arc.frames = [each.timed for each in recent]
             fit = arc.fit()
             self._heed(arc)

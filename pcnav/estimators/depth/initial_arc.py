@@ -1,6 +1,7 @@
 """All measurements since the start of a track, fitted as one motion of a free body."""
 
 import logging
+from dataclasses import replace
 
 from pcnav.config.depth import FilterTable
 from pcnav.dynamics.mass_prior import MassBelief
@@ -11,6 +12,7 @@ from pcnav.estimators.depth.mass_centre import MassCentreModel
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.pose_measurement import PoseMeasurement, joined
 from pcnav.estimators.depth.prior_conflict import contradiction
+from pcnav.estimators.depth.round_axes import RoundAxes
 from pcnav.filtering.error_state import ErrorStateFilter
 from pcnav.filtering.least_squares import ArcGrowth
 from pcnav.filtering.map_arc_fit import ArcError, ArcFit, TimedMeasurements, fit_arc
@@ -30,9 +32,16 @@ _MAX_ARC_CHI_SQUARE = 4.0
 class InitialArc:
     """All measurements since the start, fitted as one while they are few."""
 
-    def __init__(self, model: MassCentreModel, guess: NavigationState, belief: MassBelief) -> None:
-        """``guess`` has the mass of the belief, which gives way where the frames contradict it."""
-        self._model, self._guess, self.belief = model, guess, belief
+    def __init__(
+        self,
+        model: MassCentreModel,
+        guess: NavigationState,
+        belief: MassBelief,
+        axes: RoundAxes | None = None,
+    ) -> None:
+        """``guess`` has the mass of the belief, which gives way where the frames contradict it;
+        ``axes`` are those of a round target."""
+        self._model, self._guess, self.belief, self._axes = model, guess, belief, axes
         self.remark: str | None = None
         """That the frames contradict what was believed at first."""
         self._start: NavigationState | None = None
@@ -62,16 +71,26 @@ class InitialArc:
         prior = start_covariance(
             self._guess.omega_body, belief.com_covariance_m2, belief.parameter_covariance
         )
+        if self._axes is not None:
+            prior = self._axes.prior(prior)
         try:
             arc, seen = self.frames, ArcOfPoses.of(self.frames)
-            fit = fit_arc(self._model, self._guess, prior, arc, self._start, seen)
+            # To second order all that is told in a round target's axes turns with the rate about
+            # them, which may be anything: that part is of the axes, not of the motion.
+            fit = fit_arc(
+                *(self._model, self._guess, prior, arc, self._start, seen),
+                bends=self._axes is None,
+            )
         except ArcError as error:
             _log.info("%s", error)
             return None
         if not fit.converged:
             return None
         self._start = fit.first
-        return fit
+        if self._axes is None:
+            return fit
+        chosen = self._axes.chosen(fit.last)
+        return replace(fit, covariance=chosen @ fit.covariance @ chosen.T)
 
     def extend(self, timed: Timed) -> Fit | None:
         """Add a frame as `condensed` has it; a fit of the whole when it is time for one."""

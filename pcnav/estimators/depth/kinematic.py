@@ -28,6 +28,7 @@ from pcnav.dynamics.state import (
     NavigationState,
 )
 from pcnav.estimators.depth.acceleration_levels import AccelerationLevels
+from pcnav.estimators.depth.round_axes import InChosenAxes, RoundAxes
 from pcnav.filtering.error_state import (
     ErrorStateFilter,
     Measurement,
@@ -104,14 +105,21 @@ class KinematicFilter:
         mean_motion_rad_s: float,
         diameter_m: float,
         table: FilterTable,
+        axes: RoundAxes | None = None,
     ) -> None:
-        """At a pose that the next measurement decides; the rates of the state are a guess."""
+        """At a pose that the next measurement decides; the rates of the state are a guess.
+
+        ``axes`` are those of a round target.
+        """
         self._n, self._diameter_m = mean_motion_rad_s, diameter_m
+        self._model: MotionModel[NavigationState] = KinematicModel(mean_motion_rad_s)
+        if axes is not None:
+            self._model = InChosenAxes(self._model, axes)
         sd = np.zeros(STATE_SIZE)
         sd[R_HILL], sd[THETA_BODY] = _POSE_SD_FRACTION * diameter_m, _POSE_SD_RAD
         self.kalman = ErrorStateFilter(
             state,
-            np.diag(sd**2),
+            np.diag(sd**2) if axes is None else axes.prior(np.diag(sd**2)),
             gate_probability=table.gate_probability,
             max_iterations=table.iterations,
         )
@@ -132,7 +140,7 @@ class KinematicFilter:
             self._levels = AccelerationLevels(self._diameter_m, step_s)
         if not self._twist_is_known:
             self._open_twist(step_s)
-        self.kalman.predict(KinematicModel(self._n), time_s, step_s)
+        self.kalman.predict(self._model, time_s, step_s)
         self._by_density = noise_by_density(self._n, step_s)
         self._unforced = self.kalman.covariance.copy()
         self._force(self.densities)

@@ -68,9 +68,7 @@ class RecentFrames:
 def is_outdated(view: FrameView, noise: SensorNoise) -> bool:
     """Whether a frame was measured under a noise that differs clearly from this one."""
     assert view.comparison is not None, "only these are kept"
-    # With what the facets of a round target add, so that its frames are always measured anew: as
-    # they were measured first, a turn about its axis would be claimed to a degree.
-    before = view.comparison.seen.noise
+    before = view.comparison.seen.sensor_noise
     pairs = (
         (before.sigma_m, noise.sigma_m),
         (before.frame_sd_m, noise.frame_sd_m),
