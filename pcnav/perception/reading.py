@@ -258,7 +258,7 @@ class FrameReader:
         that were sampled shows it: a ball with two boxes on it looks like a ball from everywhere.
         """
         rays, depth_m = pixel_rays(frame.camera), frame.depth_m.astype(np.float64)
-        p_cam = (rays * depth_m[..., None])[depth_m > 0.0]
+        p_cam: FloatArray = (rays * depth_m[..., None])[depth_m > 0.0]
         p_model = transform_points(np.linalg.inv(T_cam_model), p_cam)
         matcher = self._target.matcher
         about = np.linalg.norm(p_model - matcher.probes.centre, axis=1) < self.diameter_m

@@ -7,6 +7,7 @@ than a tolerance is measured on the faces themselves.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -25,7 +26,10 @@ from pcnav.target.surface_samples import SurfaceSamples, edge_points, visible_pr
 _GRID = 6_000
 """Rotations of the grid: 14 degrees apart."""
 _GRID_POINTS, _ROUGH_POINTS, _FINE_POINTS = 120, 160, 250
+_SEEN_POINTS = 400
+"""Of a surface that is seen: what little tells attitudes apart is to be among them."""
 _ROUGH_STARTS, _FINE_STARTS = 120, 24
+_SHIFT_STEPS = 3
 _ROUGH_STEPS, _FIRST_STEPS, _FINE_STEPS = 10, 4, 12
 _FIRST_SLACK = 0.05
 """Share of the area that a coarse fit may leave off the surface where a fine one would not."""
@@ -78,12 +82,13 @@ class SelfMatcher:
         )
 
     def turned(self, points: FloatArray, count: int) -> list[FloatArray]:
-        """Motions (4, 4), ``count`` at most, the likeliest first, after which points (n, 3) of
-        somebody's surface lie nearer to this one, roughly, than as they are."""
-        some = points[:: max(1, len(points) // _GRID_POINTS)]
-        found = self._fitted_roughly(self._promising(some), some)
-        cost = self._mean_distance(np.concatenate([np.eye(4)[None], found]), some)
-        return _distinct(list(found[cost[1:] < cost[0]]))[:count]
+        """Motions (4, 4) other than none, ``count`` of them, the likeliest first, after which
+        points (n, 3) that were seen lie nearest to this surface, roughly."""
+        some = points[:: max(1, len(points) // _SEEN_POINTS)]
+        turns = np.concatenate(
+            [self._shifted(part, some[::3]) for part in np.array_split(self._turns, 16)]
+        )
+        return _distinct(list(self._fitted_roughly(self._best_of(turns, some), some)))[:count]
 
     def near(self, starts: Sequence[FloatArray], max_share: float) -> list[SelfMatch]:
         """Motions near some (4, 4 each), the likeliest first, that leave at most a share of the
@@ -134,12 +139,36 @@ class SelfMatcher:
 
     def _promising(self, points: FloatArray) -> FloatArray:
         """(n, 4, 4) turns that leave points (n, 3) nearest to the surface."""
+        return self._best_of(self._turns, points)
+
+    @cached_property
+    def _turns(self) -> FloatArray:
+        """(n, 4, 4) turns of all kinds about the middle of the surface."""
         R = np.concatenate([_turns_about(self.probes.axes), _rotation_grid()])
-        turns = turns_about_point(self.probes.centre, R[rotation_angle(R) > _LIKE_NONE_RAD])
+        return turns_about_point(self.probes.centre, R[rotation_angle(R) > _LIKE_NONE_RAD])
+
+    def _best_of(self, turns: FloatArray, points: FloatArray) -> FloatArray:
+        """(n, 4, 4) those that leave points (m, 3) nearest to the surface, the nearest first."""
         # In parts, which bounds the memory.
         cost = [self._mean_distance(part, points) for part in np.array_split(turns, 16)]
         order = np.argsort(np.concatenate(cost), kind="stable")
         return np.asarray(turns[order[:_ROUGH_STARTS]])
+
+    def _shifted(self, T: FloatArray, points: FloatArray) -> FloatArray:
+        """Motions (n, 4, 4) shifted to where points (m, 3) lie nearer to the surface: what is seen
+        of a body need not turn about its middle, a ball with boxes on it turns about the ball's."""
+        width_m = 0.5 * _REACH_FRACTION * self.diameter_m
+        for _ in range(_SHIFT_STEPS):
+            moved = transform_points(T, points)
+            nearest, normal = self.samples.nearest_roughly(moved)
+            off = np.sum((nearest - moved) * normal, axis=-1)
+            weight = 1.0 / (1.0 + (off / width_m) ** 2) ** 2
+            H = np.swapaxes(normal * weight[..., None], 1, 2) @ normal
+            H += 1e-3 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+            g = np.sum((weight * off)[..., None] * normal, axis=1)
+            T = T.copy()
+            T[:, :3, 3] += np.linalg.solve(H, g[..., None])[..., 0]
+        return T
 
     def _mean_distance(self, T: FloatArray, points: FloatArray) -> FloatArray:
         """(k,) of points (n, 3) from the surface, roughly, after motions (k, 4, 4), m."""

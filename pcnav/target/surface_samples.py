@@ -149,7 +149,7 @@ class SurfaceSamples:
     def spacing_m(self) -> float:
         """How far from a place the sample may be that a coarse grid takes for the nearest."""
         area = float(np.sum(np.linalg.norm(_cross_of(self._triangles), axis=1))) / 2.0
-        return self.diameter_m / _CELLS_ACROSS + np.sqrt(area / _GRID_SAMPLES)
+        return self.diameter_m / _CELLS_ACROSS + float(np.sqrt(area / _GRID_SAMPLES))
 
     def closest(
         self, points: FloatArray, neighbours: int = _NEIGHBOURS

@@ -6,7 +6,7 @@ import trimesh
 
 from pcnav.core.spatial import exp_rotation, make_transform, rotation_angle
 from pcnav.target.mesh import mesh_diameter
-from pcnav.target.self_matches import near_symmetries
+from pcnav.target.self_matches import SelfMatcher, near_symmetries
 
 POSE = make_transform(exp_rotation(np.array([0.3, -1.1, 0.7])), np.array([3.0, -2.0, 5.0]))
 
@@ -63,3 +63,19 @@ def test_a_lump_without_likeness_has_none():
     )
     lump.vertices = lump.vertices * size[:, None]
     assert near_symmetries(lump, 0.005 * mesh_diameter(lump), 0.2) == ()
+
+
+def test_returns_of_a_ball_with_boxes_on_it_tell_how_it_is_turned() -> None:
+    """Seen from one side, and turned about the ball, not about the middle of the surface."""
+    ball = trimesh.creation.icosphere(2, 0.5)
+    boxes = [box((0.25, 0.2, 0.15), (0.5, 0.0, 0.1)), box((0.1, 0.3, 0.2), (-0.1, 0.35, 0.35))]
+    mesh = trimesh.util.concatenate([ball, *boxes])
+    points, _ = trimesh.sample.sample_surface(mesh, 3000, seed=1)
+    seen = points[points @ [0.6, 0.5, 0.6] > 0.1]
+    R = exp_rotation(np.array([1.9, -0.7, 1.1]))
+    matcher = SelfMatcher(mesh, 0.005)
+    found = matcher.turned(seen @ R.T, 8)
+    assert len(found) == 8
+    off = np.degrees([rotation_angle(motion[:3, :3] @ R) for motion in found])
+    assert off.min() < 10.0
+    assert np.argmin(off) < 2, "it is among the likeliest"
