@@ -11,7 +11,7 @@ from pcnav.config.depth import Measurements, PerceptionMode, PerceptionTable
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
-from pcnav.core.spatial import rotation_angle, transform_points
+from pcnav.core.spatial import invert_transform, rotation_angle, transform_points
 from pcnav.perception.agreement import Agreement, judged
 from pcnav.perception.association import (
     MeasuredFace,
