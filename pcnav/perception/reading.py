@@ -257,9 +257,9 @@ class FrameReader:
         What little tells attitudes of a nearly round body apart decides where none of the views
         that were sampled shows it: a ball with two boxes on it looks like a ball from everywhere.
         """
-        rays, depth_m = pixel_rays(frame.camera), frame.depth_m.astype(np.float64)
-        p_cam: FloatArray = (rays * depth_m[..., None])[depth_m > 0.0]
-        p_model = transform_points(np.linalg.inv(T_cam_model), p_cam)
+        depth_m = frame.depth_m.astype(np.float64)
+        p_cam: FloatArray = np.asarray(pixel_rays(frame.camera) * depth_m[..., None], np.float64)
+        p_model = transform_points(invert_transform(T_cam_model), p_cam[depth_m > 0.0])
         matcher = self._target.matcher
         about = np.linalg.norm(p_model - matcher.probes.centre, axis=1) < self.diameter_m
         motions = matcher.turned(p_model[about], _MAX_TURNED) if about.any() else []
