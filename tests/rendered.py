@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from pcnav.core import _extras
+from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray
 
 K = np.array([[130.0, 0.0, 79.5], [0.0, 130.0, 59.5], [0.0, 0.0, 1.0]])
@@ -36,8 +36,8 @@ def rendered_scene() -> Scene:
     parts[1].apply_translation((1500, 0, 80))
     mesh = trimesh.util.concatenate(parts)
     assert isinstance(mesh, trimesh.Trimesh)
-    open3d = _extras.open3d("an independent ray caster")
-    caster, tensor = open3d.t.geometry.RaycastingScene(), open3d.core.Tensor.from_numpy
+    library = open3d()
+    caster, tensor = library.t.geometry.RaycastingScene(), library.core.Tensor.from_numpy
     corners = np.asarray(1e-3 * mesh.vertices, dtype=np.float32)
     caster.add_triangles(tensor(corners), tensor(np.asarray(mesh.faces, dtype=np.uint32)))
     # Open3D counts pixels from their corners, pcnav from their centres.

@@ -64,7 +64,7 @@ def test_truth_stays_out_of_estimates(repository: Path) -> None:
     ("library", "where"),
     [
         ("kiss_icp", "pcnav/estimators/peers"),
-        ("open3d", "pcnav/core/_extras.py"),
+        ("open3d", "pcnav/core/_open3d.py"),
         ("studies", "studies"),
     ],
 )

@@ -192,7 +192,7 @@ def of_extras(project: dict) -> set[str]:
         for module, providers in packages_distributions().items()
         if named & {canonicalize_name(provider) for provider in providers}
     }
-    assert {"viser", "pandas", "distributed", "pyarrow", "open3d", "kiss_icp", "cv2"} <= found
+    assert {"viser", "pandas", "distributed", "pyarrow", "kiss_icp", "cv2"} <= found
     return found
 
 

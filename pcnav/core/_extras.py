@@ -1,8 +1,6 @@
 """The libraries of the extras in pyproject.toml, imported when needed."""
 
-import ctypes
 import importlib
-import sys
 from importlib.util import find_spec
 from types import ModuleType
 
@@ -47,25 +45,6 @@ def small_gicp(needed_for: str) -> ModuleType:
 def kiss_icp(needed_for: str) -> ModuleType:
     """The module kiss_icp. Raises `InputError` where it is not installed."""
     return _module("kiss_icp", "KISS-ICP", "peers", needed_for)
-
-
-def open3d(needed_for: str) -> ModuleType:
-    """The module open3d. Raises `InputError` where it is not installed.
-
-    Its wheels are linked against ``libusb-1.0.so.0`` (for depth cameras pcnav never opens) without
-    carrying it, and slim Linux systems lack it. A library already loaded under that name satisfies
-    the link, so it is loaded first: the system's own, or else the one of `libusb_package`.
-    """
-    if sys.platform == "linux":
-        try:
-            ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
-        except OSError:
-            libusb = _module("libusb_package", "libusb", "peers", needed_for)
-            ctypes.CDLL(str(libusb.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    module = _module("open3d", "Open3D", "peers", needed_for)
-    # It prints its own warnings on standard output, where they would mix with tables and bars.
-    module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
-    return module
 
 
 def require_view(needed_for: str) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pcnav.config.depth import Measurements, PerceptionMode
 from pcnav.config.pipeline_file import EstimatorKind
-from pcnav.core._extras import kiss_icp, open3d, small_gicp
+from pcnav.core._extras import kiss_icp, small_gicp
 from pcnav.estimators.interface import (
     AxesPolicy,
     Estimator,
@@ -125,9 +125,9 @@ ESTIMATORS: Mapping[str, EstimatorEntry] = {
         *("pcnav single frame", (RecordingKind.DEPTH,), AxesPolicy.SYMMETRY_OF_FRAME),
         _single_frame,
     ),
-    "open3d_icp": _on_depth("Open3D point-to-plane", _open3d_icp, FirstPose.NEAR, open3d),
+    "open3d_icp": _on_depth("Open3D point-to-plane", _open3d_icp, FirstPose.NEAR),
     "open3d_icp_tukey": _on_depth(
-        "Open3D, Tukey weights", partial(_open3d_icp, robust=True), FirstPose.NEAR, open3d
+        "Open3D, Tukey weights", partial(_open3d_icp, robust=True), FirstPose.NEAR
     ),
     "small_gicp": _on_depth("small_gicp", _small_gicp, FirstPose.NEAR, small_gicp),
     "small_gicp_10": _on_depth(

@@ -1,4 +1,4 @@
-"""Planes: RANSAC (Yu 2019, section 2.1) and the least-squares refit on range residuals.
+"""Planes: Open3D RANSAC (Yu 2019, section 2.1) and the least-squares refit on range residuals.
 
 A plane is the vector ``m`` (3,) with ``m . p = 1`` for its points p in the camera frame, so a unit
 ray u meets it at range ``1 / (m . u)``. Its normal facing the sensor is ``-m / |m|``.
@@ -9,6 +9,7 @@ from math import ceil, log
 
 import numpy as np
 
+from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray, IntArray
 
 _MIN_POINTS = 3
@@ -16,10 +17,6 @@ _MAX_CONDITION = 1e10
 """Of the normal equations: a face of a few pixels in the corner of the image is at about 1e7."""
 _MIN_COSINE = 0.03
 """A plane seen flatter than this (88 degrees of incidence) is edge-on."""
-_MIN_TRIANGLE = 1e-9
-"""Area of three points over that of their sides below which they lie in a line."""
-_MAX_DISTANCES = 100_000
-"""That are held at once: so many stay in the cache of a processor."""
 _MAX_SEARCH_POINTS = 1000
 """RANSAC looks for a plane in at most so many points; its inliers are then taken from all."""
 
@@ -37,59 +34,21 @@ def ransac_plane(
 ) -> FloatArray | None:
     """The plane ``m`` with the most points (n, 3) within the threshold, or None.
 
-    The planes through three points each are tried, all that the trials say, and the best is fitted
-    to its points. None where no plane is determined: fewer than three points, collinear ones, or a
-    plane through the camera centre. Deterministic: its draws are from the seed alone.
+    None where no plane is determined: fewer than three points, collinear ones, or a plane through
+    the camera centre. Deterministic: Open3D's generator is seeded for this call alone.
     """
     if len(points) < _MIN_POINTS:
         return None
-    first, second, third = (points[i] for i in _triples(len(points), trials, seed))
-    sides = second - first, third - first
-    normals = np.cross(*sides)
-    doubled_area = np.linalg.norm(normals, axis=1)
-    spans = np.linalg.norm(sides[0], axis=1) * np.linalg.norm(sides[1], axis=1)
-    is_plane = doubled_area > _MIN_TRIANGLE * spans
-    if not np.any(is_plane):
+    library = open3d()
+    cloud = library.geometry.PointCloud(library.utility.Vector3dVector(points))
+    library.utility.random.seed(seed % 2**31)  # it takes a C int
+    # With a probability below 1 Open3D stops early after a number of trials that depends on
+    # the order its threads finish in, which makes two runs differ.
+    coefficients, _ = cloud.segment_plane(distance_threshold_m, _MIN_POINTS, trials, 1.0)
+    normal, offset = np.asarray(coefficients[:3]), float(coefficients[3])
+    if not np.any(normal) or abs(offset) < 1e-9:
         return None
-    normals = normals[is_plane] / doubled_area[is_plane, None]
-    offsets = np.sum(normals * first[is_plane], axis=1)
-    at_once = max(_MAX_DISTANCES // len(points), 1)
-    counts = [
-        np.count_nonzero(
-            np.abs(points @ normals[k : k + at_once].T - offsets[k : k + at_once])
-            < distance_threshold_m,
-            axis=0,
-        )
-        for k in range(0, len(normals), at_once)
-    ]
-    best = int(np.argmax(np.concatenate(counts)))
-    near = np.abs(points @ normals[best] - offsets[best]) < distance_threshold_m
-    return _plane_through(points[near])
-
-
-def _triples(n: int, trials: int, seed: int) -> tuple[IntArray, IntArray, IntArray]:
-    """(trials,) indices each of three different ones of n points."""
-    rng = np.random.default_rng(seed)
-    first, second, third = (rng.integers(n - k, size=trials) for k in range(_MIN_POINTS))
-    # The second is drawn of those that are left, and the third of those left then.
-    second += second >= first
-    low, high = np.minimum(first, second), np.maximum(first, second)
-    third += third >= low
-    third += third >= high
-    return first, second, third
-
-
-def _plane_through(points: FloatArray) -> FloatArray | None:
-    """The plane ``m`` with the least squared distances from points (n, 3); see `ransac_plane`."""
-    if len(points) < _MIN_POINTS:
-        return None
-    centre = points.mean(axis=0)
-    offset = points - centre
-    spreads, axes = np.linalg.eigh(offset.T @ offset)
-    distance = float(axes[:, 0] @ centre)
-    if not spreads[1] > _MIN_TRIANGLE**2 * spreads[2] or abs(distance) < 1e-9:
-        return None
-    return np.asarray(axes[:, 0] / distance)
+    return np.asarray(-normal / offset)
 
 
 @dataclass(frozen=True)
@@ -179,7 +138,7 @@ def extract_planes(
         m = ransac_plane(sample, distance_threshold_m, trials, seed + len(planes))
         if m is None:
             break
-        # The points that it was fitted to are those of the plane before the fit: select again.
+        # The inliers Open3D returns belong to the plane before its last refit: select again.
         near = np.abs(points[left] @ m - 1.0) < distance_threshold_m * np.linalg.norm(m)
         if np.count_nonzero(near) < minimum_points:
             break

@@ -12,12 +12,12 @@ from pcnav.config.pipeline_file import Pipeline
 _DISTRIBUTIONS = {
     "numpy": ("numpy",),
     "scipy": ("scipy",),
+    # One import name, two distributions: the small one exists for Linux x86-64 only.
+    "open3d": ("open3d-cpu", "open3d"),
     "trimesh": ("trimesh",),
     "filterpy": ("filterpy",),
 }
 _PEERS = {
-    # One import name, two distributions: the small one exists for Linux x86-64 only.
-    "open3d": ("open3d-cpu", "open3d"),
     "kiss-icp": ("kiss-icp",),
     "small_gicp": ("small_gicp",),
 }

@@ -5,12 +5,10 @@ import pytest
 import trimesh
 from scipy.optimize import least_squares
 
-from pcnav.core import _extras
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.planes import (
-    _triples,
     extract_planes,
     fit_plane,
     is_edge_on,
@@ -77,39 +75,6 @@ def test_ransac_finds_nothing_where_no_plane_is() -> None:
     assert ransac_plane(line, 0.01, 50, 0) is None
     through_centre = np.column_stack([np.indices((6, 6)).reshape(2, -1).T, np.zeros(36)])
     assert ransac_plane(through_centre.astype(float), 0.01, 50, 0) is None
-
-
-@pytest.mark.study
-def test_ransac_finds_what_open3d_finds() -> None:
-    """As many points on the best plane, over clouds of which most is something else."""
-    open3d = _extras.open3d("an independent RANSAC")
-    rng, threshold_m, counts = np.random.default_rng(5), 0.06, np.zeros((12, 2))
-    for k in range(len(counts)):
-        rays, m = oblique_view(rng.uniform(0.0, 60.0))
-        on_plane = rays[::3] * noisy_ranges(rays[::3], m, k, 0.02)[:, None]
-        clutter = rng.uniform([-3.0, -3.0, 17.0], [3.0, 3.0, 23.0], (700, 3))
-        cloud = np.vstack([on_plane, clutter])
-        ours = ransac_plane(cloud, threshold_m, 500, seed=k)
-        assert ours is not None
-        vectors = open3d.utility.Vector3dVector(cloud)
-        open3d.utility.random.seed(k)
-        *normal, offset = open3d.geometry.PointCloud(vectors).segment_plane(
-            threshold_m, 3, 500, 1.0
-        )[0]
-        for column, plane in enumerate((ours, -np.array(normal) / offset)):
-            near = np.abs(cloud @ plane - 1.0) < threshold_m * np.linalg.norm(plane)
-            counts[k, column] = np.count_nonzero(near)
-    assert np.all(np.abs(counts[:, 0] / counts[:, 1] - 1.0) < 0.1)
-    assert counts[:, 0].sum() > 0.98 * counts[:, 1].sum()
-
-
-def test_three_points_of_a_trial_are_different_ones() -> None:
-    """Of five points every one of the ten triples is drawn, all alike often."""
-    triples = np.sort(np.stack(_triples(5, 10_000, seed=1), axis=1), axis=1)
-    assert np.all(np.diff(triples, axis=1) > 0)
-    found, counts = np.unique(triples, axis=0, return_counts=True)
-    assert len(found) == 10
-    assert np.all(np.abs(counts - 1000) < 5.0 * np.sqrt(1000 * 0.9))
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 50.0, 75.0])

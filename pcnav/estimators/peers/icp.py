@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from pcnav.core._extras import open3d, small_gicp
+from pcnav.core._extras import small_gicp
+from pcnav.core._open3d import open3d
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, invert_transform, make_transform, nearest_orthogonal
 from pcnav.estimators.interface import Given
@@ -104,10 +105,7 @@ class ModelAlignment(Baseline):
 
 
 class Open3dIcp(ModelAlignment):
-    """Open3D's point-to-plane ICP; the model's normals are those of the mesh.
-
-    Raises `InputError` where the extra `peers`, which brings it, is not installed.
-    """
+    """Open3D's point-to-plane ICP; the model's normals are those of the mesh."""
 
     def __init__(self, given: Given, *, robust: bool = False, threads: int = 1) -> None:
         """``robust`` weighs residuals as Tukey does, at the range noise that pcnav is told too.
@@ -116,7 +114,7 @@ class Open3dIcp(ModelAlignment):
         each time.
         """
         super().__init__(given)
-        self._library = open3d("the estimator open3d_icp")
+        self._library = open3d()
         registration = self._library.pipelines.registration
         width_m = _TUKEY_SIGMA * given.range_sigma_m
         loss = registration.TukeyLoss(k=width_m) if robust else registration.L2Loss()
