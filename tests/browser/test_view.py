@@ -128,7 +128,7 @@ def test_keys_clicks_and_the_time_line_move_the_page(
     wait_until(page, lambda: abs(cursor_s(page) - 0.25 * 0.5 * (FRAMES - 1)) < 0.6, "a quarter")
     page.keyboard.press("n")
     wait_until(page, lambda: "frame" in page.evaluate("document.body.innerText"), "an event")
-    assert f"frame={shown()}" in page.url or page.wait_for_timeout(2500) is None
+    wait_until(page, lambda: f"frame={shown()}" in page.url, "the address")
     assert f"frame={shown()}" in page.url
 
 

@@ -30,8 +30,8 @@ def test_a_pixel_shows_the_beam_nearest_to_its_centre() -> None:
             np.testing.assert_array_equal(beams.rays[shown], rays[nearest])
             z = range_m[nearest] / np.linalg.norm(rays[nearest])
             assert np.isclose(beams.image[v, u], z, rtol=1e-6)
-    inside = (np.abs(place - [11.5, 7.5]) < [12.0, 8.0]).all(axis=1)
-    assert len(beams.rays) == np.count_nonzero(inside)
+    is_shown = (np.abs(place - [11.5, 7.5]) < [12.0, 8.0]).all(axis=1)
+    assert len(beams.rays) == np.count_nonzero(is_shown)
 
 
 def test_striding_keeps_what_a_coarser_camera_shows() -> None:

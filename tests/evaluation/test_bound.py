@@ -8,7 +8,7 @@ import pytest
 from pcnav.config.depth import FilterTable, ModalityName
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.config.scenario import BodyTable, OrbitTable, ScenarioTable
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import pixel_rays
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform
 from pcnav.dynamics.state import (
@@ -205,7 +205,7 @@ def test_information_of_rays_is_that_of_ranges_moved_with_the_pose(oblique: Scen
     renderer, T = DepthRenderer(target.mesh, camera), oblique.motion.truth.poses[0]
     step, slopes, same = 1e-4, [], np.ones((camera.height, camera.width), dtype=bool)
 
-    def ranges(error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def ranges(error: FloatArray) -> tuple[FloatArray, IntArray]:
         view = renderer.render(
             make_transform(T[:3, :3] @ exp_rotation(error[3:]), T[:3, 3] + error[:3])
         )

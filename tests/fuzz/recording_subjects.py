@@ -201,7 +201,7 @@ def _use_result(folder: Path) -> None:
     """Forecast it, and export it in every format."""
     result = folder / "result"
     words = ("--point", "bus_x_plus", "--ahead", 4, "--step", 2, "-o", folder / "f.csv")
-    commands = [("forecast", result, *words)]
+    commands: list[tuple[object, ...]] = [("forecast", result, *words)]
     for form in ("tum", "kitti", "csv", "bop", "oem", "aem", "npz", "mcap"):
         told = ("--sequence", folder / "sequence", "--epoch", "2026-03-01T12:00:00")
         commands.append(("export", result, "--to", form, "-o", folder / f"x.{form}", *told))

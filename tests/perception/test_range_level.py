@@ -26,7 +26,7 @@ def face(hidden_share: float, sigma_m: float, stated_m: float) -> RangeResiduals
         pose_variance_m2=np.zeros(u.size),
         range_m=np.full(u.size, 20.0),
         sigma_m=stated_m,
-        pixels=np.nonzero(inside),
+        pixels=(np.nonzero(inside)[0], np.nonzero(inside)[1]),
         shape=inside.shape,
     )
 

@@ -57,15 +57,15 @@ def ply(path: Path, points: np.ndarray, time_s: np.ndarray, order: str) -> None:
 
 WRITERS: dict[str, tuple[str, Callable[[Path, np.ndarray, np.ndarray], None]]] = {
     "pcd": (".pcd", pcd),
-    "ply text": (".ply", lambda *what: ply(*what, "")),
-    "ply little": (".ply", lambda *what: ply(*what, "<")),
-    "ply big": (".ply", lambda *what: ply(*what, ">")),
+    "ply text": (".ply", lambda path, points, t: ply(path, points, t, "")),
+    "ply little": (".ply", lambda path, points, t: ply(path, points, t, "<")),
+    "ply big": (".ply", lambda path, points, t: ply(path, points, t, ">")),
     "npz": (".npz", lambda path, points, t: np.savez(path, points=points, timestamp=t + 1.7e9)),
     "npy": (".npy", lambda path, points, t: np.save(path, np.column_stack([points, 0.0 * t]))),
     "bin": (
         ".bin",
         lambda path, points, t: (
-            np.column_stack([points, 0.0 * t]).astype("<f4").tofile(path) or None
+            path.write_bytes(np.column_stack([points, 0.0 * t]).astype("<f4").tobytes()) and None
         ),
     ),
 }

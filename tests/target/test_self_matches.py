@@ -70,6 +70,7 @@ def test_returns_of_a_ball_with_boxes_on_it_tell_how_it_is_turned() -> None:
     ball = trimesh.creation.icosphere(2, 0.5)
     boxes = [box((0.25, 0.2, 0.15), (0.5, 0.0, 0.1)), box((0.1, 0.3, 0.2), (-0.1, 0.35, 0.35))]
     mesh = trimesh.util.concatenate([ball, *boxes])
+    assert isinstance(mesh, trimesh.Trimesh)
     points, _ = trimesh.sample.sample_surface(mesh, 3000, seed=1)
     seen = points[points @ [0.6, 0.5, 0.6] > 0.1]
     R = exp_rotation(np.array([1.9, -0.7, 1.1]))

@@ -79,7 +79,7 @@ def test_a_parabola_through_three_poses_is_their_motion() -> None:
     for k in range(3):
         poses = motion.poses(np.eye(4), times_s - times_s[k])
         found = motion_about(list(zip(times_s.tolist(), poses, strict=True)), k)
-        assert found is not None and found.bend is not None
+        assert found is not None and found.bend is not None and motion.bend is not None
         np.testing.assert_allclose(found.twist, motion.twist, atol=1e-12)
         np.testing.assert_allclose(found.bend, motion.bend, atol=1e-12)
     assert motion_about([(0.0, np.eye(4))], 0) is None

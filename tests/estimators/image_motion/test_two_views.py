@@ -7,7 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from scipy.optimize import NonlinearConstraint, minimize
+from scipy.optimize import minimize
 from scipy.stats import chi2
 
 from pcnav.config.image_motion import ImageMotionTable, MatchSolver
@@ -125,9 +125,10 @@ def nearest_pair(E: FloatArray, pair: FloatArray) -> FloatArray:
     found = minimize(
         lambda each: FOCAL**2 * np.sum((each - pair) ** 2),
         pair,
-        constraints=NonlinearConstraint(
-            lambda each: FOCAL * (homogeneous(each[2:]) @ E @ homogeneous(each[:2])), 0.0, 0.0
-        ),
+        constraints={
+            "type": "eq",
+            "fun": lambda each: FOCAL * (homogeneous(each[2:]) @ E @ homogeneous(each[:2])),
+        },
         method="SLSQP",
         options={"ftol": 1e-14},
     )

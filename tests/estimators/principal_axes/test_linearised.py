@@ -49,12 +49,12 @@ def test_deviations_are_those_of_the_whole_least_squares_problem() -> None:
             rows.append(row)
             right.append(legs[k - 1].defect)
             weights.append(np.linalg.inv(legs[k - 1].noise))
-        view = views[k]
-        if view is not None:
+        seen = views[k]
+        if seen is not None:
             row = np.zeros((4, SIZE * TIMES))
-            row[:, here] = view.H.reshape(4, SIZE)
+            row[:, here] = seen.H.reshape(4, SIZE)
             rows.append(row)
-            right.append(view.offset.ravel())
+            right.append(seen.offset.ravel())
             weights.append(np.eye(4) / 0.2)
     normal = sum(row.T @ weight @ row for row, weight in zip(rows, weights, strict=True))
     gradient = sum(
