@@ -55,7 +55,7 @@ def ply(path: Path, points: np.ndarray, time_s: np.ndarray, order: str) -> None:
     path.write_bytes(header.encode() + rows.tobytes())
 
 
-WRITERS: dict[str, tuple[str, Callable[[Path, np.ndarray, np.ndarray], None]]] = {
+WRITERS: dict[str, tuple[str, Callable[[Path, np.ndarray, np.ndarray], object]]] = {
     "pcd": (".pcd", pcd),
     "ply text": (".ply", lambda path, points, t: ply(path, points, t, "")),
     "ply little": (".ply", lambda path, points, t: ply(path, points, t, "<")),
@@ -64,8 +64,8 @@ WRITERS: dict[str, tuple[str, Callable[[Path, np.ndarray, np.ndarray], None]]] =
     "npy": (".npy", lambda path, points, t: np.save(path, np.column_stack([points, 0.0 * t]))),
     "bin": (
         ".bin",
-        lambda path, points, t: (
-            path.write_bytes(np.column_stack([points, 0.0 * t]).astype("<f4").tobytes()) and None
+        lambda path, points, t: path.write_bytes(
+            np.column_stack([points, 0.0 * t]).astype("<f4").tobytes()
         ),
     ),
 }

@@ -4,10 +4,11 @@ import importlib
 import subprocess
 import sys
 from collections import Counter
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import NonlinearConstraint, minimize
 from scipy.stats import chi2
 
 from pcnav.config.image_motion import ImageMotionTable, MatchSolver
@@ -122,13 +123,12 @@ def test_sampson_errors_are_distances_to_the_nearest_pairs_that_agree() -> None:
 
 def nearest_pair(E: FloatArray, pair: FloatArray) -> FloatArray:
     """(4,) nearest to a match (4,) of those on the epipolar constraint."""
-    found = minimize(
-        lambda each: FOCAL**2 * np.sum((each - pair) ** 2),
+    found = cast(Any, minimize)(
+        lambda each: float(FOCAL**2 * np.sum((each - pair) ** 2)),
         pair,
-        constraints={
-            "type": "eq",
-            "fun": lambda each: FOCAL * (homogeneous(each[2:]) @ E @ homogeneous(each[:2])),
-        },
+        constraints=NonlinearConstraint(
+            lambda each: FOCAL * (homogeneous(each[2:]) @ E @ homogeneous(each[:2])), 0.0, 0.0
+        ),
         method="SLSQP",
         options={"ftol": 1e-14},
     )
