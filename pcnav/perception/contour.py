@@ -93,7 +93,7 @@ def contour_runs(
         known: what else says where the target is; the doubt alone by default.
     """
     crossings = edge_crossings(edges, rendered, doubt.T_cam_model)
-    signs = count_offsets(min(len(edges), _MAX_SIGNS), depth_m)
+    signs = count_offsets(min(len(edges), _MAX_SIGNS), doubt.T_cam_model)
     shift_px = signs[crossings.edge % max(len(signs), 1)]
     shift_px = shift_px + crossings.by_offsets(0) @ noise.outline_offset_px
     jacobian = crossings.displacement_jacobian(rendered.camera, doubt)
