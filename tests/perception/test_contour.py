@@ -81,9 +81,6 @@ def test_comparison_can_be_repeated(camera: PinholeCamera, random_pose: DrawPose
     frame = view.frame(moved(T, np.full(6, 1e-3)))
     first, second = view.runs(frame, T), view.runs(frame, T)
     np.testing.assert_array_equal(first.value, second.value)
-    # Another machine rounds otherwise.
-    rounded = view.runs(frame, moved(T, np.full(6, 1e-14)))
-    np.testing.assert_allclose(rounded.value, first.value, atol=1e-9)
     # Where the view is exact, the count at the line beside an edge still is whole pixels.
     exact = view.runs(view.frame(T), T)
     assert np.abs(exact.value).max() > 0.1 * OFFSET_PX
@@ -151,7 +148,7 @@ def test_border_of_the_image_is_no_outline(camera: PinholeCamera, random_pose: D
         T[:2, 3] = 4.3 * np.sign(T[:2, 3])
         return T
 
-    sampled(View(BOX, camera), draw, (0.01, 2e-3), 70).check(0.01, 0.05)
+    sampled(View(BOX, camera), draw, (0.01, 2e-3), 60).check(0.01, 0.05)
 
 
 def test_edges_behind_the_camera_give_no_sample(camera: PinholeCamera) -> None:
