@@ -151,6 +151,7 @@ def _assert_same(store: RunStore, local: RunStore) -> None:
         assert store.path(run.key).read_bytes() == local.path(run.key).read_bytes()
 
 
+@pytest.mark.study
 def test_a_worker_that_is_killed_loses_nothing_and_the_records_are_those_of_this_process(
     dask: Dask, store: RunStore, local: RunStore, tmp_path: Path, capfd: pytest.CaptureFixture
 ) -> None:
@@ -259,6 +260,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line_and_is_not_waited_for(
         assert time.monotonic() - started < PATIENCE_S
 
 
+@pytest.mark.study
 def test_a_scheduler_without_workers_or_that_goes_away_is_said(
     tmp_path: Path, repository: Path, store: RunStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:

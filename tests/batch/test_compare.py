@@ -57,6 +57,7 @@ def batch_of_changes(
     return [change_of(RMS.name, old, changed(generator, old, factor)) for old in olds]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("paired", [True, False])
 def test_chance_raises_an_alarm_in_no_more_than_one_batch_in_twenty(paired: bool) -> None:
     generator = np.random.default_rng(7)

@@ -166,6 +166,7 @@ def test_a_file_system_that_refuses_ends_the_batch_and_names_the_file(
     assert len(store.missing) == 8 and not list(store.runs_folder.iterdir())
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("jobs", "number"),
     [(1, signal.SIGINT), (2, signal.SIGINT), (2, signal.SIGTERM), (2, signal.SIGKILL)],

@@ -47,6 +47,7 @@ def test_peer_follows_the_target(case: Case, method: Method) -> None:
     assert peer.frame_ms.median > 0.0
 
 
+@pytest.mark.study
 def test_throughput_accounts_for_the_whole_run(case: Case, tmp_path: Path) -> None:
     throughput = measure_throughput(case.scene, tmp_path / "result")
     assert (tmp_path / "result" / "report.html").is_file()

@@ -132,6 +132,7 @@ def test_keys_clicks_and_the_time_line_move_the_page(
     assert f"frame={shown()}" in page.url
 
 
+@pytest.mark.study
 def test_two_pages_have_their_own_time(
     runs: tuple[Path, Path], served: Serve, opened: Opened
 ) -> None:
@@ -145,6 +146,7 @@ def test_two_pages_have_their_own_time(
     assert cursor_s(second) == 10.0
 
 
+@pytest.mark.study
 def test_two_runs_are_laid_over_each_other(
     runs: tuple[Path, Path], served: Serve, opened: Opened, report_folder: Path
 ) -> None:
@@ -159,6 +161,7 @@ def test_two_runs_are_laid_over_each_other(
     page.screenshot(path=report_folder / "compare-1920x1080.png")
 
 
+@pytest.mark.study
 def test_a_restarted_server_is_found_again_and_shows_what_the_address_says(
     runs: tuple[Path, Path], served: Serve, opened: Opened
 ) -> None:
@@ -202,6 +205,7 @@ def test_an_exported_page_opens_offline(
     page.screenshot(path=report_folder / "exported-1280x800.png")
 
 
+@pytest.mark.study
 def test_a_picture_can_be_downloaded(
     runs: tuple[Path, Path], served: Serve, opened: Opened, tmp_path: Path
 ) -> None:

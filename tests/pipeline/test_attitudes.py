@@ -102,6 +102,7 @@ def test_observability_of_the_pipeline_is_that_of_its_run(result: Path) -> None:
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
 
 
+@pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_a_gap_is_coasted_through(recording: Path, tmp_path: Path) -> None:
     seen = read_attitudes(recording)

@@ -71,6 +71,7 @@ def test_exact_tracks_give_the_true_motion(made: Made) -> None:
     assert read_pipeline(made.result / "pipeline.toml").image_motion == EXACT
 
 
+@pytest.mark.study
 def test_few_matches_coast_with_the_reason_and_many_new_ones_begin_anew(
     recording: Path, tmp_path: Path
 ) -> None:

@@ -208,6 +208,7 @@ def test_a_run_of_hardly_any_frames_has_a_report(
     assert ("Status" in page.sections) == (frames > 0)
 
 
+@pytest.mark.study
 def test_a_long_run_stays_a_small_page(make_content: Contents) -> None:
     short = make_content("depth", 500)
     repeats = np.tile(np.arange(500), 10)

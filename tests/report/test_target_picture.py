@@ -54,6 +54,7 @@ def test_rectangles_are_tinted_in_their_own_colour(repository):
     assert tinted >= 4
 
 
+@pytest.mark.study
 def test_symmetry_axes_of_simple_bodies(tmp_path):
     cube = symmetry_axes(target_of(tmp_path, trimesh.creation.box(extents=(1.0, 1.0, 1.0))))
     assert Counter(axis.fold for axis in cube) == {2: 6, 3: 4, 4: 3}

@@ -88,6 +88,7 @@ def test_cases_come_with_and_without_a_first_pose() -> None:
     assert len(run.run) == 2
 
 
+@pytest.mark.study
 def test_a_jolt_that_leaves_a_direction_open_does_not_stop_the_claims() -> None:
     """Edges that tell of the direction are too short for the coarse grid on which the target is
     found again."""

@@ -195,6 +195,7 @@ def test_fit_finds_the_minimum_of_its_cost():
             assert np.all(cost(moved) > best - 1e-3)
 
 
+@pytest.mark.study
 def test_nutation_tells_all_ratios_with_the_right_covariance():
     runs, sd = 12, np.radians(0.5)
     table = AttitudeInertiaTable(

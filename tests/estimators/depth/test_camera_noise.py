@@ -115,6 +115,7 @@ def test_an_exact_camera_measures_as_before(state: NavigationState, observer: Ob
     np.testing.assert_array_equal(moved, faces[0].reference.T_cam_model)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("camera", [(0.0, 0.01), (0.001, 0.05), (0.005, 0.2)], ids=str)
 def test_a_target_is_followed_through_noisy_camera_poses(
     boxsat: Target, camera: tuple[float, float]

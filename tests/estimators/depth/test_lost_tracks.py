@@ -137,6 +137,7 @@ def box_with_a_tower(folder: Path, height_m: float) -> Target:
     return load_target(path)
 
 
+@pytest.mark.study
 def test_a_track_that_sees_only_other_things_is_given_up_after_ten_frames(
     recording: Recording,
 ) -> None:

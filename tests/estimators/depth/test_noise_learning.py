@@ -103,6 +103,7 @@ def test_what_errors_that_last_make_of_a_pose_is_stated(target: Target, seed: in
     assert np.max(run.position_m[6:]) < SIGMA_M
 
 
+@pytest.mark.study
 def test_whether_errors_of_faces_last_is_learnt(target: Target) -> None:
     assert learnt(target, SIGMA_M, **LASTING).face_correlation > 0.8
     assert learnt(target, SIGMA_M, **UNEVEN).face_correlation < 0.4

@@ -76,6 +76,7 @@ def test_a_part_that_does_not_fit_does_not_bend_the_pose(
     assert off_rad < 2.0 * usual_rad
 
 
+@pytest.mark.study
 def test_a_part_that_fits_again_comes_back(boxsat: Target) -> None:
     found, _ = followed(boxsat, shown(boxsat, 10.0), boxsat.mesh)
     assert found[FRAMES // 2 - 1] == (PANEL,) and found[-1] == ()

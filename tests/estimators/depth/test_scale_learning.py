@@ -44,6 +44,7 @@ def test_a_target_is_followed_at_the_size_it_has(boxsat: Target) -> None:
     assert error_m < 4e-3
 
 
+@pytest.mark.study
 def test_a_mesh_taken_for_right_bends_the_pose(boxsat: Target) -> None:
     size, error_m = followed(boxsat, 1.015, 0.0)
     assert size == 1.0 and error_m > 1e-2
