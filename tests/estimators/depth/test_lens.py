@@ -87,12 +87,12 @@ def test_a_known_lens_costs_no_accuracy(
 
 
 def test_rows_read_out_in_turn_cost_no_accuracy(boxsat: Target) -> None:
-    spin = (8.0, -9.0, 16.0)
-    at_once = followed(boxsat, PLAIN, 10.0, spin, seeds=(1,))
-    rolling = followed(boxsat, PLAIN | {"row_readout_s": 0.03}, 10.0, spin, seeds=(1,))
+    spin, seeds = (8.0, -9.0, 16.0), (1, 2, 3)
+    at_once = followed(boxsat, PLAIN, 10.0, spin, seeds=seeds)
+    rolling = followed(boxsat, PLAIN | {"row_readout_s": 0.03}, 10.0, spin, seeds=seeds)
     assert rolling[0] < 2.0 * at_once[0]
     assert rolling[1] < 2.0 * at_once[1]
     assert 0.75 < rolling[2] < 1.25
     # Taken for a frame of one moment, they mislead.
-    unstated = followed(boxsat, PLAIN | {"row_readout_s": 0.03}, 10.0, spin, 0.0, (1,))
+    unstated = followed(boxsat, PLAIN | {"row_readout_s": 0.03}, 10.0, spin, 0.0, seeds)
     assert unstated[1] > 3.0 * rolling[1]
