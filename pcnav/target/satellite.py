@@ -182,7 +182,7 @@ class Target:
         nearly as before, that which changes least first: the poses ``T_cam_model @ match.T_model``
         are those a right one is mistaken for, and ``match.differing_share`` of the surface tells
         them apart. Found when first asked for, in a few seconds at most."""
-        found = near_symmetries(self.mesh, Resolution.usual(self.diameter_m).tolerance_m)
+        found = near_symmetries(self.matcher)
         if not found:
             return ()
         motions = np.stack([match.T_model for match in found])

@@ -222,9 +222,7 @@ class SelfMatcher:
         return make_transform(R, centre - R @ centre + step[:, 3:])
 
 
-def near_symmetries(
-    mesh: trimesh.Trimesh, tolerance_m: float, max_share: float = 0.4
-) -> tuple[SelfMatch, ...]:
+def near_symmetries(matcher: SelfMatcher, max_share: float = 0.4) -> tuple[SelfMatch, ...]:
     """The motions after which a mesh looks nearly as before, that which changes least first.
 
     These are the poses that a right pose is mistaken for: a start has to rule out each of them,
@@ -233,11 +231,10 @@ def near_symmetries(
     an axis the target is nearly round about there are some, not all.
 
     Args:
-        mesh: in metres.
-        tolerance_m: what no sensor tells from the surface.
+        matcher: of the mesh, and of what no sensor tells from its surface.
         max_share: of the area seen from outside that may lie beyond the tolerance.
     """
-    return tuple(SelfMatcher(mesh, tolerance_m).all_over(max_share))
+    return tuple(matcher.all_over(max_share))
 
 
 def turns_about_point(point: FloatArray, R: FloatArray) -> FloatArray:

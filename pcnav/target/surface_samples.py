@@ -134,7 +134,7 @@ class SurfaceSamples:
     """Samples of a whole mesh, and by them how far any place is from its surface."""
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
-        self.diameter_m = mesh_diameter(mesh)
+        self.diameter_m, self._area_m2 = mesh_diameter(mesh), float(mesh.area)
         self._triangles = np.asarray(mesh.triangles)
         self._normals = np.asarray(mesh.face_normals)
         self._low = np.asarray(mesh.bounds[0])
@@ -148,8 +148,7 @@ class SurfaceSamples:
     @cached_property
     def spacing_m(self) -> float:
         """How far from a place the sample may be that a coarse grid takes for the nearest."""
-        area = float(np.sum(np.linalg.norm(_cross_of(self._triangles), axis=1))) / 2.0
-        return self.diameter_m / _CELLS_ACROSS + float(np.sqrt(area / _GRID_SAMPLES))
+        return self.diameter_m / _CELLS_ACROSS + float(np.sqrt(self._area_m2 / _GRID_SAMPLES))
 
     def closest(
         self, points: FloatArray, neighbours: int = _NEIGHBOURS
@@ -209,12 +208,6 @@ class SurfaceSamples:
         some = np.arange(0, len(self.points), max(1, len(self.points) // _GRID_SAMPLES))
         _, nearest = cKDTree(self.points[some]).query(cells, eps=0.1)
         return low, cell_m, shape, some[nearest]
-
-
-def _cross_of(triangles: FloatArray) -> FloatArray:
-    """(n, 3) normals as long as twice the areas."""
-    sides = triangles[:, 1:] - triangles[:, :1]
-    return np.cross(sides[:, 0], sides[:, 1])
 
 
 def _along_edges(triangles: FloatArray, step_m: float) -> tuple[FloatArray, IntArray]:

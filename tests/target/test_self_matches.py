@@ -27,7 +27,7 @@ def two_wings_and_a_bracket():
 def found():
     mesh = two_wings_and_a_bracket()
     mesh.apply_transform(POSE)
-    return near_symmetries(mesh, 0.005 * mesh_diameter(mesh))
+    return near_symmetries(SelfMatcher(mesh, 0.005 * mesh_diameter(mesh)))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -62,7 +62,7 @@ def test_a_lump_without_likeness_has_none():
         [1, 0.8, 0.5, 1.2]
     )
     lump.vertices = lump.vertices * size[:, None]
-    assert near_symmetries(lump, 0.005 * mesh_diameter(lump), 0.2) == ()
+    assert near_symmetries(SelfMatcher(lump, 0.005 * mesh_diameter(lump)), 0.2) == ()
 
 
 def test_returns_of_a_ball_with_boxes_on_it_tell_how_it_is_turned() -> None:
