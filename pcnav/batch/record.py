@@ -89,23 +89,26 @@ class RunRecord:
         return found if isinstance(found, np.ndarray) else np.full(self.frames, np.nan)
 
 
-def write_record(folder: Path, record: RunRecord) -> Path:
+def write_record(folder: Path, record: RunRecord, mark: str = "") -> Path:
     """Write a record into a folder under its run's key; returns the file, an earlier one replaced.
 
-    Raises ``ValueError`` for columns that differ in length and ``OSError`` when the file system
-    refuses; nothing is then left.
+    ``mark`` is that of `write_whole`. Raises ``ValueError`` for columns that differ in length and
+    ``OSError`` when the file system refuses; nothing is then left.
     """
     path, table = folder / (record.run.key + SUFFIX), _table(record)
-    write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
+    write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"), mark)
     return path
 
 
-def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def write_whole(path: Path, write: Callable[[BinaryIO], object], mark: str = "") -> None:
     """Write a file that appears under its name when all of it is on the disk.
 
-    Whoever finds it may trust it. Raises ``OSError``, which names the file; nothing is then left.
+    Whoever finds it may trust it. ``mark`` is in the name that the file has until then: whoever
+    ends the process in the middle finds by it what to remove. Raises ``OSError``, which names the
+    file; nothing is then left.
     """
-    unfinished = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{UNFINISHED_SUFFIX}")
+    ending = f"{mark}{secrets.token_hex(4)}{UNFINISHED_SUFFIX}"
+    unfinished = path.with_name(f".{path.stem}-{ending}")
     try:
         with unfinished.open("wb") as file:
             write(file)

@@ -271,16 +271,21 @@ def run_stored(
     on_progress(done, len(runs), failed)
     requirements = here(store.folder / BATCH_FILE, store.identity)
     recording = _Recording(function, command, store.runs_folder)
-    with closing(outcomes(recording, missing, workers, requirements)) as ended:
-        for k, outcome in ended:
-            answer = outcome
-            if isinstance(answer, Failure):
-                # Its processes ended, so that none of them could say so.
-                answer = recording.failure(missing[k], answer)
-            if isinstance(answer, OSError):
-                raise answer
-            done, failed = done + 1, failed + answer
-            on_progress(done, len(runs), failed)
+    try:
+        with closing(outcomes(recording, missing, workers, requirements)) as ended:
+            for k, outcome in ended:
+                answer = outcome
+                if isinstance(answer, Failure):
+                    # Its processes ended, so that none of them could say so.
+                    answer = recording.failure(missing[k], answer)
+                if isinstance(answer, OSError):
+                    raise answer
+                done, failed = done + 1, failed + answer
+                on_progress(done, len(runs), failed)
+    finally:
+        # The workers of a cluster go on with what they have begun.
+        if workers.scheduler is None:
+            recording.remove_unfinished()
 
 
 @dataclass(frozen=True)
@@ -293,6 +298,8 @@ class _Recording:
     function: Callable[[GridRun], RunRecord]
     command: Callable[[GridRun], str]
     folder: Path
+    mark: str = field(default_factory=lambda: secrets.token_hex(4))
+    """In the names of the unfinished files of this batch, and of no other's in the folder."""
 
     def __call__(self, run: GridRun) -> bool | OSError:
         path = self.folder / (run.key + SUFFIX)
@@ -309,7 +316,13 @@ class _Recording:
 
     def _write(self, record: RunRecord) -> bool | OSError:
         try:
-            write_record(self.folder, record)
+            write_record(self.folder, record, self.mark)
         except OSError as error:
             return error
         return record.failure is not None
+
+    def remove_unfinished(self) -> None:
+        """Remove what processes that were ended in the middle of a record left."""
+        for path in self.folder.glob(f".*-{self.mark}*{UNFINISHED_SUFFIX}"):
+            with suppress(OSError):
+                path.unlink()
