@@ -33,6 +33,9 @@ _SUNK_FOOTPRINTS = 3.0
 """... or than the side of so many pixels, by which a surface rises that meets it at 45 degrees."""
 _CLAIMED = 0.1
 """A small part of which a view explains this share is the target's or nothing is."""
+_MOST_OF_SQUARE = 6
+"""Pixels of nine that a square has at least for a patch, where beams did not fall in the others: as
+many as a pattern without rows and columns leaves, or more, in nine squares of ten."""
 _MAX_UNTOLD = 0.02
 """So few conflicts, over what agrees, are not worth sorting."""
 _MAX_HIDDEN = 3
@@ -93,6 +96,7 @@ def agreement(
     rendered: RenderedDepth,
     tolerance_m: float,
     surroundings: Surroundings | None = None,
+    unlooked: BoolArray | None = None,
 ) -> Agreement:
     """Compare a frame with a view; depths that differ by less than the tolerance agree.
 
@@ -101,10 +105,11 @@ def agreement(
 
     ``surroundings``: the parts of the frame, where it holds more than the target can fill. What is
     larger than the target then counts against a view only where it is seen through it, and for it
-    only where it does not go on beyond it.
+    only where it does not go on beyond it. ``unlooked`` (height, width): pixels that no beam of a
+    scan fell in; patches go on across them.
     """
     if surroundings is not None:
-        return _among_others(depth_m, rendered, tolerance_m, surroundings)
+        return _among_others(depth_m, rendered, tolerance_m, surroundings, unlooked)
     part = rendered.window
     returned = depth_m > 0.0
     seen, predicted = depth_m[part], rendered.depth_m[part]
@@ -120,7 +125,7 @@ def agreement(
     if conflict > _MAX_UNTOLD * agree:
         strange = returned.copy()
         strange[part] &= ~(surface & close)
-        patches = _in_patches(strange)
+        patches = _in_patches(strange, unlooked)
         excused = int(np.count_nonzero(patches[part] & nearer)) + empty
         against = int(np.count_nonzero(patches)) + empty - round((1.0 - _EXCUSED) * excused)
     return Agreement(agree, conflict, hidden, empty, against)
@@ -131,22 +136,27 @@ def judged(
     rendered: RenderedDepth,
     tolerance_m: float,
     surroundings: Callable[[], Surroundings | None],
+    unlooked: BoolArray | None = None,
 ) -> tuple[Agreement, Surroundings | None]:
     """How far a view explains a frame, and the surroundings that were needed to say so.
 
-    A view that explains nearly all of the frame needs none.
+    A view that explains nearly all of the frame needs none. ``unlooked``: see `agreement`.
     """
-    alone = agreement(depth_m, rendered, tolerance_m)
+    alone = agreement(depth_m, rendered, tolerance_m, unlooked=unlooked)
     if alone.inlier_ratio >= _ALONE_RATIO:
         return alone, None
     found = surroundings()
     if found is None:
         return alone, None
-    return _among_others(depth_m, rendered, tolerance_m, found), found
+    return _among_others(depth_m, rendered, tolerance_m, found, unlooked), found
 
 
 def _among_others(
-    depth_m: DepthImage, rendered: RenderedDepth, tolerance_m: float, surroundings: Surroundings
+    depth_m: DepthImage,
+    rendered: RenderedDepth,
+    tolerance_m: float,
+    surroundings: Surroundings,
+    unlooked: BoolArray | None = None,
 ) -> Agreement:
     part = rendered.window
     seen, predicted = depth_m[part], rendered.depth_m[part]
@@ -186,7 +196,8 @@ def _among_others(
     parts = surroundings.labels
     sizes = np.maximum(surroundings.sizes, 1)
     own = np.bincount(parts[part][agrees], minlength=len(sizes)) > _CLAIMED * sizes
-    rest = int(np.count_nonzero(_in_patches(beside & own[parts[about]])))
+    between = None if unlooked is None else unlooked[about]
+    rest = int(np.count_nonzero(_in_patches(beside & own[parts[about]], between)))
     against = farther + rest + going_on + sunk + round(_EXCUSED * (missing + hidden))
     return Agreement(agree - going_on, conflict, hidden, through, against)
 
@@ -220,13 +231,24 @@ def _sparse(mask: BoolArray) -> BoolArray:
     return np.asarray(about < _EMPTY_SHARE)
 
 
-def _in_patches(mask: BoolArray) -> BoolArray:
-    """The pixels of a mask (height, width) that lie in squares of three by three of it."""
+def _in_patches(mask: BoolArray, unlooked: BoolArray | None = None) -> BoolArray:
+    """The pixels of a mask (height, width) that lie in squares of three by three of it; where
+    nobody looked at all pixels of a square, of those that are known, if they are most of it."""
+    if unlooked is None or not unlooked.any():
+        return _in_squares(mask, mask)
+    about = ndimage.uniform_filter(mask.astype(np.float32), 3, mode="constant")
+    # By the middle of a square.
+    most = np.asarray(about > (_MOST_OF_SQUARE - 0.5) / 9.0)
+    return _in_squares(mask | unlooked, most) & mask
+
+
+def _in_squares(mask: BoolArray, middle: BoolArray) -> BoolArray:
+    """Pixels (height, width) of the squares of three by three of a mask whose middles may be so."""
     whole = np.zeros_like(mask)
     if min(mask.shape) < 3:
         return whole
     rows = mask[:-2] & mask[1:-1] & mask[2:]
-    middles = rows[:, :-2] & rows[:, 1:-1] & rows[:, 2:]
+    middles = rows[:, :-2] & rows[:, 1:-1] & rows[:, 2:] & middle[1:-1, 1:-1]
     wide = np.zeros((middles.shape[0], mask.shape[1]), dtype=np.bool_)
     for shift in range(3):
         wide[:, shift : shift + middles.shape[1]] |= middles

@@ -65,6 +65,9 @@ class ContourRuns:
     """(n,) without the scatter of the outline, see `SensorNoise.outline_sd_px`,"""
     by_scatter: FloatArray
     """(n,) and what a scatter of one pixel adds."""
+    by_twist: FloatArray
+    """(n, 6) by how the target moves while the frame is taken, rates of the pose; (n, 0) where its
+    pixels are exposed at once."""
 
     def __len__(self) -> int:
         return len(self.value)
@@ -110,7 +113,23 @@ def contour_runs(
     counted = replace(picked(counted, kept), shift_px=shift_px[kept])
     if known is None:
         known = KnownError(np.zeros(6), doubt.covariance)
-    return _runs(picked(crossings, kept), counted, jacobian[kept], doubt, reach, noise, known)
+    crossings, jacobian = picked(crossings, kept), jacobian[kept]
+    by_twist = _by_twist(crossings, jacobian, rendered)
+    return _runs(crossings, counted, (jacobian, by_twist), doubt, reach, noise, known)
+
+
+def _by_twist(
+    crossings: EdgeCrossings, jacobian: FloatArray, rendered: RenderedDepth
+) -> FloatArray:
+    """(n, 6) of displacements with derivatives (n, 6) by the pose: a pixel exposed a time t after
+    that of the frame sees t times as much of a rate as of a shift. (n, 0) where all are at once."""
+    exposure = None if rendered.moving is None else rendered.moving.exposure
+    if exposure is None or exposure.times_s is None:
+        return np.empty((len(jacobian), 0))
+    u, v = crossings.across(np.rint(crossings.minor).astype(np.intp)[:, None])
+    height, width = exposure.index.shape
+    at = np.clip(v[:, 0], 0, height - 1), np.clip(u[:, 0], 0, width - 1)
+    return np.asarray(exposure.times_s[exposure.index[at]][:, None] * jacobian)
 
 
 def contour_reach(doubt_px: float) -> int:
@@ -133,18 +152,19 @@ def _between_others(crossings: EdgeCrossings, counted: EdgeCounts) -> BoolArray:
 def _runs(
     crossings: EdgeCrossings,
     counted: EdgeCounts,
-    jacobian: FloatArray,
+    derivatives: tuple[FloatArray, FloatArray],
     doubt: PoseDoubt,
     reach: int,
     noise: SensorNoise,
     known: KnownError,
 ) -> ContourRuns:
+    jacobian, by_twist = derivatives
     if len(crossings.edge) == 0:
         empty = np.empty(0)
         none = np.empty(0, dtype=np.intp)
         shared = np.empty((0, 4))
         by_six = np.empty((0, 6))
-        return ContourRuns(empty, empty, by_six, none, shared, by_six, empty, empty)
+        return ContourRuns(empty, empty, by_six, none, shared, by_six, empty, empty, by_six)
     stretches = Stretches.of(crossings, counted.kind)
     starts, n = stretches.starts, stretches.n
     by_offsets = crossings.by_offsets(counted.kind)
@@ -158,9 +178,9 @@ def _runs(
     reached = (np.abs(stretches.total(looked)) > _SATURATED * reach) & (gap == 0.0)
     variances[0] += np.where(reached, doubt_px2, 0.0)
     fields = by_fields(jacobian, crossings.p_cam, doubt.T_cam_model)
-    derivatives = jacobian, by_offsets, fields
+    all_derivatives = jacobian, by_offsets, fields, by_twist
     means, tilts = (
-        _of(stretches, weight, counted.displacement_px - expected, derivatives)
+        _of(stretches, weight, counted.displacement_px - expected, all_derivatives)
         for weight in stretches.weights
     )
     by_scatter = [n * stretches.total(weight**2) for weight in stretches.weights]
@@ -173,7 +193,7 @@ def _runs(
     variances[0] += common
     variances[1] += common * n / np.maximum(stretches.spread, 0.5)
     rows = []
-    for power, (value, H, shared, fields) in enumerate((means, tilts)):
+    for power, (value, H, shared, fields, twist) in enumerate((means, tilts)):
         own, scatter = variances[power], by_scatter[power]
         variance = own + noise.outline_sd_px**2 * scatter
         innovation = doubt.variance(H) + variance
@@ -181,7 +201,7 @@ def _runs(
         kept = np.abs(value) < _RUN_GATE_SIGMA * np.sqrt(innovation)
         kept &= n > power
         picked_rows = (value, variance, H, counted.triangle[starts], shared, fields)
-        rows.append(tuple(part[kept] for part in (*picked_rows, own, scatter)))
+        rows.append(tuple(part[kept] for part in (*picked_rows, own, scatter, twist)))
     return ContourRuns(*(np.concatenate(part) for part in zip(*rows, strict=True)))
 
 
@@ -190,16 +210,17 @@ class _Measured(NamedTuple):
     jacobian: FloatArray
     shared: FloatArray
     by_fields: FloatArray
+    by_twist: FloatArray
 
 
 def _of(
     stretches: Stretches,
     weight: FloatArray,
     displacement_px: FloatArray,
-    derivatives: tuple[FloatArray, FloatArray, FloatArray],
+    derivatives: tuple[FloatArray, ...],
 ) -> _Measured:
     """The means, or tilts, of stretches, and of derivatives by the pose, by the offsets of the
-    outline, and by errors of the calibration."""
+    outline, by errors of the calibration, and by the twist."""
     parts = (displacement_px * weight, *(of * weight[:, None] for of in derivatives))
     return _Measured(*(stretches.total(part) for part in parts))
 

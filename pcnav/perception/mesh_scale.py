@@ -18,7 +18,8 @@ from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX
 _N_OFFSETS, _N_FIELDS = 4, len(FIELD_NAMES)
 _SIZE = _N_OFFSETS + _N_FIELDS
 _LOOSE = 0.05
-"""A pose found is off by less than this share of the target, or rad."""
+"""A pose found is off by less than this share of the target, or rad; the motion during a frame that
+takes time, by less than that in a second."""
 _FRAMES_ALIKE = 2.0
 """Errors of successive frames are alike: two tell as much as one."""
 _MIN_FRAMES, _MAX_COMMON = 6, 20
@@ -54,9 +55,12 @@ class ScaleBelief:
         """
         told = _of_ranges(seen, faces) + _of_outline(seen)
         loose = np.repeat([lever_m, 1.0], 3) * _LOOSE
-        inner = told[:POSE_SIZE, :POSE_SIZE] + np.diag(1.0 / loose**2)
-        cross = told[:POSE_SIZE, POSE_SIZE:]
-        kept = told[POSE_SIZE:, POSE_SIZE:] - cross.T @ np.linalg.solve(inner, cross)
+        if seen.residuals.time_s is not None:
+            loose = np.tile(loose, 2)
+        n = len(loose)
+        inner = told[:n, :n] + np.diag(1.0 / loose**2)
+        cross = told[:n, n:]
+        kept = told[n:, n:] - cross.T @ np.linalg.solve(inner, cross)
         return replace(
             self,
             information=self.information + kept[:-1, :-1] / _FRAMES_ALIKE,
@@ -97,7 +101,7 @@ class ScaleBelief:
 
 def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     """(17, 17) products of what ranges say by pose, offsets, errors of the calibration, and their
-    residuals."""
+    residuals; (23, 23) by pose and twist where the frame takes time."""
     residuals, rendered = seen.residuals, seen.rendered
     chosen = residuals.agrees & np.isin(residuals.face, list(faces))
     window, pixels = rendered.window, residuals.pixels
@@ -109,9 +113,14 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     for face, fit in seen.ranges.items():
         of_face[face] = max(fit.chi_square_per_dof, 1.0)
     loosened = of_face[residuals.face[chosen]]
+    time_s = residuals.time_s
+    by_twist = np.empty((len(jacobian), 0))
+    if time_s is not None:
+        by_twist = time_s[chosen, None] * jacobian
     rows = np.column_stack(
         [
             jacobian,
+            by_twist,
             np.zeros((len(jacobian), _N_OFFSETS)),
             by_fields(jacobian, p_cam, seen.doubt.T_cam_model),
             residuals.residual_m[chosen],
@@ -126,5 +135,9 @@ def _of_outline(seen: SeenFrame) -> FloatArray:
     runs = seen.contour
     value = runs.value + runs.shared @ np.array(seen.noise.outline_offset_px)
     shared = runs.shared * OUTLINE_PRIOR_SD_PX
-    rows = np.column_stack([runs.jacobian, shared, runs.by_fields, value])
+    by_twist = np.empty((len(runs), 0))
+    if seen.residuals.time_s is not None:
+        # Beams in no order show no outline, and have no times of its own.
+        by_twist = runs.by_twist if runs.by_twist.size else np.zeros((len(runs), POSE_SIZE))
+    rows = np.column_stack([runs.jacobian, by_twist, shared, runs.by_fields, value])
     return np.asarray(rows.T @ (rows / runs.variance[:, None]))

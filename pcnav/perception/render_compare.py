@@ -174,7 +174,7 @@ class RenderComparer:
             return None
         times_s = row_times(self.row_readout_s, self.camera.height)[:: self._stride]
         width = -(-self.camera.width // self._stride)
-        return Exposure.by_rows(readout.poses(T_cam_model, times_s), width)
+        return Exposure.by_rows(readout.poses(T_cam_model, times_s), width, times_s)
 
     def _beams_here(self) -> Beams | None:
         """Those of the scan on the grid compared on."""
@@ -223,8 +223,9 @@ class RenderComparer:
             sigma_m = self._noise.sigma_in(depth_m)
             return self._surroundings.of(depth_m, self.camera, sigma_m, self._stride)
 
-        strided = depth_m[:: self._stride, :: self._stride]
-        agreement, others = judged(strided, rendered, tolerance_m, surroundings)
+        strided, beams = depth_m[:: self._stride, :: self._stride], self._beams_here()
+        unlooked = None if beams is None else ~beams.is_seen
+        agreement, others = judged(strided, rendered, tolerance_m, surroundings, unlooked)
         if others is None and self._has_several_bodies:
             agreement = replace(agreement, may_lack_a_part=True)
         return agreement, others

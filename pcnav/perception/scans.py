@@ -29,7 +29,7 @@ def exposure_of_scan(
         poses = np.broadcast_to(T_cam_model, (len(times_s), 4, 4))
     else:
         poses = motion.poses(T_cam_model, times_s)
-    return Exposure(poses, beams.slice_image, _image_rays(beams, camera))
+    return Exposure(poses, beams.slice_image, _image_rays(beams, camera), times_s=times_s)
 
 
 @lru_cache(maxsize=_KEPT)

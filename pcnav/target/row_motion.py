@@ -17,6 +17,9 @@ class Readout:
     (rad/s, model axes)."""
     bend: FloatArray | None = None
     """(6,) half of what that changes by, per second; None for not known."""
+    own: FloatArray | None = None
+    """(6,) what of the twist is the target's own motion, where it is that of an estimated state:
+    what a frame shows is then off by as much as the state's rates are."""
 
     def poses(self, T_cam_model: FloatArray, times_s: FloatArray) -> FloatArray:
         """(k, 4, 4) at times (k,) from that of the frame on, of a target with a pose (4, 4) at the
@@ -48,12 +51,16 @@ class Exposure:
     read out by rows."""
     is_scattered: bool = False
     """Whether they look anywhere, and not about the pixels' own centres."""
+    times_s: FloatArray | None = None
+    """(k,) of the poses, from the time of the frame on; None where nobody asks."""
 
     @staticmethod
-    def by_rows(row_poses: FloatArray, width: int) -> "Exposure":
-        """Of rows that are read out one after the other, with a pose (height, 4, 4) each."""
+    def by_rows(row_poses: FloatArray, width: int, times_s: FloatArray | None = None) -> "Exposure":
+        """Of rows that are read out one after the other, with a pose (height, 4, 4) each, at times
+        (height,)."""
         height = len(row_poses)
-        return Exposure(row_poses, np.broadcast_to(np.arange(height)[:, None], (height, width)))
+        index = np.broadcast_to(np.arange(height)[:, None], (height, width))
+        return Exposure(row_poses, index, times_s=times_s)
 
 
 @dataclass(frozen=True)

@@ -251,6 +251,29 @@ def test_surroundings_are_asked_for_where_a_view_leaves_some_of_a_frame_unexplai
     assert (found.conflict, surroundings) == (9, None)
 
 
+def test_patches_go_on_across_pixels_that_no_beam_fell_in() -> None:
+    rng = np.random.default_rng(7)
+    frame = image()
+    frame[PART] = 5.0
+    frame[3:13, 7:13] = 7.0
+    unlooked = rng.uniform(size=frame.shape) < 0.2
+    frame[unlooked] = 0.0
+    strange = int(np.count_nonzero(frame == 7.0))
+    rendered = view()
+    rendered.depth_m[unlooked], rendered.triangle[unlooked] = 0.0, -1
+    torn = agreement(frame, rendered, TOLERANCE).contradictions
+    whole = agreement(frame, rendered, TOLERANCE, unlooked=unlooked).contradictions
+    assert torn is not None and whole is not None
+    # All of them are another surface, of which few squares of nine are whole.
+    assert torn < 0.7 * strange and 0.95 * strange < whole <= strange
+    # Lone false returns are no patch, however few pixels were looked at.
+    lone = image()
+    lone[PART] = 5.0
+    lone[4:12:3, 4:12:3] = 7.0
+    lone[unlooked] = 0.0
+    assert agreement(lone, rendered, TOLERANCE, unlooked=unlooked).contradictions == 0
+
+
 def test_contradictions_are_patches_of_something_else_and_no_scattered_returns() -> None:
     rng = np.random.default_rng(3)
     frame = image()

@@ -25,7 +25,15 @@ def runs_of(rng: np.random.Generator, scatter_px: float) -> ContourRuns:
     value = np.sqrt(own + scatter_px**2 * by_scatter) * rng.normal(size=n)
     shared = np.column_stack([np.ones(n), np.abs(np.sin(2.0 * angle)), np.zeros((n, 2))])
     return ContourRuns(
-        value, own, H, np.zeros(n, dtype=np.intp), shared, np.zeros(n), own, by_scatter
+        value,
+        own,
+        H,
+        np.zeros(n, dtype=np.intp),
+        shared,
+        np.zeros(n),
+        own,
+        by_scatter,
+        np.empty((n, 0)),
     )
 
 

@@ -70,7 +70,7 @@ _START_PASSES = 6
 """Most times the first frames are read anew with the poses that fit them."""
 _NOISE_PASSES = 3
 """Most times they are measured anew, as noise that was not thought of widens what is looked at."""
-_MOVING_PASSES = 2
+_MOVING_PASSES = 3
 """Times that frames which take time are measured anew with the motion that was fitted to them."""
 _STILL_PX = 0.1
 """A fit that moves no point of the target further than this is final."""

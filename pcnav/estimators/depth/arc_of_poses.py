@@ -95,7 +95,9 @@ class ArcOfPoses(ArcMeasurements[NavigationState]):
 
 def _only_pose(timed: Timed) -> PoseMeasurement | None:
     one = timed.measurements[0] if len(timed.measurements) == 1 else None
-    return one if isinstance(one, PoseMeasurement) and len(one.value) <= POSE_SIZE else None
+    if not isinstance(one, PoseMeasurement) or one.by_rate is not None:
+        return None
+    return one if len(one.value) <= POSE_SIZE else None
 
 
 def _whitened(pose: PoseMeasurement) -> tuple[FloatArray, FloatArray]:

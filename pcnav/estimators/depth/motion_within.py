@@ -1,13 +1,19 @@
 """How a target moves in the camera while a frame is taken, to second order in time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.orbit import R_hill_world
 from pcnav.dynamics.state import NavigationState
-from pcnav.estimators.depth.pose_measurement import ObserverPose, moved_pose, pose_error
+from pcnav.estimators.depth.pose_measurement import (
+    ObserverPose,
+    moved_pose,
+    pose_error,
+    pose_rate,
+)
 from pcnav.filtering.error_state import MotionModel
 from pcnav.target.row_motion import Readout
 
@@ -58,4 +64,5 @@ def predicted_motion(
         # The orbit turns evenly: as far from time 0 on as from any other.
         turn = R_hill_world(step_s, mean_motion_rad_s)
         moved.append(pose_error(here, then.T_cam_model(T_cam_world, turn @ observer.R_hill_world)))
-    return _through(np.array([-half_s, half_s]), np.stack(moved))
+    within = _through(np.array([-half_s, half_s]), np.stack(moved))
+    return replace(within, own=pose_rate(state, observer))

@@ -14,7 +14,15 @@ from scipy.linalg import cholesky, solve_triangular
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, left_jacobian, log_rotation, skew
 from pcnav.dynamics.orbit import R_hill_world
-from pcnav.dynamics.state import COM_MODEL, R_HILL, STATE_SIZE, THETA_BODY, NavigationState
+from pcnav.dynamics.state import (
+    COM_MODEL,
+    OMEGA_BODY,
+    R_HILL,
+    STATE_SIZE,
+    THETA_BODY,
+    V_HILL,
+    NavigationState,
+)
 from pcnav.estimators.depth.camera_noise import EXACT, CameraNoise
 from pcnav.perception.modality import POSE_SIZE
 
@@ -58,9 +66,12 @@ UncertainPose = tuple[FloatArray, FloatArray]
 class PoseReference:
     """The pose that the faces of a frame were compared with; they share its small computations."""
 
-    def __init__(self, T_cam_model: FloatArray, observer: ObserverPose) -> None:
-        """``T_cam_model`` is (4, 4)."""
-        self.T_cam_model, self.observer = T_cam_model, observer
+    def __init__(
+        self, T_cam_model: FloatArray, observer: ObserverPose, rate: FloatArray | None = None
+    ) -> None:
+        """``T_cam_model`` is (4, 4); ``rate`` (6,) the target's own motion, as `pose_rate`, that
+        the frame was compared under, where it matters."""
+        self.T_cam_model, self.observer, self.rate = T_cam_model, observer, rate
         self._last: tuple[NavigationState, FloatArray, FloatArray] | None = None
 
     def linearised(self, state: NavigationState) -> tuple[FloatArray, FloatArray]:
@@ -74,6 +85,12 @@ class PoseReference:
             by_state[3:] = np.linalg.solve(left_jacobian(-error[3:]), by_state[3:])
             self._last = (state, error, by_state)
         return self._last[1:]
+
+    def linearised_rate(self, state: NavigationState) -> tuple[FloatArray, FloatArray]:
+        """`pose_rate` (6,) of a state less that of the reference, and its derivative (6, 20)."""
+        assert self.rate is not None, "it matters"
+        off = pose_rate(state, self.observer) - self.rate
+        return off, pose_rate_jacobian(state, self.observer)
 
 
 @dataclass(frozen=True)
@@ -92,6 +109,9 @@ class PoseMeasurement:
     shared: FloatArray | None = None
     """(m, k) derivative of the value by errors of unit variance that the frame shares, if any: the
     sensor's, then those of the camera's pose."""
+    by_rate: FloatArray | None = None
+    """(m, 6) derivative of the value by the target's own motion, as `pose_rate`, where the frame
+    takes time."""
 
     @staticmethod
     def from_information(
@@ -99,19 +119,23 @@ class PoseMeasurement:
         information: FloatArray,
         vector: FloatArray,
         lever_m: float,
+        by_rate: FloatArray | None = None,
     ) -> "PoseMeasurement":
         """From an information matrix (6 + k, 6 + k), maybe singular, and information times error
         (6 + k,), of the pose and k errors that the frame shares.
 
-        ``lever_m`` makes rotations comparable with shifts: half the target's size.
+        ``lever_m`` makes rotations comparable with shifts: half the target's size. ``by_rate``
+        (6 + k, 6) is the vector's derivative by the target's own motion.
         """
         rows, value = square_root(information, vector, lever_m)
+        if by_rate is not None:
+            by_rate = square_root(information, by_rate, lever_m)[1]
         shared = rows[:, POSE_SIZE:]
         if reference.observer.noise.is_there:
             by_camera = reference.observer.noise.by_unit(reference.T_cam_model)
             shared = np.hstack([shared, rows[:, :POSE_SIZE] @ by_camera])
         some = shared if shared.shape[1] else None
-        return PoseMeasurement(reference, rows[:, :POSE_SIZE], value, some)
+        return PoseMeasurement(reference, rows[:, :POSE_SIZE], value, some, by_rate)
 
     @property
     def in_camera(self) -> "PoseMeasurement":
@@ -128,16 +152,27 @@ class PoseMeasurement:
 
     def residual(self, state: NavigationState) -> FloatArray:
         """(m,) measured minus predicted, in standard deviations."""
-        return np.asarray(self.value - self.rows @ self.reference.linearised(state)[0])
+        residual = self.value - self.rows @ self.reference.linearised(state)[0]
+        if self.by_rate is not None:
+            residual = residual - self.by_rate @ self.reference.linearised_rate(state)[0]
+        return np.asarray(residual)
 
     def jacobian(self, state: NavigationState) -> FloatArray:
         """(m, 20) derivative of the prediction by the error state."""
-        return np.asarray(self.rows @ self.reference.linearised(state)[1])
+        jacobian = self.rows @ self.reference.linearised(state)[1]
+        if self.by_rate is not None:
+            jacobian = jacobian + self.by_rate @ self.reference.linearised_rate(state)[1]
+        return np.asarray(jacobian)
 
 
 def joined(measurements: Sequence[PoseMeasurement]) -> PoseMeasurement:
-    """All that faces compared with one pose say, in six combinations at most."""
+    """All that faces compared with one pose say, in six combinations at most; in twelve where what
+    they say depends on how the target moves."""
     rows = np.vstack([measurement.rows for measurement in measurements])
+    by_rate = [measurement.by_rate for measurement in measurements]
+    rates = [each for each in by_rate if each is not None]
+    if rates:
+        rows = np.hstack([rows, np.vstack(rates)])
     value = np.concatenate([measurement.value for measurement in measurements])
     common = [measurement.shared for measurement in measurements if measurement.shared is not None]
     if common:
@@ -146,9 +181,10 @@ def joined(measurements: Sequence[PoseMeasurement]) -> PoseMeasurement:
         both = solve_triangular(root, np.column_stack([rows, value]), lower=True)
         rows, value = both[:, :-1], both[:, -1]
     # An orthogonal turn of whitened rows keeps them white; what is left of the values beyond the
-    # sixth says nothing of the pose.
+    # sixth (or twelfth) says nothing of the pose.
     q, r = np.linalg.qr(rows)
-    return PoseMeasurement(measurements[0].reference, r, q.T @ value)
+    by_pose, moving = r[:, :POSE_SIZE], r[:, POSE_SIZE:] if rates else None
+    return PoseMeasurement(measurements[0].reference, by_pose, q.T @ value, by_rate=moving)
 
 
 def seen_pose(predicted: UncertainPose, measurements: Sequence[PoseMeasurement]) -> UncertainPose:
@@ -218,6 +254,19 @@ def pose_rate(state: NavigationState, observer: ObserverPose) -> FloatArray:
     return np.concatenate([of_origin, state.omega_body])
 
 
+def pose_rate_jacobian(state: NavigationState, observer: ObserverPose) -> FloatArray:
+    """(6, 20) change of `pose_rate` by the error state."""
+    R_cam_body = observer.T_cam_world[:3, :3] @ state.R_world_body
+    jacobian = np.zeros((6, STATE_SIZE))
+    # Of R_cam_hill v + R_cam_body (com x omega).
+    jacobian[:3, V_HILL] = observer.R_cam_hill
+    jacobian[:3, COM_MODEL] = -R_cam_body @ skew(state.omega_body)
+    jacobian[:3, OMEGA_BODY] = R_cam_body @ skew(state.com_model)
+    jacobian[:3, THETA_BODY] = -R_cam_body @ skew(np.cross(state.com_model, state.omega_body))
+    jacobian[3:, OMEGA_BODY] = np.eye(3)
+    return jacobian
+
+
 def pose_covariance(
     state: NavigationState, covariance: FloatArray, observer: ObserverPose
 ) -> FloatArray:
@@ -229,11 +278,11 @@ def pose_covariance(
 def square_root(
     information: FloatArray, vector: FloatArray, lever_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Rows (m, 6 + k) and values (m,) with ``rows^T rows = information``, ``rows^T value =
-    vector``."""
+    """Rows (m, 6 + k) and values (m, ...) with ``rows^T rows = information``, ``rows^T value =
+    vector``, of one vector (6 + k,) or of several (6 + k, n)."""
     scale = np.array([1.0] * 3 + [lever_m] * 3 + [1.0] * (len(vector) - POSE_SIZE))
     strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
     known = strength > _MIN_SHARE * max(float(strength[-1]), 0.0)
     root, axes = np.sqrt(strength[known]), axes[:, known]
     rows = (root[:, None] * axes.T) * scale
-    return rows, np.asarray(axes.T @ (vector / scale) / root)
+    return rows, np.asarray((axes.T @ (vector.T / scale).T).T / root).T

@@ -19,6 +19,7 @@ from pcnav.perception.association import MeasuredFace, Unused
 from pcnav.perception.face_evidence import FaceEvidence
 from pcnav.perception.reading import View
 from pcnav.perception.render_compare import Comparison
+from pcnav.perception.twist_evidence import evidence_of_twist
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.records import ACCEPTED, AXES, RectangleRecord
 
@@ -111,10 +112,15 @@ def view_of_comparison(
 ) -> FrameView:
     """A frame compared with the rendered view."""
     faces = comparison.faces
-    reference = PoseReference(comparison.T_cam_model, observer)
+    own = None if comparison.motion is None else comparison.motion.own
+    reference = PoseReference(comparison.T_cam_model, observer, own)
     named = [k for k, face in enumerate(faces) if face.rectangle is not None]
     measurements = tuple(
-        PoseMeasurement.from_information(reference, *face.joint, lever_m) for face in faces
+        PoseMeasurement.from_information(
+            *(reference, *face.joint, lever_m),
+            None if own is None else evidence_of_twist(comparison.seen, face),
+        )
+        for face in faces
     )
     return FrameView(
         frame,

@@ -1,5 +1,7 @@
 """What a rendered view says of the state, against numerical derivatives and information filters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform
-from pcnav.dynamics.state import R_HILL, STATE_SIZE, NavigationState
+from pcnav.dynamics.state import OMEGA_BODY, R_HILL, STATE_SIZE, NavigationState
 from pcnav.estimators.depth.pose_measurement import (
     ObserverPose,
     PoseMeasurement,
@@ -17,6 +19,8 @@ from pcnav.estimators.depth.pose_measurement import (
     pose_covariance,
     pose_error,
     pose_jacobian,
+    pose_rate,
+    pose_rate_jacobian,
     square_root,
 )
 from pcnav.filtering.error_state import ErrorStateFilter
@@ -118,6 +122,63 @@ def test_measurement_jacobian_is_the_numerical_derivative(seed: int, off: float)
     np.testing.assert_allclose(-measured.jacobian(state) / scale, expected / scale, atol=1e-8)
     assert measured.covariance.shape == (4, 4)
     np.testing.assert_array_equal(measured.covariance, np.eye(4))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_jacobian_of_the_rate_is_the_numerical_derivative(seed: int) -> None:
+    state = random_state(np.random.default_rng(seed))
+    expected = numerical(lambda s: pose_rate(s, SIGHT), state, 6)
+    np.testing.assert_allclose(pose_rate_jacobian(state, SIGHT), expected, atol=1e-9)
+
+
+def timed_measurement(rng: np.random.Generator, state: NavigationState) -> PoseMeasurement:
+    """Of a frame that takes time, compared under another rate than the state's."""
+    T = moved_pose(pose_of(state), rng.normal(0.0, 0.02, 6))
+    information = random_information(rng)
+    by_rate = 0.3 * information @ rng.normal(size=(6, 6))
+    rate = pose_rate(state, SIGHT) + rng.normal(0.0, 0.05, 6)
+    reference = PoseReference(T, SIGHT, rate)
+    vector = information @ rng.normal(0.0, 0.02, 6)
+    return PoseMeasurement.from_information(reference, information, vector, LEVER_M, by_rate)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_frame_that_takes_time_depends_on_the_rate(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    state = random_state(rng)
+    measured = timed_measurement(rng, state)
+    scale = np.abs(measured.rows).max()
+    expected = numerical(measured.residual, state, 6)
+    np.testing.assert_allclose(-measured.jacobian(state) / scale, expected / scale, atol=1e-8)
+    # Any part of the rate counts.
+    assert np.abs(measured.jacobian(state)[:, OMEGA_BODY]).max() > 0.01 * scale
+
+
+def test_joined_faces_of_a_frame_that_takes_time_say_the_same() -> None:
+    rng = np.random.default_rng(5)
+    state = random_state(rng)
+    first = timed_measurement(rng, state)
+    faces = [first]
+    for _ in range(3):
+        other = timed_measurement(rng, state)
+        faces.append(replace(other, reference=first.reference, value=rng.normal(size=6)))
+    one = joined(faces)
+    assert one.by_rate is not None and one.rows.shape == one.by_rate.shape == (12, 6)
+    # The same normal equations, about any state.
+    elsewhere = state.retract(rng.normal(0.0, 0.01, STATE_SIZE))
+    H = np.vstack([face.jacobian(elsewhere) for face in faces])
+    r = np.concatenate([face.residual(elsewhere) for face in faces])
+    scale = np.abs(H).max()
+    np.testing.assert_allclose(
+        one.jacobian(elsewhere).T @ one.jacobian(elsewhere) / scale**2,
+        H.T @ H / scale**2,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        one.jacobian(elsewhere).T @ one.residual(elsewhere) / scale**2,
+        H.T @ r / scale**2,
+        atol=1e-10,
+    )
 
 
 def test_residual_is_that_of_the_pose_in_standard_deviations() -> None:

@@ -1,5 +1,6 @@
 """Scans of a target that moves: the pose that one shows, and what a track of them is worth."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ from pcnav.estimators.depth.pose_fit import fit_pose
 from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.skewed_pose import unskewed
 from pcnav.estimators.depth.tracker import Tracker
+from pcnav.perception.mesh_scale import ScaleBelief
 from pcnav.perception.reading import FrameReader
+from pcnav.perception.twist_evidence import evidence_of_twist
 from pcnav.runs.status import Status
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.scans import FineMotion
@@ -95,6 +98,70 @@ def test_three_scans_are_a_start(boxsat: Target) -> None:
         error = pose_error(estimate.T_cam_target, true)
         # Where the start takes the target to stand still in each it is off by 30 mm and more.
         assert np.linalg.norm(error[:3]) < 0.005 and np.linalg.norm(error[3:]) < 0.005
+
+
+def true_motion(scene: Scene, k: int) -> Readout:
+    """Of the target in the camera about frame k."""
+    fine, _ = FineMotion.of(scene.pipeline)
+    before, here, after = fine.about(k, np.array([-0.25, 0.0, 0.25]))
+    moved = np.stack([pose_error(here, before), pose_error(here, after)]) / 0.25
+    return Readout(0.5 * (moved[1] - moved[0]), 2.0 * (moved[1] + moved[0]))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "axis"),
+    [("raster", 1), ("raster", 2), ("raster", 3), ("raster", 5), ("rosette", 5)],
+)
+def test_a_rate_that_is_off_is_taken_for_the_pose_that_the_evidence_says(
+    boxsat: Target, pattern: str, axis: int
+) -> None:
+    scene = scene_of(boxsat, 2, pattern=pattern)
+    frame, true = list(scene)[1], scene.truth.poses[1]
+    reader = FrameReader(boxsat, scene.pipeline.perception, SIGMA_M, 0)
+    motion, off = true_motion(scene, 1), np.zeros(6)
+    off[axis] = 0.05 if axis < 3 else 0.01
+    found, told, sd = [], [], np.ones(6)
+    for sign in (1.0, -1.0):
+        reader.expect_motion(Readout(motion.twist + sign * off, motion.bend))
+        comparer = reader.comparer(frame)
+        fit = fit_pose(frame.depth_m, true, np.diag(np.repeat([0.2, 0.05], 3) ** 2), comparer)
+        assert fit is not None and fit.comparison is not None
+        used = [face for face in fit.comparison.faces if face.name in fit.used]
+        by_twist = np.sum([evidence_of_twist(fit.comparison.seen, face) for face in used], axis=0)
+        found.append(pose_error(true, fit.T_cam_model))
+        sd = np.sqrt(np.diag(fit.covariance))
+        # Less than what was believed is what the frame shows.
+        told.append(-fit.covariance @ by_twist[:6] @ (sign * off))
+    # Noise moves both alike.
+    moved, expected = 0.5 * (found[0] - found[1]), 0.5 * (told[0] - told[1])
+    assert np.abs(expected / sd).max() > 1.0
+    # The outline is counted in whole pixels, and other returns agree.
+    atol = 0.3 * np.abs(expected / sd).max()
+    np.testing.assert_allclose(moved / sd, expected / sd, atol=atol)
+
+
+def test_a_rate_that_is_off_is_no_other_scale(boxsat: Target) -> None:
+    scene = scene_of(boxsat, 9, pattern="rosette")
+    off = np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    spread = np.diag(np.repeat([0.05, 0.01], 3) ** 2)
+
+    def factor(knows_times: bool) -> float:
+        reader, belief = (
+            FrameReader(boxsat, scene.pipeline.perception, SIGMA_M, 0),
+            ScaleBelief(0.01),
+        )
+        for frame, true in zip(scene, scene.truth.poses, strict=True):
+            motion = true_motion(scene, frame.index)
+            reader.expect_motion(Readout(motion.twist + off, motion.bend))
+            seen = reader.compare(frame, true, spread).seen
+            if not knows_times:
+                seen = replace(seen, residuals=replace(seen.residuals, time_s=None))
+            belief = belief.with_frame(seen, list(seen.ranges), 0.5 * boxsat.diameter_m)
+        return belief.factor(np.zeros(6))
+
+    assert factor(knows_times=True) == 1.0
+    # It would be taken for one.
+    assert abs(factor(knows_times=False) - 1.0) > 1e-3
 
 
 @pytest.mark.study
