@@ -1,9 +1,5 @@
 """One run of a batch: simulate the recording, estimate from it, compare with the truth."""
 
-import logging
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,9 +9,9 @@ import numpy as np
 
 from pcnav.batch.axes import ESTIMATOR_AXIS, RANGE_AXIS, TUMBLE_AXIS, GridRun
 from pcnav.batch.grid import GridBasis
-from pcnav.batch.process import peak_memory_mb, reset_peak_memory
 from pcnav.batch.record import RunRecord
-from pcnav.batch.run_metrics import BOUNDED, Followed, run_metrics
+from pcnav.batch.recorded_run import follow, recorded
+from pcnav.batch.run_metrics import RunMetrics, run_metrics
 from pcnav.config.length_unit import LengthUnit
 from pcnav.config.motion import MotionKind
 from pcnav.config.pipeline_file import Pipeline
@@ -24,15 +20,12 @@ from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.state import COM_MODEL, INERTIA_RATIOS, OMEGA_BODY, THETA_BODY
 from pcnav.estimators.choice import simulated_kind
 from pcnav.estimators.image_motion.source import TrackedImages
-from pcnav.estimators.interface import Estimator, EstimatorEntry, FirstPose, Given
+from pcnav.estimators.interface import EstimatorEntry, FirstPose, Given
 from pcnav.estimators.peers.icp import disturbed
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.evaluation.bound import SceneBound, compared, pose_jacobian
-from pcnav.recordings.intake import Intake
 from pcnav.recordings.recording import Recording, RecordingKind
 from pcnav.recordings.sequence import Frame
-from pcnav.runs.collector import RunCollector, collected
-from pcnav.runs.provenance import library_versions_with_peers
 from pcnav.simulation.depth import Scene
 from pcnav.simulation.images import RenderedImages
 from pcnav.simulation.random_truth import Satellite, Spread, random_truth
@@ -53,7 +46,9 @@ class OneRun:
         Raises `InputError` for a scenario that cannot be simulated and for a library that is
         missing.
         """
-        reset_peak_memory()
+        return recorded(run, self.basis.command(run), lambda: self._measured(run))
+
+    def _measured(self, run: GridRun) -> RunMetrics:
         pipeline, target = run_pipeline(self.basis, run)
         simulation = simulated(self.basis, pipeline, target)
         recording = simulation.recording
@@ -64,22 +59,13 @@ class OneRun:
         estimator = entry.make(given_to(entry, recording, pipeline, target))
         bound = None
         # Who is given a true pose knows more than the bound, which knows the frames of a free
-        # motion alone.
+        # motion alone, and those as images.
         told = entry.first_pose is FirstPose.EXACT or pipeline.scenario.states_first_pose
-        free = pipeline.motion.kind is MotionKind.FREE
+        free = pipeline.motion.kind is MotionKind.FREE and not pipeline.scan.is_used
         if isinstance(recording, Scene) and target and free and not told:
             bound = LeastErrors(recording, target)
-        with without_track_messages():
-            followed = follow(recording, name, estimator, bound)
-        found = run_metrics(followed, simulation.truth, target)
-        return RunRecord(
-            run=run,
-            columns=found.columns,
-            values=found.values | {"peak_memory_mb": peak_memory_mb()},
-            failure=None,
-            versions=library_versions_with_peers(),
-            command=self.basis.command(run),
-        )
+        followed = follow(recording, name, estimator, bound)
+        return run_metrics(followed, simulation.truth, target)
 
 
 @lru_cache(maxsize=8)
@@ -143,28 +129,6 @@ class LeastErrors:
         return np.asarray(np.sqrt(traces))
 
 
-def follow(
-    recording: Recording | Intake, name: str, estimator: Estimator, bound: LeastErrors | None = None
-) -> Followed:
-    """Put an estimator of a name to all frames of a recording; one frame at a time is in memory.
-
-    What is kept of a frame is some 4 kB, most of it the covariance. Time is spent on the bound and
-    on the frames themselves, too, but none of it counts.
-    """
-    collector, seconds, least = RunCollector(estimator.output, name), list[float](), []
-    for frame in recording:
-        started = time.process_time()
-        estimate = estimator.step(frame)
-        seconds.append(time.process_time() - started)
-        collector.add(estimate)
-        if bound is not None:
-            least.append(bound.step(frame))
-    revised = estimator.finish()
-    run = collector.run() if revised is None else collected(name, estimator.output, revised)
-    bounds = dict(zip(BOUNDED, np.array(least).T, strict=True)) if least else {}
-    return Followed(run, np.array(seconds), bounds)
-
-
 def given_to(
     entry: EstimatorEntry, recording: Recording, pipeline: Pipeline, target: Target | None
 ) -> Given:
@@ -179,18 +143,6 @@ def given_to(
             return replace(given, T_cam_model_first=disturbed(true_pose, target.diameter_m))
         case FirstPose.EXACT:
             return replace(given, T_cam_model_first=true_pose)
-
-
-@contextmanager
-def without_track_messages() -> Iterator[None]:
-    """Of hundreds of runs nobody wants to read when each was locked; the records have it."""
-    logger = logging.getLogger("pcnav")
-    before = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
 
 
 def _length(vector: Vector3) -> float:

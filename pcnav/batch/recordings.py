@@ -26,6 +26,7 @@ from pcnav.core.errors import InputError
 from pcnav.estimators.choice import depth_estimator
 from pcnav.estimators.registry import ESTIMATORS
 from pcnav.recordings.bop_models import is_models, refuse_data_set, scenes_of
+from pcnav.recordings.bop_targets import targets_of
 from pcnav.recordings.opening import format_of
 from pcnav.recordings.recording import RecordingKind
 from pcnav.runs.result_files import STATES_FILE
@@ -109,8 +110,9 @@ def recordings_plan(
 ) -> RecordingsPlan:
     """The recordings of depth frames below a folder, each by each estimator.
 
-    ``objects`` are the targets in the scenes of a BOP data set, each a case of its own. Raises
-    `InputError` for a folder without recordings and for an estimator of something else.
+    ``objects`` are the targets in the scenes of a BOP data set, each a case of its own; without any
+    those that its targets file asks for in each scene. Raises `InputError` for a folder without
+    recordings and for an estimator of something else.
     """
     for name in estimators:
         depth_estimator(name, str(folder))
@@ -122,13 +124,19 @@ def recordings_plan(
         raise InputError(folder, "folder", expected)
     basis = RecordingsBasis(str(folder), places, pipeline, mesh, mesh_unit, tuple(words))
     cases = []
-    for name in places:
-        for target in objects or (None,):
+    for name, place in places.items():
+        for target in objects or _targets(place) or (None,):
             axes: list[tuple[str, AxisValue]] = [(RECORDING_AXIS, name)]
             if target is not None:
                 axes.append((OBJECT_AXIS, target))
             cases += [grid_case([*axes, (ESTIMATOR_AXIS, each)]) for each in estimators]
     return RecordingsPlan(basis, tuple(cases))
+
+
+def _targets(place: Path) -> tuple[int, ...]:
+    """The objects that a data set asks for in a scene."""
+    found = targets_of(place)
+    return () if found is None else found.objects
 
 
 def recordings_below(folder: Path) -> tuple[Path, ...]:

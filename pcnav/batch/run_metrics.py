@@ -49,6 +49,8 @@ class Views:
     intrinsics: FloatArray
     """(n, 4) fx, fy, cx, cy, px."""
     width_px: int
+    asked: BoolArray | None = None
+    """(n,) frames that the recalls are over; None for all that have a truth."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,8 @@ def _of_bop(views: Views | None, T_true: FloatArray, T_run: FloatArray, target: 
     symmetries = target.symmetry_transforms
     found = bop_errors(vertices, T_true, T_run, symmetries, views.intrinsics, round_about)
     # A frame without a pose is one that was missed; one without a truth asks for nothing.
-    is_asked = np.where(np.isfinite(T_true[:, 0, 0]), 1.0, np.nan)
+    known = np.isfinite(T_true[:, 0, 0])
+    is_asked = np.where(known if views.asked is None else known & views.asked, 1.0, np.nan)
     in_space = recall(found.mssd_m, float(target.diameter_m) * MSSD_THRESHOLDS)
     in_image = recall(found.mspd_px, mspd_thresholds_px(views.width_px))
     return {

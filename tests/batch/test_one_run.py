@@ -384,3 +384,13 @@ def test_runs_of_every_kind_say_what_pcnav_run_says(name: str, tmp_path: Path) -
             rel = SETTLED.get(name, 1e-5)
             assert mean == pytest.approx(block.mean_per_degree, rel=rel), block.name
     assert "add_m" not in record.columns and "crb_position_m" not in record.columns
+
+
+@pytest.mark.parametrize("pattern", ["raster", "rosette"])
+def test_scans_are_followed_and_bounded_by_nothing(pattern: str) -> None:
+    basis = GridBasis("small.toml", Path(), 4, None, None, None)
+    scan: dict[str, str | float | int] = {"scan.pattern": pattern, "scan.duration_s": 0.5}
+    record = OneRun(basis)(a_run(3, **scan))
+    assert record.values["share_locked_right"] == 0.5
+    # The bound knows frames as images alone.
+    assert "crb_attitude_deg" not in record.columns

@@ -129,6 +129,50 @@ def test_tables_have_what_needs_no_truth_and_errors_where_there_is_one(
     assert low < float(pooled[0]["status_locked_pct"]) < high
 
 
+def targets_file(root: Path, *rows: tuple[int, int, int]) -> Path:
+    """Of scenes, images and objects, as BOP writes it."""
+    keys = ("scene_id", "im_id", "obj_id")
+    entries = [dict(zip(keys, row, strict=True)) | {"inst_count": 1} for row in rows]
+    path = root / "test_targets_bop19.json"
+    path.write_text(json.dumps(entries))
+    return path
+
+
+def test_a_targets_file_says_which_objects_and_images_are_asked_for(tmp_path: Path) -> None:
+    scenes = tmp_path / "cubes"
+    for name in ("test/000001", "test/000007", "train/000001"):
+        write_scene(scenes / name)
+    pose = {"cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [0.0, 0.0, 1e3 * DISTANCE_M]}
+    truth = {str(k): [pose | {"obj_id": 2}, pose | {"obj_id": 9}] for k in range(3)}
+    (scenes / "test" / "000007" / "scene_gt.json").write_text(json.dumps(truth))
+    targets_file(scenes, (7, 0, 9), (7, 2, 9), (7, 1, 2), (1, 0, 4))
+    trimesh.creation.box(extents=(1.0, 2.0, 0.6)).export(tmp_path / "box.stl")
+    plan = recordings_plan(scenes, ["depth"], Pipeline(), mesh=tmp_path / "box.stl")
+    assert [case.name for case in plan.cases] == [
+        "recording=test/000001 object=4 estimator=depth",
+        "recording=test/000007 object=2 estimator=depth",
+        "recording=test/000007 object=9 estimator=depth",
+        # The file is about the test split alone.
+        "recording=train/000001 estimator=depth",
+    ]
+    chosen = recordings_plan(scenes, ["depth"], Pipeline(), objects=[2])
+    assert all("object=2" in case.name for case in chosen.cases)
+    record = run_alone(plan, "recording=test/000007 object=9", 0, tmp_path / "out")
+    # Of the frames with a truth, the recalls are over those that are asked for.
+    assert np.isnan(record.columns["recall_mssd"]).tolist() == [False, True, False]
+    assert np.isfinite(np.asarray(record.columns["mssd_m"])).any()
+
+
+@pytest.mark.parametrize(
+    "text", ["{}", '[{"scene_id": 1}]', "[", '[{"scene_id": -1, "im_id": 1, "obj_id": 1}]']
+)
+def test_a_targets_file_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
+    write_scene(tmp_path / "cubes" / "test" / "000001")
+    (tmp_path / "cubes" / "test_targets_bop19.json").write_text(text)
+    with pytest.raises(InputError, match=r"bop19\.json: .*expected a list of targets"):
+        recordings_plan(tmp_path / "cubes", ["depth"], Pipeline())
+
+
 def test_a_batch_goes_on_where_it_ended_and_only_with_the_same_recordings(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -9,8 +9,9 @@ import pytest
 from pcnav.batch.axes import grid_case
 from pcnav.batch.grid import GridBasis
 from pcnav.batch.monte_carlo import Run
-from pcnav.batch.one_run import follow, run_pipeline
+from pcnav.batch.one_run import run_pipeline
 from pcnav.batch.process import peak_memory_mb, reset_peak_memory
+from pcnav.batch.recorded_run import follow
 from pcnav.batch.run_metrics import Followed, RunMetrics, run_metrics
 from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation, make_transform

@@ -45,9 +45,15 @@ def scene_number(path: Path) -> int:
     return int(name) if re.fullmatch(r"\d{1,9}", name) else 1
 
 
+def image_number(file: str) -> int | None:
+    """The number that names an image; None without any."""
+    found = re.search(r"\d+", Path(file).name)
+    return None if found is None else int(found[0])
+
+
 def _number(file: str, export: Export) -> int:
-    found = re.findall(r"\d+", Path(file).name)
-    if not found:
+    number = image_number(file)
+    if number is None:
         expected = f"expected images that are numbered, got {file}"
         raise InputError(export.source, "recording", expected)
-    return int(found[0])
+    return number
