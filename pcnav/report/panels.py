@@ -18,6 +18,7 @@ from matplotlib.ticker import (
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.statistics import finite
+from pcnav.report.column_layout import laid_out_in_column
 from pcnav.report.envelope import BUCKETS, envelope
 from pcnav.report.figures import (
     ALERT,
@@ -147,7 +148,6 @@ def panels_figure(
         axes.set_visible(False)
     for axes in grid[-1]:
         axes.set_xlabel(at_label)
-    figure.align_ylabels(drawn)
     # One legend for all: the first panel names what only others show.
     named = {curve.name for curve in panels[0].curves}
     for panel in panels[1:]:
@@ -156,7 +156,12 @@ def panels_figure(
                 drawn[0].plot([], [], curve.style, color=colour, label=curve.name)
                 named.add(curve.name)
     longest = max(1, *(len(name) for name in named))
-    add_legend(figure, drawn[0], max_columns=min(5, max(2, _LEGEND_LETTERS // longest)))
+    in_line = min(5, max(2, _LEGEND_LETTERS // longest))
+    add_legend(figure, drawn[0], max_columns=in_line)
+    labels = len(drawn[0].get_legend_handles_labels()[1])
+    is_plain = columns == 1 and not any(panel.title for panel in panels)
+    if not (is_plain and laid_out_in_column(figure, drawn, -(-labels // in_line))):
+        figure.align_ylabels(drawn)
     return figure
 
 
