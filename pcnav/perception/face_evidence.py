@@ -1,6 +1,6 @@
 """What each face of a target says of the error of a predicted pose, by ranges and outline."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -122,38 +122,62 @@ def pooled_faces(
 
 def range_fits(seen: RangeResiduals, noise: SensorNoise) -> dict[int, RangeFit]:
     """By face of which enough pixels agree with the view."""
-    found = {}
-    index = np.where(seen.agrees, seen.face, _NOWHERE)
-    for face in np.unique(seen.face[seen.agrees]).tolist():
-        chosen = index == face
-        n = int(np.count_nonzero(chosen))
-        if n < _MIN_PIXELS:
-            continue
-        H, r, scale_m = seen.jacobian[chosen], seen.residual_m[chosen], seen.sigma_m
-        if isinstance(scale_m, np.ndarray):
-            # Weighted about the face's own typical noise.
-            own = scale_m[chosen]
-            scale_m = float(np.sqrt(np.mean(own**2)))
-            H, r = H * (scale_m / own)[:, None], r * (scale_m / own)
-        information, vector = H.T @ H, H.T @ r
-        misfit = _misfit(information, vector, float(r @ r), n, scale_m)
-        variance = scale_m**2 * _inflation(misfit, n)
+    found: dict[int, RangeFit] = {}
+    sums = list(_sums_by_face(seen))
+    if not sums:
+        return found
+    # Of all faces at once: of one, the call takes longer than the work.
+    strengths, axes = np.linalg.eigh(np.stack([each.information for each in sums]))
+    for each, strength, axis in zip(sums, strengths, axes, strict=True):
+        n = len(each.pixels)
+        misfit = _misfit(each, strength, axis)
+        variance = each.sigma_m**2 * _inflation(misfit, n)
         if noise.is_white:
             weight = 1.0 / variance
-            says = FieldEvidence(Evidence(information * weight, vector * weight))
+            says = FieldEvidence(Evidence(each.information * weight, each.vector * weight))
         else:
-            field = face_field(seen.u[chosen], seen.v[chosen])
-            says = range_evidence(H, r, field, variance, noise)
-        found[face] = RangeFit(says.evidence, n, misfit, variance, says.by_field)
+            field = face_field(seen.u[each.pixels], seen.v[each.pixels])
+            says = range_evidence(each.jacobian, each.residual_m, field, variance, noise)
+        found[each.face] = RangeFit(says.evidence, n, misfit, variance, says.by_field)
     return found
 
 
-def _misfit(gram: FloatArray, vector: FloatArray, squares: float, n: int, sigma_m: float) -> float:
-    """Chi-square per degree of freedom of residuals about their own linear fit."""
-    strength, axes = np.linalg.eigh(gram)
+@dataclass(frozen=True)
+class _FaceSums:
+    """The normal equations of the n pixels of a face that agree."""
+
+    face: int
+    pixels: IntArray
+    """(n,) which of the residuals they are."""
+    jacobian: FloatArray
+    """(n, 6) and their residuals (n,), weighted about the face's own typical noise."""
+    residual_m: FloatArray
+    sigma_m: float
+    information: FloatArray
+    vector: FloatArray
+
+
+def _sums_by_face(seen: RangeResiduals) -> Iterator[_FaceSums]:
+    index = np.where(seen.agrees, seen.face, _NOWHERE)
+    for face in np.unique(seen.face[seen.agrees]).tolist():
+        pixels = np.flatnonzero(index == face)
+        if len(pixels) < _MIN_PIXELS:
+            continue
+        H, r, scale_m = seen.jacobian[pixels], seen.residual_m[pixels], seen.sigma_m
+        if isinstance(scale_m, np.ndarray):
+            own = scale_m[pixels]
+            scale_m = float(np.sqrt(np.mean(own**2)))
+            H, r = H * (scale_m / own)[:, None], r * (scale_m / own)
+        yield _FaceSums(face, pixels, H, r, scale_m, H.T @ H, H.T @ r)
+
+
+def _misfit(sums: _FaceSums, strength: FloatArray, axes: FloatArray) -> float:
+    """Chi-square per degree of freedom of residuals about their own linear fit, by the eigenvalues
+    (6,) and vectors (6, 6) of the information."""
     known = strength > 1e-9 * strength[-1]
-    fitted = float(np.sum((vector @ axes[:, known]) ** 2 / strength[known]))
-    return max(squares - fitted, 0.0) / (sigma_m**2 * max(n - 3, 1))
+    fitted = float(np.sum((sums.vector @ axes[:, known]) ** 2 / strength[known]))
+    squares = float(sums.residual_m @ sums.residual_m)
+    return max(squares - fitted, 0.0) / (sums.sigma_m**2 * max(len(sums.pixels) - 3, 1))
 
 
 def _inflation(chi_square_per_dof: float, n: int) -> float:

@@ -103,10 +103,14 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     """(17, 17) products of what ranges say by pose, offsets, errors of the calibration, and their
     residuals; (23, 23) by pose and twist where the frame takes time."""
     residuals, rendered = seen.residuals, seen.rendered
-    chosen = residuals.agrees & np.isin(residuals.face, list(faces))
-    window, pixels = rendered.window, residuals.pixels
-    rays = rendered.rays[window][pixels][chosen]
-    p_cam = rays * rendered.depth_m[window][pixels][chosen].astype(np.float64)[:, None]
+    # The last place is that of faces that are in no catalogue.
+    is_used = np.zeros(int(residuals.face.max(initial=-1)) + 2, dtype=np.bool_)
+    is_used[[face for face in faces if -1 <= face < len(is_used) - 1]] = True
+    chosen = np.flatnonzero(residuals.agrees & is_used[residuals.face])
+    rows_of, columns_of = (part[chosen] for part in residuals.pixels)
+    rays = rendered.rays[rendered.window][rows_of, columns_of]
+    depth_m = rendered.depth_m[rendered.window][rows_of, columns_of]
+    p_cam = rays * depth_m.astype(np.float64)[:, None]
     jacobian = residuals.jacobian[chosen]
     sigma_m = np.broadcast_to(residuals.sigma_m, residuals.agrees.shape)[chosen]
     of_face = np.ones(int(residuals.face.max(initial=0)) + 1)

@@ -104,23 +104,25 @@ class DepthRenderer:
         window, seeing = self._pixels(outer)
         if exposure is not None and exposure.is_scattered:
             window, seeing = (slice(0, camera.height), slice(0, camera.width)), depth_m == 0.0
-        rays = pixel_ray[window][seeing]
+        # Places in the flat image: NumPy picks by them in a fraction of the time of a mask.
+        rows, columns = np.nonzero(seeing)
+        place = (rows + window[0].start) * camera.width + (columns + window[1].start)
+        rays = pixel_ray.reshape(-1, 3)[place]
         faces = np.empty(0, dtype=np.intp)
         if len(rays) > 0:
             nearest_z = float(outer[:, 2].min())
             if exposure is None:
                 faces = self._first_faces(rays, T_cam_model, nearest_z)
             else:
-                index = exposure.index[window][seeing]
+                index = exposure.index.ravel()[place]
                 faces = self._first_faces_moving(rays, exposure.poses[index], nearest_z)
-        hit = faces >= 0
-        planes = self._inverse_depth_planes(T_cam_model, faces[hit])
+        hit = np.flatnonzero(faces >= 0)
+        place, rays, faces = place[hit], rays[hit], faces[hit]
+        planes = self._inverse_depth_planes(T_cam_model, faces)
         if len(rays) > 0:
-            m = planes[faces[hit]] if moving is None else moving.at(faces[hit], index[hit])
-            depth = np.zeros(len(rays))
-            depth[hit] = self._depths(rays[hit], faces[hit], m, poses)
-            depth_m[window][seeing] = depth
-            triangle[window][seeing] = faces
+            m = planes[faces] if moving is None else moving.at(faces, index[hit])
+            depth_m.reshape(-1)[place] = self._depths(rays, faces, m, poses)
+            triangle.reshape(-1)[place] = faces
         return RenderedDepth(camera, depth_m, triangle, window, planes, moving, own_rays)
 
     def cast(self, rays_cam: FloatArray, T_cam_model: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -235,12 +237,17 @@ class DepthRenderer:
             few, which = np.unique(faces, return_inverse=True)
         corners = self._vertices[self._face_vertices[few]]
         z = np.einsum("nij,kj->kni", corners, poses[:, 2, :3]) + poses[:, 2, 3, None, None]
-        low, high = z.min(axis=(0, 2))[which], z.max(axis=(0, 2))[which]
+        nearest, farthest = z.min(axis=0), z.max(axis=0)
+        low, high = (
+            one_of(one_of(z[:, 0], z[:, 1]), z[:, 2])[which]
+            for one_of, z in ((np.minimum, nearest), (np.maximum, farthest))
+        )
         # A grazing ray that float32 let in at the rim of a face may miss it by a hair and meet its
         # plane far away; the face's own depth span bounds it.
         with np.errstate(divide="ignore"):
             depth = 1.0 / inverse_depth
-        return np.asarray(np.clip(np.where(np.isfinite(depth), depth, low), low, high))
+        kept = np.where(np.isfinite(depth), depth, low)
+        return np.asarray(np.minimum(np.maximum(kept, low), high))
 
 
 def _outer(vertices: FloatArray) -> FloatArray:

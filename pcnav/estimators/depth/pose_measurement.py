@@ -24,7 +24,7 @@ from pcnav.dynamics.state import (
     NavigationState,
 )
 from pcnav.estimators.depth.camera_noise import EXACT, CameraNoise
-from pcnav.perception.modality import POSE_SIZE
+from pcnav.perception.modality import POSE_SIZE, Evidence
 
 _MIN_SHARE = 1e-9
 """Combinations with less than this share of the largest information are unknown: rounding."""
@@ -127,15 +127,29 @@ class PoseMeasurement:
         ``lever_m`` makes rotations comparable with shifts: half the target's size. ``by_rate``
         (6 + k, 6) is the vector's derivative by the target's own motion.
         """
-        rows, value = square_root(information, vector, lever_m)
-        if by_rate is not None:
-            by_rate = square_root(information, by_rate, lever_m)[1]
-        shared = rows[:, POSE_SIZE:]
+        [found] = PoseMeasurement.of_each(reference, [Evidence(information, vector)], lever_m)
+        if by_rate is None:
+            return found
+        return replace(found, by_rate=square_root(information, by_rate, lever_m)[1])
+
+    @staticmethod
+    def of_each(
+        reference: PoseReference, evidence: Sequence[Evidence], lever_m: float
+    ) -> "list[PoseMeasurement]":
+        """The same of each face of a frame, all of which share as many errors."""
+        by_camera, found = None, []
         if reference.observer.noise.is_there:
             by_camera = reference.observer.noise.by_unit(reference.T_cam_model)
-            shared = np.hstack([shared, rows[:, :POSE_SIZE] @ by_camera])
-        some = shared if shared.shape[1] else None
-        return PoseMeasurement(reference, rows[:, :POSE_SIZE], value, some, by_rate)
+        if not evidence:
+            return found
+        information, vector = zip(*evidence, strict=True)
+        for rows, value in square_roots(information, vector, lever_m):
+            of_pose, shared = rows[:, :POSE_SIZE], rows[:, POSE_SIZE:]
+            if by_camera is not None:
+                shared = np.hstack([shared, of_pose @ by_camera])
+            some = shared if shared.shape[1] else None
+            found.append(PoseMeasurement(reference, of_pose, value, some))
+        return found
 
     @property
     def in_camera(self) -> "PoseMeasurement":
@@ -280,9 +294,19 @@ def square_root(
 ) -> tuple[FloatArray, FloatArray]:
     """Rows (m, 6 + k) and values (m, ...) with ``rows^T rows = information``, ``rows^T value =
     vector``, of one vector (6 + k,) or of several (6 + k, n)."""
-    scale = np.array([1.0] * 3 + [lever_m] * 3 + [1.0] * (len(vector) - POSE_SIZE))
-    strength, axes = np.linalg.eigh(information / np.outer(scale, scale))
-    known = strength > _MIN_SHARE * max(float(strength[-1]), 0.0)
-    root, axes = np.sqrt(strength[known]), axes[:, known]
-    rows = (root[:, None] * axes.T) * scale
-    return rows, np.asarray((axes.T @ (vector.T / scale).T).T / root).T
+    return next(square_roots([information], [vector], lever_m))
+
+
+def square_roots(
+    information: Sequence[FloatArray], vector: Sequence[FloatArray], lever_m: float
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Of each of several, at least one and all of a size; of one, the calls take longer than the
+    work."""
+    scale = np.ones(len(vector[0]))
+    scale[3:POSE_SIZE] = lever_m
+    strengths, axes = np.linalg.eigh(np.stack(information) / np.outer(scale, scale))
+    for strength, axis, each in zip(strengths, axes, vector, strict=True):
+        known = strength > _MIN_SHARE * max(float(strength[-1]), 0.0)
+        root, turned = np.sqrt(strength[known]), axis[:, known].T
+        rows = (root[:, None] * turned) * scale
+        yield rows, np.asarray((turned @ (each.T / scale).T).T / root).T

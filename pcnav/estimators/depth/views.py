@@ -1,5 +1,6 @@
 """One frame as the tracker used it: measurements of the filter, and records for the result."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,15 +70,20 @@ class FrameView:
         self, accepted: tuple[bool, ...], result: UpdateResult | None = None
     ) -> tuple[RectangleRecord, ...]:
         """All records, given which faces the filter accepted, and how they fared in its gates."""
+        count = len(self.measurements)
+        if result is None or len(result.gates) != count:
+            nis = gates = (np.nan,) * count
+        else:
+            nis, gates = result.nis, result.gates
         used = tuple(
-            replace(record, outcome=ACCEPTED if accepted[face] else GATED)
+            replace(
+                record,
+                outcome=ACCEPTED if accepted[face] else GATED,
+                squared_distance=nis[face],
+                gate=gates[face],
+            )
             for record, face in zip(self.records, self.face_of_record, strict=True)
         )
-        if result is not None and len(result.gates) == len(self.measurements):
-            used = tuple(
-                replace(record, squared_distance=result.nis[face], gate=result.gates[face])
-                for record, face in zip(used, self.face_of_record, strict=True)
-            )
         return used + self.unused
 
 
@@ -115,18 +121,21 @@ def view_of_comparison(
     own = None if comparison.motion is None else comparison.motion.own
     reference = PoseReference(comparison.T_cam_model, observer, own)
     named = [k for k, face in enumerate(faces) if face.rectangle is not None]
-    measurements = tuple(
-        PoseMeasurement.from_information(
-            *(reference, *face.joint, lever_m),
-            None if own is None else evidence_of_twist(comparison.seen, face),
-        )
-        for face in faces
-    )
+    if own is None:
+        each = PoseMeasurement.of_each(reference, [face.joint for face in faces], lever_m)
+    else:
+        each = [
+            PoseMeasurement.from_information(
+                *(reference, *face.joint, lever_m), evidence_of_twist(comparison.seen, face)
+            )
+            for face in faces
+        ]
+    measurements = tuple(each)
     return FrameView(
         frame,
         comparison.labels,
         measurements,
-        tuple(_evidence_record(frame.time_s, faces[k], comparison.T_cam_model) for k in named),
+        tuple(_records(frame.time_s, [faces[k] for k in named], comparison.T_cam_model)),
         tuple(named),
         (),
         comparison.agreement.inlier_ratio,
@@ -163,35 +172,45 @@ def unused_record(time_s: float, unused: Unused) -> RectangleRecord:
     )
 
 
-def _evidence_record(time_s: float, face: FaceEvidence, T_cam_model: FloatArray) -> RectangleRecord:
-    """The pose that one face alone would give, in the axes of its rectangle."""
-    rectangle = face.rectangle
-    assert rectangle is not None, "only faces on the catalogue have a record"
-    # About the rectangle's own centre, where shifts and turns are told apart best.
-    R_cam_rect = T_cam_model[:3, :3] @ rectangle.T_model_rect[:3, :3]
-    p = rectangle.T_model_rect[:3, 3]
-    to_model = np.zeros((6, 6))
-    R_model_rect = rectangle.T_model_rect[:3, :3]
-    to_model[:3, :3] = R_cam_rect
-    # The model origin moves by -theta x p when the body turns about the rectangle's centre.
-    to_model[:3, 3:] = T_cam_model[:3, :3] @ skew(p) @ R_model_rect
-    to_model[3:, 3:] = R_model_rect
+def _records(
+    time_s: float, faces: Sequence[FaceEvidence], T_cam_model: FloatArray
+) -> Iterator[RectangleRecord]:
+    """The poses that faces, each alone, would give, in the axes of their rectangles.
+
+    They are worked out together: of one, the calls take longer than the work.
+    """
+    rectangles = [face.rectangle for face in faces if face.rectangle is not None]
+    assert len(rectangles) == len(faces), "only faces on the catalogue have a record"
+    if not faces:
+        return
+    T_model_rect = np.stack([rectangle.T_model_rect for rectangle in rectangles])
+    R_model_rect = T_model_rect[:, :3, :3]
+    # About the rectangle's own centre, where shifts and turns are told apart best: the model origin
+    # moves by -theta x p when the body turns about it.
+    to_model = np.zeros((len(faces), 6, 6))
+    to_model[:, :3, :3] = T_cam_model[:3, :3] @ R_model_rect
+    to_model[:, :3, 3:] = T_cam_model[:3, :3] @ skew(T_model_rect[:, :3, 3]) @ R_model_rect
+    to_model[:, 3:, 3:] = R_model_rect
+    from_model = np.swapaxes(to_model, 1, 2)
+    information = np.stack([face.information for face in faces])
+    vector = np.stack([face.vector for face in faces])[..., None]
     prior = np.eye(6) / _UNKNOWN_SD**2
-    covariance = np.linalg.inv(to_model.T @ face.information @ to_model + prior)
-    error_rect = covariance @ (to_model.T @ face.vector)
-    error = to_model @ error_rect
-    sd = np.sqrt(np.diag(covariance))
+    covariance = np.linalg.inv(from_model @ information @ to_model + prior)
+    error_rect = covariance @ (from_model @ vector)
+    errors = (to_model @ error_rect)[..., 0]
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     known = sd < 0.5 * _UNKNOWN_SD
-    return RectangleRecord(
-        time_s=time_s,
-        rectangle=rectangle.name,
-        length_m=rectangle.length_m,
-        width_m=rectangle.width_m,
-        T_cam_rect=moved_pose(T_cam_model, error) @ rectangle.T_model_rect,
-        sd=np.where(known, sd, np.inf),
-        case="I",
-        outcome="",
-        worst_axis=AXES[int(np.argmax(np.where(known, np.abs(error_rect) / sd, -1.0)))]
-        if known.any()
-        else "",
-    )
+    worst = np.argmax(np.where(known, np.abs(error_rect[..., 0]) / sd, -1.0), axis=1).tolist()
+    stated, is_some = np.where(known, sd, np.inf), np.any(known, axis=1).tolist()
+    for k, rectangle in enumerate(rectangles):
+        yield RectangleRecord(
+            time_s=time_s,
+            rectangle=rectangle.name,
+            length_m=rectangle.length_m,
+            width_m=rectangle.width_m,
+            T_cam_rect=moved_pose(T_cam_model, errors[k]) @ rectangle.T_model_rect,
+            sd=stated[k],
+            case="I",
+            outcome="",
+            worst_axis=AXES[worst[k]] if is_some[k] else "",
+        )
