@@ -17,6 +17,7 @@ class Part(StrEnum):
     """What can be measured."""
 
     SPEED = "speed"
+    STEPS = "steps"
     ACCURACY = "accuracy"
     MEMORY = "memory"
     SCALING = "scaling"
@@ -68,6 +69,8 @@ def main(
         folder = Path(name)
         if Part.SPEED in parts:
             numbers |= _speed(frames, folder, console)
+        if Part.STEPS in parts:
+            numbers |= _steps(frames, folder, console)
         if Part.ACCURACY in parts:
             _accuracy(frames, satellite or list(Satellite), folder, out, console)
         if Part.MEMORY in parts:
@@ -106,6 +109,22 @@ def _speed(frames: int, folder: Path, console: Console) -> dict[str, float]:
     steps = measure_steps(case)
     console.print(steps_table(case, steps))
     return {**throughput.numbers, **steps.numbers}
+
+
+def _steps(frames: int, folder: Path, console: Console) -> dict[str, float]:
+    from benchmarks.step_cases import step_cases
+    from benchmarks.step_comparison import compare_steps, compared_table
+
+    compared = []
+    for case in step_cases(frames, folder / "steps"):
+        compared.append(compare_steps(case))
+        console.print(f"{case.title}: {compared[-1].steps.median:.1f} ms in the median")
+    console.print(compared_table(compared))
+    return {
+        f"{one.title} {one.size_px[0]} px: {name}": figure
+        for one in compared
+        for name, figure in one.steps.numbers.items()
+    }
 
 
 def _accuracy(

@@ -47,14 +47,26 @@ class StepTimes:
 
 
 def measure_steps(case: Case) -> StepTimes:
-    """Track a case in memory. Raises ``LookupError`` where no pose is ever claimed."""
+    """Track a case in memory, the floor measured in between: both on the machine as it is then.
+
+    Raises ``LookupError`` where no pose is ever claimed.
+    """
     estimator = make_estimator("depth", Given(case.scene.pipeline, case.info, case.scene.target))
-    times, claimed = [], []
-    for frame in case.frames:
+    images = sorted((case.scene.path / "depth").glob("*.png"))
+    renderer = DepthRenderer(case.scene.target.mesh, case.frames[0].camera)
+    # The first one makes what all others share.
+    _floor_of(images[0], renderer, case.T_cam_model[0], case)
+    every = max(len(images) // _FLOOR_FRAMES, 1)
+    times, claimed, floor = [], [], []
+    for k, frame in enumerate(case.frames):
         before = process_time()
         estimate = estimator.step(frame)
         times.append(1e3 * (process_time() - before))
         claimed.append(estimate.is_claimed)
+        if k % every == 0:
+            before = process_time()
+            _floor_of(images[k], renderer, case.T_cam_model[k], case)
+            floor.append(1e3 * (process_time() - before))
     if not any(claimed[:-1]):
         raise LookupError(f"{case.title}: no pose was claimed before the last frame")
     first = claimed.index(True)
@@ -65,23 +77,8 @@ def measure_steps(case: Case) -> StepTimes:
         median=float(np.median(after)),
         p99=float(np.percentile(after, 99)),
         longest=float(after.max()),
-        floor=_floor_ms(case),
+        floor=float(np.median(floor)),
     )
-
-
-def _floor_ms(case: Case) -> float:
-    images = sorted((case.scene.path / "depth").glob("*.png"))
-    every = max(len(images) // _FLOOR_FRAMES, 1)
-    renderer = DepthRenderer(case.scene.target.mesh, case.frames[0].camera)
-    poses = case.T_cam_model
-    # The first one makes what all others share.
-    _floor_of(images[0], renderer, poses[0], case)
-    spent = []
-    for k in range(0, len(images), every):
-        before = process_time()
-        _floor_of(images[k], renderer, poses[k], case)
-        spent.append(1e3 * (process_time() - before))
-    return float(np.median(spent))
 
 
 def _floor_of(image: Path, renderer: DepthRenderer, T_cam_model: FloatArray, case: Case) -> None:

@@ -28,7 +28,10 @@ _LEGEND_LINE_PT, _LEGEND_PT = 12.0, 12.0
 
 def laid_out_in_column(figure: Figure, column: Sequence[Axes], legend_lines: int) -> bool:
     """Lay out panels, the upper first, that share their abscissae, have no titles and stand below
-    a legend of so many lines; whether that can be done: the name of an axis may be longer than it.
+    a legend of so many lines.
+
+    Whether that can be done: not where the name of an axis is longer than it, or where its numbers
+    have a factor, which stands above it.
     """
     width_pt, height_pt = (_POINTS * size for size in figure.get_size_inches().tolist())
     top = _LEGEND_PT + _LEGEND_LINE_PT * legend_lines
@@ -38,6 +41,7 @@ def laid_out_in_column(figure: Figure, column: Sequence[Axes], legend_lines: int
     longest = max(len(axes.get_ylabel()) for axes in column)
     if longest * _LETTER * _LABEL_PT > panel_pt + _BETWEEN_PT:
         return False
+    engine = figure.get_layout_engine()
     figure.set_layout_engine(None)
     place = {
         "bottom": bottom / height_pt,
@@ -48,6 +52,9 @@ def laid_out_in_column(figure: Figure, column: Sequence[Axes], legend_lines: int
     # How many ticks there are follows from the height of the panels.
     figure.subplots_adjust(**place)
     ticks_pt = max(_tick_width_pt(axes) for axes in column)
+    if any(axes.yaxis.get_major_formatter().get_offset() for axes in column):
+        figure.set_layout_engine(engine)
+        return False
     to_label_pt = _TICK_PAD_PT + ticks_pt + _LABEL_PAD_PT
     left_pt = _EDGE_PT + _LABEL_PT * _LINE + to_label_pt
     figure.subplots_adjust(left=left_pt / width_pt, **place)
