@@ -287,8 +287,27 @@ class RenderComparer:
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
             is_beaten: whether no face is worth being measured, the frame being explained so.
         """
-        beams = self._beams_here()
         whole = self._renderer.render(T_cam_model, self._exposure(T_cam_model))
+        return self._compared(depth_m, whole, T_cam_model, pose_covariance, is_beaten)
+
+    def compare_with_itself(
+        self, T_cam_model: FloatArray, pose_covariance: FloatArray
+    ) -> Comparison:
+        """Compare the view from a pose (4, 4), without noise, with itself: what it would tell of an
+        error of the pose, whose covariance is (6, 6)."""
+        whole = self._renderer.render(T_cam_model)
+        return self._compared(whole.depth_m, whole, T_cam_model, pose_covariance)
+
+    def _compared(
+        self,
+        depth_m: DepthImage,
+        whole: RenderedDepth,
+        T_cam_model: FloatArray,
+        pose_covariance: FloatArray,
+        is_beaten: Callable[[Agreement], bool] = never,
+    ) -> Comparison:
+        """A frame with a view."""
+        beams = self._beams_here()
         rendered = self._as_seen(whole)
         noise = self._noise_beside_facets(T_cam_model)
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]

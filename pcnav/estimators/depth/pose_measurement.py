@@ -137,7 +137,8 @@ class PoseMeasurement:
         reference: PoseReference, evidence: Sequence[Evidence], lever_m: float
     ) -> "list[PoseMeasurement]":
         """The same of each face of a frame, all of which share as many errors."""
-        by_camera, found = None, []
+        found: list[PoseMeasurement] = []
+        by_camera = None
         if reference.observer.noise.is_there:
             by_camera = reference.observer.noise.by_unit(reference.T_cam_model)
         if not evidence:

@@ -17,7 +17,6 @@ from pcnav.evaluation.observability.reported import DEPTH
 from pcnav.evaluation.observability.subjects import Linearised, Subject, TargetMotion, timing_of
 from pcnav.perception.render_compare import RenderComparer
 from pcnav.recordings.sequence import SequenceInfo
-from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
 
 _SAME_ASPECT_RAD = 0.25
@@ -39,7 +38,6 @@ class Views:
     ) -> None:
         self.target = target
         self._comparer = RenderComparer(target, camera, range_sigma_m, modalities=table.modalities)
-        self._renderer = DepthRenderer(target.mesh, camera)
         self.lever_m = self._comparer.lever_m
         self._poses: list[FloatArray] = []
         self._known: list[FloatArray] = []
@@ -55,8 +53,7 @@ class Views:
             best = int(np.argmax(alike))
             if alike[best] > 1.0 + 2.0 * np.cos(_SAME_ASPECT_RAD):
                 return self._known[best]
-        depth_m = self._renderer.render(T_cam_model).depth_m
-        found = self._comparer.compare(depth_m, T_cam_model, _SHARP_POSE)
+        found = self._comparer.compare_with_itself(T_cam_model, _SHARP_POSE)
         information = sum((face.information for face in found.faces), np.zeros((6, 6)))
         self._poses.append(T_cam_model)
         self._known.append(information)
