@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.scenes import Case, load, record, shortened
+from pcnav.config.length_unit import LengthUnit
 
 _ROWS_OF_FACES = {"8,000 faces": 64, "500,000 faces": 501}
 """Points of a sphere, pole to pole and around: twice as many faces as their product."""
@@ -31,7 +32,9 @@ def step_cases(frames: int, folder: Path) -> Iterator[Case]:
     for name, rows in _ROWS_OF_FACES.items():
         mesh = folder / f"{rows}.ply"
         bumpy_body(rows).export(mesh)
-        pipeline = usual.model_copy(update={"target_mesh": str(mesh), "mesh_unit": "m"})
+        pipeline = usual.model_copy(
+            update={"target_mesh": str(mesh), "mesh_unit": LengthUnit.METRE}
+        )
         yield load(record(name, pipeline, folder / str(rows)))
     for width_px, height_px in _SIZES_PX:
         size = {"width_px": width_px, "height_px": height_px}

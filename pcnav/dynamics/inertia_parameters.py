@@ -105,6 +105,11 @@ def shares(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     return values, np.einsum("...ik,pij,...jk->...kp", axes, _SHARE_UNITS, axes)
 
 
+def _least_share(parameters: FloatArray) -> float:
+    # Without the derivatives, which take three times as long.
+    return float(np.linalg.eigh(_shares(parameters))[0][0])
+
+
 def thinness(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """What shares (..., 3) lack of a hundredth, over half of that, and its derivative (..., 3, 5).
 
@@ -128,7 +133,7 @@ def inside(parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, 
     few planes' inside is a problem of nonnegative least squares (Lawson and Hanson 1974, LDP).
     """
     push, moved = np.zeros(5), parameters
-    if shares(parameters)[0][0] >= _ENOUGH:
+    if _least_share(parameters) >= _ENOUGH:
         return push, moved
     variances, axes = np.linalg.eigh(covariance)
     root = axes * np.sqrt(np.maximum(variances, 0.0))
@@ -154,7 +159,7 @@ def _towards_ball(parameters: FloatArray) -> FloatArray:
 
     What is left to do here is rounding, or an inertia that was given as exactly known.
     """
-    least, share = 0.5 * MIN_SHARE, float(shares(parameters)[0][0])
+    least, share = 0.5 * MIN_SHARE, _least_share(parameters)
     if share >= least:
         return parameters
     # The smallest eigenvalue is concave: along the way it is above the straight line.

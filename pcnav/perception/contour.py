@@ -100,7 +100,7 @@ def contour_runs(
     shift_px = signs[crossings.edge % max(len(signs), 1)]
     shift_px = shift_px + crossings.by_offsets(0) @ noise.outline_offset_px
     jacobian = crossings.displacement_jacobian(rendered.camera, doubt)
-    variance_px = np.einsum("ij,jk,ik->i", jacobian, doubt.covariance, jacobian)
+    variance_px = doubt.variance(jacobian)
     doubt_px = float(np.sqrt(variance_px.max())) if len(variance_px) else 0.0
     reach = contour_reach(doubt_px)
     counted = edge_counts(

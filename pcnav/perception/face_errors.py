@@ -101,7 +101,7 @@ def face_terms(seen: SeenFrame) -> tuple[FloatArray, FloatArray, FloatArray, Flo
     facets_m2 = noise.face_sd_m**2 - seen.sensor_noise.face_sd_m**2
     rows, values, variances, steepness = [], [], [], []
     for face, fit in seen.ranges.items():
-        chosen = residuals.agrees & (residuals.face == face)
+        chosen = np.flatnonzero(residuals.agrees & (residuals.face == face))
         basis = face_field(residuals.u[chosen], residuals.v[chosen]).T / fit.n_pixels
         shared = np.zeros((_TERMS, noise.n_shared))
         shared[:1, :1] = noise.frame_unit_m

@@ -49,7 +49,7 @@ def face_levels(seen: RangeResiduals, noise: SensorNoise) -> list[FaceLevel]:
     levels = []
     faces, counts = np.unique(seen.face[seen.agrees], return_counts=True)
     for face in faces[counts >= _MIN_PIXELS].tolist():
-        chosen = (seen.face == face) & seen.returned
+        chosen = np.flatnonzero((seen.face == face) & seen.returned)
         sure = seen.agrees[chosen]
         r, range_m = seen.residual_m[chosen], float(np.mean(seen.range_m[chosen]))
         terms = smooth_terms(seen.u[chosen], seen.v[chosen])
