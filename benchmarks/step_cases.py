@@ -9,14 +9,14 @@ import trimesh
 from benchmarks.scenes import Case, load, record, shortened
 from pcnav.config.length_unit import LengthUnit
 
-_ROWS_OF_FACES = {"8,000 faces": 64, "500,000 faces": 501}
-"""Points of a sphere, pole to pole and around: twice as many faces as their product."""
+_ROWS_OF_FACES = {"8,000 faces": 45, "500,000 faces": 354}
+"""Of points from pole to pole, and half as many as around: a row of faces has four for each."""
 _SIZES_PX = ((640, 480), (1280, 720))
 _DIAMETER_M = 6.0
 
 
 def bumpy_body(rows: int) -> trimesh.Trimesh:
-    """A closed body without symmetry, curved all over, of about ``2 rows^2`` faces."""
+    """A closed body without symmetry, curved all over, of about ``4 rows^2`` faces."""
     mesh = trimesh.creation.uv_sphere(radius=0.5 * _DIAMETER_M, count=[rows, rows])
     x, y, z = (mesh.vertices / (0.5 * _DIAMETER_M)).T
     bumps = 0.12 * x * y + 0.15 * x**3 - 0.1 * y * z**2 + 0.08 * np.sin(5.0 * z + 2.0 * x)
