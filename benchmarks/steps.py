@@ -1,5 +1,6 @@
 """Processor time of single steps of the tracker, beside the least that a frame can take."""
 
+import gc
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
@@ -57,11 +58,16 @@ def measure_steps(case: Case) -> StepTimes:
     # The first one makes what all others share.
     _floor_of(images[0], renderer, case.T_cam_model[0], case)
     every = max(len(images) // _FLOOR_FRAMES, 1)
-    times, claimed, floor = [], [], []
+    times: list[float] = []
+    claimed: list[bool] = []
+    floor: list[float] = []
     for k, frame in enumerate(case.frames):
         before = process_time()
         estimate = estimator.step(frame)
         times.append(1e3 * (process_time() - before))
+        if estimate.is_claimed and not any(claimed):
+            # As `pcnav.navigation.Navigation` does.
+            gc.freeze()
         claimed.append(estimate.is_claimed)
         if k % every == 0:
             before = process_time()

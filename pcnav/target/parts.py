@@ -1,6 +1,7 @@
 """The parts of a mesh: what hangs together in it, as an assembly's bodies do."""
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import trimesh
@@ -23,6 +24,8 @@ _MERGE_FRACTION = 1e-6
 """Vertices closer than this share of the diameter are one."""
 _ON_FACE_FRACTION = 1e-3
 """A point is on a face of the catalogue within this share of the diameter."""
+_SEVERAL_BODIES: WeakKeyDictionary[trimesh.Trimesh, bool] = WeakKeyDictionary()
+"""Of meshes in use, as far as it was asked for: each mesh is like itself alone."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,15 @@ class Parts:
 
 
 def has_several_bodies(mesh: trimesh.Trimesh) -> bool:
-    """Whether it consists of more than one body of which anything can be seen to be turned."""
-    areas = np.bincount(_bodies(mesh), weights=mesh.area_faces)
-    return bool(np.count_nonzero(areas >= _BODY_AREA_SHARE * areas.sum()) > 1)
+    """Whether it consists of more than one body of which anything can be seen to be turned.
+
+    A mesh of very many faces is not looked through more than once.
+    """
+    if mesh not in _SEVERAL_BODIES:
+        areas = np.bincount(_bodies(mesh), weights=mesh.area_faces)
+        large = np.count_nonzero(areas >= _BODY_AREA_SHARE * areas.sum())
+        _SEVERAL_BODIES[mesh] = bool(large > 1)
+    return _SEVERAL_BODIES[mesh]
 
 
 def parts_of(target: Target) -> Parts:

@@ -39,7 +39,8 @@ class PartLearner:
         self._target, self._reader = target, reader
         self._changes = PartChanges()
         self._known: Parts | None = None
-        self._has_parts: bool | None = None
+        # Now, for it takes a while of a mesh of many faces: no frame has to wait for it.
+        self._has_parts = has_several_bodies(target.mesh)
         self._scale = 1.0
         self._begin()
 
@@ -65,8 +66,6 @@ class PartLearner:
     def learn(self, view: FrameView, T_cam_model: FloatArray, mesh_scale: float) -> bool:
         """Take in a frame that a track was updated with, to a pose (4, 4), of a target that is so
         much larger than its mesh; whether that has changed what is looked for."""
-        if self._has_parts is None:
-            self._has_parts = has_several_bodies(self._target.mesh)
         if mesh_scale != self._scale:
             # Poses of a target that was taken for larger or smaller were bent as well.
             self._scale = mesh_scale
