@@ -1,9 +1,10 @@
-"""The web view at the browser: time to the first picture, frames a second of playback.
+"""The web view at the browser: first picture, frames a second beside bare viser, latency, memory.
 
 The first picture is there when a screenshot has it. Frames are counted in the page, each time
 another cloud is handed to the graphics driver. Without a graphics card the processor draws, and
-shares its cores with the server. Two more figures tell what that costs: the same playback by a page
-that does all but draw, and the same cloud alone.
+shares its cores with the server. The peer is a script of viser alone that shows the same clouds,
+computed before, from the same place: in a window of the same size, and in one of no more than the
+view leaves its scene.
 """
 
 import io
@@ -11,6 +12,8 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,69 +23,173 @@ from PIL import Image
 from rich.table import Table
 
 from benchmarks.scenes import record, shortened
+from benchmarks.viewer_page import (
+    browsing,
+    counted,
+    counted_page,
+    play_again_and_again,
+    step_latencies,
+)
 from pcnav.config.pipeline_file import Pipeline
+from pcnav.core.arrays import FloatArray
 from pcnav.pipeline import run
 from pcnav.viewer.browser import find_browser
+from pcnav.viewer.camera import fitted_view
+from pcnav.viewer.frames import ColourBy
+from pcnav.viewer.layers import shot_of
+from pcnav.viewer.loading import load_run
+from pcnav.viewer.render_options import CAMERA_FOV_RAD
 
 if TYPE_CHECKING:
-    from playwright.sync_api import FloatRect, Page, ViewportSize
+    from playwright.sync_api import Browser, FloatRect, Page, ViewportSize
 
-_FRAMES = 300
-_IMAGE_PX = 484
-"""For some 20,000 points."""
-_SECONDS = 8.0
+_SECONDS, _WARM_UP_S = 10.0, 3.0
+_STEPS = 8
 _SIZE: "ViewportSize" = {"width": 1280, "height": 800}
 _MIDDLE: "FloatRect" = {"x": 490, "y": 300, "width": 200, "height": 200}
 """Of the scene between the panels."""
 _SHARE_DRAWN = 0.05
-_ARGUMENTS = (
-    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
-    *("--disable-background-networking", "--no-first-run", "--disable-quic"),
-    *("--disable-component-update", "--disable-sync", "--disable-gpu-compositing"),
+_SCENE_SIZE = """(() => {
+  const box = document.querySelector("canvas[data-engine]").getBoundingClientRect();
+  return {width: Math.round(box.width), height: Math.round(box.height)};
+})()"""
+_MAX_MB = 600.0
+_ALL = 10**9
+_PIXELS_ACROSS = 1.4
+"""Of a point, over the distance of neighbouring pixels, as in the view."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A simulated run to be looked at, and what is wanted of the view of it."""
+
+    image_px: int
+    """Width and height, for the number of points wanted."""
+    frames: int
+    hz: float
+    """Of recording and playback, more than is drawn of so many points."""
+    min_ratio: float
+    """Of the view's frames a second over those of bare viser."""
+
+
+RECORDINGS = (
+    Recording(484, 300, 20.0, 0.7),
+    Recording(1090, 150, 20.0, 0.6),
+    Recording(1890, 60, 20.0, 0.5),
 )
-_COUNT_CLOUDS = """
-window.__clouds = [];
-for (const name of ["bufferData", "bufferSubData"]) {
-  const original = WebGL2RenderingContext.prototype[name];
-  WebGL2RenderingContext.prototype[name] = function (...given) {
-    const data = given.find((one) => one && one.byteLength !== undefined);
-    if (data && data.BYTES_PER_ELEMENT === 4 && data.byteLength > 60000)
-      window.__clouds.push([performance.now(), data.byteLength / 12]);
-    return original.apply(this, given);
-  };
-}
-"""
-_DRAW_NOTHING = """
-for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
-  WebGL2RenderingContext.prototype[name] = function () {};
-"""
+"""For some 20,000, 100,000 and 300,000 points."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a browser saw."""
+    """What a browser saw of one recording."""
 
+    recording: Recording
     first_picture_s: float
     """From the command to the first screenshot of the page with the cloud in it."""
     points: float
     """Of the median cloud."""
     played_per_s: float
-    """Frames a second, played at 20."""
+    bare_per_s: float
+    """The same clouds by viser alone."""
+    small_bare_per_s: float
+    """The same in a window of the size of the view's scene."""
     undrawn_per_s: float
-    """The same with a page that does all but draw: what server, network and page leave room for."""
-    alone_per_s: float
-    """Pictures a second of an empty scene with one such cloud that moves: what drawing allows."""
+    """By a page that does all but draw: what server, network and page leave room for."""
+    latencies_s: FloatArray
+    """(n,) from a key to the picture of the next frame."""
+    peak_mb: float
+    """Resident memory of the server at its peak; nan where the system does not tell."""
+
+    @property
+    def ratio(self) -> float:
+        """Over bare viser."""
+        return self.played_per_s / self.bare_per_s
 
 
-def measure_viewer(folder: Path) -> Seen | None:
-    """Simulate, run, look; None without a browser."""
+def measure_viewer(folder: Path) -> tuple[Seen, ...]:
+    """Simulate, run, look; nothing without a browser."""
     program = find_browser()
     if program is None:
-        return None
-    from playwright.sync_api import sync_playwright
+        return ()
+    with browsing(program) as browser:
+        return tuple(_seen(browser, each, folder / str(each.image_px)) for each in RECORDINGS)
 
-    result = _made(folder)
+
+def viewer_table(seen: tuple[Seen, ...]) -> Table:
+    """What was measured, beside what is wanted."""
+    table = Table(title="web view at the browser, headless Chromium without a graphics card")
+    table.add_column("quantity")
+    for each in seen:
+        px = each.recording.image_px
+        table.add_column(f"{px} x {px} px, {each.points:.0f} points", justify="right")
+    if not seen:
+        table.add_row("no Chromium or Chrome on the PATH")
+        return table
+    rows = {
+        "first picture after the command, s (< 3)": [f"{s.first_picture_s:.1f}" for s in seen],
+        "playback, frames/s": [f"{s.played_per_s:.1f}" for s in seen],
+        "bare viser, same window, frames/s": [f"{s.bare_per_s:.1f}" for s in seen],
+        "ratio (wanted)": [f"{s.ratio:.2f} (>= {s.recording.min_ratio:g})" for s in seen],
+        "bare viser, window of the scene, frames/s": [f"{s.small_bare_per_s:.1f}" for s in seen],
+        "view whose page draws nothing, frames/s": [f"{s.undrawn_per_s:.1f}" for s in seen],
+        "key to new picture, median, ms": [f"{1e3 * np.median(s.latencies_s):.0f}" for s in seen],
+        "key to new picture, longest, ms": [f"{1e3 * np.max(s.latencies_s):.0f}" for s in seen],
+        f"server memory, peak, MB (< {_MAX_MB:g})": [f"{s.peak_mb:.0f}" for s in seen],
+    }
+    for name, cells in rows.items():
+        table.add_row(name, *cells)
+    return table
+
+
+def _seen(browser: "Browser", recording: Recording, folder: Path) -> Seen:
+    result, clouds = made(recording, folder), folder / "clouds.npz"
+    _write_clouds(result, clouds)
     started = time.monotonic()
+    with _served(result) as (url, process):
+        page = counted_page(browser, _SIZE)
+        page.goto(f"{url}?returns={_ALL}")
+        page.get_by_role("button", name="Play").wait_for()
+        while _share_drawn(page) < _SHARE_DRAWN:
+            pass
+        first_s = time.monotonic() - started
+        scene: ViewportSize = page.evaluate(_SCENE_SIZE)
+        page.keyboard.press("Home")
+        page.wait_for_timeout(3000)
+        latencies = step_latencies(page, _STEPS)
+        play_again_and_again(page)
+        played = counted(page, _WARM_UP_S, _SECONDS)
+        page.close()
+        page = counted_page(browser, _SIZE, draws=False)
+        page.goto(f"{url}?returns={_ALL}")
+        play_again_and_again(page)
+        undrawn = counted(page, _WARM_UP_S, _SECONDS)
+        page.close()
+        peak_mb = _peak_mb(process.pid)
+    bare, small = (_bare(browser, size, clouds, recording.hz) for size in (_SIZE, scene))
+    found = (first_s, played.points, played.per_s, bare, small, undrawn.per_s, latencies, peak_mb)
+    return Seen(recording, *found)
+
+
+def _bare(browser: "Browser", size: "ViewportSize", clouds: Path, hz: float) -> float:
+    """Frames a second of a bare viser script."""
+    command = [sys.executable, "-m", "benchmarks.viewer_bare", str(clouds), str(hz)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            port = next(line.split()[1] for line in process.stdout if line.startswith("port: "))
+            page = counted_page(browser, size)
+            page.goto(f"http://127.0.0.1:{port}")
+            bare = counted(page, _WARM_UP_S, _SECONDS)
+            page.close()
+            return bare.per_s
+        finally:
+            process.terminate()
+
+
+@contextmanager
+def _served(result: Path) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """A view of a result in a process of its own: its address, and the process."""
     command = [sys.executable, "-c", "from pcnav.cli import main; main()"]
     served = subprocess.Popen(
         [*command, "view", str(result), "--port", "0"],
@@ -92,48 +199,19 @@ def measure_viewer(folder: Path) -> Seen | None:
     )
     try:
         assert served.stdout is not None
-        url = next(line.split()[1] for line in served.stdout if line.startswith("view: "))
-        with sync_playwright() as playwright:
-            # A user's browser is running already: its start is not counted.
-            ready = time.monotonic()
-            browser = playwright.chromium.launch(executable_path=program, args=list(_ARGUMENTS))
-            page = browser.new_page(viewport=_SIZE)
-            launch_s = time.monotonic() - ready
-            page.add_init_script(_COUNT_CLOUDS)
-            page.goto(url)
-            page.get_by_role("button", name="Play").wait_for()
-            while _share_drawn(page) < _SHARE_DRAWN:
-                pass
-            first_s = time.monotonic() - started - launch_s
-            played, points = _played(page)
-            page.close()
-            page = browser.new_page(viewport=_SIZE)
-            page.add_init_script(_COUNT_CLOUDS + _DRAW_NOTHING)
-            page.goto(url)
-            undrawn, _ = _played(page)
-            page.close()
-            alone = _cloud_alone(browser.new_page(viewport=_SIZE), int(points))
-            browser.close()
+        yield next(line.split()[1] for line in served.stdout if line.startswith("view: ")), served
     finally:
         served.terminate()
         served.wait()
-    return Seen(first_s, points, played, undrawn, alone)
 
 
-def viewer_table(seen: Seen | None) -> Table:
-    """What was measured, beside what is wanted."""
-    table = Table(title="web view at the browser, headless Chromium without a graphics card")
-    for heading in ("quantity", "measured", "wanted"):
-        table.add_column(heading)
-    if seen is None:
-        table.add_row("everything", "no Chromium or Chrome on the PATH", "")
-        return table
-    table.add_row("first picture after the command, s", f"{seen.first_picture_s:.1f}", "< 3")
-    table.add_row("points a frame", f"{seen.points:.0f}", "20000")
-    table.add_row("playback, frames/s", f"{seen.played_per_s:.1f}", "20")
-    table.add_row("- by a page that draws nothing", f"{seen.undrawn_per_s:.1f}", "20")
-    table.add_row("one such cloud alone, pictures/s", f"{seen.alone_per_s:.1f}", "")
-    return table
+def _peak_mb(pid: int) -> float:
+    """Resident memory of a process at its peak, MB; nan where the system does not tell."""
+    status = Path(f"/proc/{pid}/status")
+    if not status.is_file():
+        return float("nan")
+    told = dict(line.split(":", 1) for line in status.read_text().splitlines())
+    return float(told["VmHWM"].split()[0]) * 1024e-6
 
 
 def _share_drawn(page: "Page") -> float:
@@ -143,54 +221,34 @@ def _share_drawn(page: "Page") -> float:
     return float((np.abs(pixels - np.median(pixels[0])) > 30).mean())
 
 
-def _played(page: "Page") -> tuple[float, float]:
-    """Clouds a second while a run is played, and the points of the median one."""
-    page.wait_for_function("window.__clouds.length > 0")
-    page.get_by_role("button", name="Play").click()
-    page.wait_for_timeout(2000)
-    before = page.evaluate("[window.__clouds.length, performance.now()]")
-    page.wait_for_timeout(1000.0 * _SECONDS)
-    after = page.evaluate("[window.__clouds.length, performance.now()]")
-    points = page.evaluate("window.__clouds.map((cloud) => cloud[1])")
-    return 1000.0 * (after[0] - before[0]) / (after[1] - before[1]), float(np.median(points))
-
-
-def _cloud_alone(page: "Page", points: int) -> float:
-    """Pictures a second of a scene that holds nothing but a cloud, which moves all the time."""
-    from pcnav.viewer.server import UP, LocalServer, has_shown_all
-
-    server = LocalServer("127.0.0.1", 0, "cloud")
-    camera = server.initial_camera
-    camera.position, camera.look_at, camera.up = (0.0, 0.0, 0.0), (0.0, 0.0, 20.0), UP
-    places = np.random.default_rng(0).uniform((-4.0, -4.0, 20.0), (4.0, 4.0, 20.1), (points, 3))
-    cloud = server.scene.add_point_cloud(
-        "/cloud",
-        places.astype(np.float32),
-        (90, 170, 255),
-        point_size=0.03,
-        point_shape="circle",
-        precision="float32",
+def _write_clouds(result: Path, path: Path) -> None:
+    """What the view shows of a run, every return, as `benchmarks.viewer_bare` reads it."""
+    loaded = load_run(result)
+    at = loaded.opening_frame
+    shots = [shot_of(loaded, frame, _ALL) for frame in range(len(loaded))]
+    known = [shot for shot in shots if shot is not None]
+    place, centre = fitted_view(loaded, at, shots[at])
+    colours = [
+        np.broadcast_to(shot.colours(ColourBy.PLANE, 1.0), shot.points.shape) for shot in known
+    ]
+    camera = known[0].frame.camera
+    np.savez(
+        path,
+        points=np.concatenate([shot.points for shot in known]),
+        colours=np.concatenate(colours),
+        ends=np.cumsum([len(shot.points) for shot in known]),
+        point_size=_PIXELS_ACROSS * np.linalg.norm(loaded.centre(at)) / camera.fx,
+        camera=np.array([*place, *centre, CAMERA_FOV_RAD]),
     )
-    try:
-        page.goto(f"http://127.0.0.1:{server.get_port()}")
-        page.wait_for_timeout(3000)
-        client = next(iter(server.get_clients().values()))
-        count, start = 0, time.monotonic()
-        while time.monotonic() - start < 0.5 * _SECONDS:
-            cloud.position = (0.001 * (count % 10), 0.0, 0.0)
-            has_shown_all(client, 2.0)
-            count += 1
-        return count / (time.monotonic() - start)
-    finally:
-        server.stop()
 
 
-def _made(folder: Path) -> Path:
-    """A result on frames of some 20,000 points: boxsat near, in a camera of more pixels."""
-    pipeline = shortened("boxsat", _FRAMES)
-    size = {"width_px": _IMAGE_PX, "height_px": _IMAGE_PX}
+def made(recording: Recording, folder: Path) -> Path:
+    """A run on frames of so many pixels: boxsat near."""
+    pipeline = shortened("boxsat", recording.frames)
+    size = {"width_px": recording.image_px, "height_px": recording.image_px}
     camera = pipeline.camera.model_copy(update=size)
-    pipeline = pipeline.model_copy(update={"camera": camera})
-    sequence = record("boxsat", pipeline, folder / "viewer").path
-    run(sequence, folder / "viewer-result", Pipeline())
-    return folder / "viewer-result"
+    scenario = pipeline.scenario.model_copy(update={"frame_rate_hz": recording.hz})
+    pipeline = pipeline.model_copy(update={"camera": camera, "scenario": scenario})
+    sequence = record("boxsat", pipeline, folder / "sequence").path
+    run(sequence, folder / "result", Pipeline())
+    return folder / "result"

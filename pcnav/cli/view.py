@@ -13,10 +13,12 @@ from pcnav.core._extras import require_view
 from pcnav.core.errors import InputError
 
 if TYPE_CHECKING:
+    from pcnav.viewer.assessment import Opening
     from pcnav.viewer.loaded_run import LoadedRun
     from pcnav.viewer.server import LocalServer
 
 _LOOPBACK = "127.0.0.1"
+_THIS_MACHINE = {_LOOPBACK, "localhost", "::1"}
 _MAX_RUNS = 2
 
 
@@ -35,6 +37,10 @@ def view(
     frame: Annotated[
         int | None, typer.Option(min=0, help="Frame to open at, or to export.")
     ] = None,
+    worst: Annotated[
+        bool,
+        typer.Option("--worst", help="Open at the largest error over sigma, not the last claim."),
+    ] = False,
     html: Annotated[
         Path | None, typer.Option(help="Write a page of one frame that opens offline, and end.")
     ] = None,
@@ -59,6 +65,8 @@ def view(
     _refuse_foreign(host)
     if len(runs) > _MAX_RUNS:
         raise InputError("pcnav view", "runs", f"expected at most {_MAX_RUNS}, got {len(runs)}")
+    if worst and frame is not None:
+        raise InputError("pcnav view", "--worst", "expected it or --frame, got both")
     exports = {"html": html, "png": png, "recording": recording, "rrd": rrd}
     asked = {kind: path for kind, path in exports.items() if path is not None}
     if len(runs) == 1 and runs[0].suffix == ".viser" and runs[0].is_file():
@@ -69,8 +77,11 @@ def view(
         return
     for run in runs:
         refuse_what_is_no_run(run)
+    from pcnav.viewer.assessment import Opening
+
+    opening = frame if frame is not None else Opening.WORST if worst else Opening.LAST
     if asked:
-        _export(runs, asked, frame, overwrite, sequence)
+        _export(runs, asked, opening, overwrite, sequence)
         return
     from pcnav.viewer.server import LocalServer, label_of
 
@@ -81,7 +92,9 @@ def view(
         from pcnav.viewer.app import show
         from pcnav.viewer.loaded_run import finished
 
-        show(server, finished(*_loaded(runs, sequence)), frame)
+        loaded = _loaded(runs, sequence)
+        _tell_unknown_worst(loaded[0], opening)
+        show(server, finished(*loaded), opening)
     except BaseException:
         server.stop()
         raise
@@ -125,6 +138,15 @@ def _loaded(runs: list[Path], sequence: Path | None) -> "tuple[LoadedRun, ...]":
     return loaded
 
 
+def _tell_unknown_worst(loaded: "LoadedRun", opening: "int | Opening") -> None:
+    from pcnav.viewer.assessment import Opening, worst_frame
+
+    if opening is Opening.WORST and worst_frame(loaded) is None:
+        typer.echo(
+            f"{loaded.name}: no error is known, so none is the worst: the last claim is shown"
+        )
+
+
 def tell_address(server: "LocalServer", host: str, asked_port: int) -> None:
     """Say where the view is, and to whom it is open."""
     if server.get_port() != asked_port:
@@ -134,7 +156,7 @@ def tell_address(server: "LocalServer", host: str, asked_port: int) -> None:
 
 
 def _tell_open_host(host: str) -> None:
-    if host != _LOOPBACK:
+    if host not in _THIS_MACHINE:
         typer.echo(f"open to every machine that reaches {host}: anyone there can look at this run")
 
 
@@ -149,7 +171,7 @@ def serve_until_interrupted(server: "LocalServer") -> None:
 def _export(
     runs: list[Path],
     asked: dict[str, Path],
-    frame: int | None,
+    frame: "int | Opening",
     overwrite: bool,
     sequence: Path | None,
 ) -> None:
@@ -168,6 +190,7 @@ def _export(
             raise InputError(path, f"--{kind}", f"expected a name ending in {suffixes[0]}")
         refuse_existing(path, overwrite)
     loaded = _loaded(runs, sequence)
+    _tell_unknown_worst(loaded[0], frame)
     at = shown_frame(loaded[0], frame)
     with progress("view") as advance:
         for kind, path in asked.items():

@@ -6,22 +6,27 @@ from urllib.parse import parse_qs, urlencode
 
 import numpy as np
 
+from pcnav.viewer.assessment import Opening
 from pcnav.viewer.frames import ColourBy
 from pcnav.viewer.render_options import Layer
 
 _CAMERA_NUMBERS = 7
-_MAX_FRAME = 10**9
+_MAX_DIGITS = 1000
+"""Python refuses longer ones."""
+_MAX_FRAME = _MAX_POINTS = 10**9
 
 
 @dataclass(frozen=True)
 class PageState:
     """What a page shows. What an address does not say is None."""
 
-    frame: int | None = None
+    frame: int | Opening | None = None
+    """A number, or what to look for; an address that a page sets itself has numbers."""
     camera: tuple[float, ...] | None = None
     """Place (3), what it looks at (3), m, and the field of view, rad."""
     layers: frozenset[Layer] | None = None
     colour_by: ColourBy | None = None
+    max_points: int | None = None
     plots: str | None = None
     dark: bool | None = None
 
@@ -36,6 +41,8 @@ class PageState:
             told["layers"] = ",".join(str(layer) for layer in Layer if layer in self.layers)
         if self.colour_by is not None:
             told["points"] = str(self.colour_by)
+        if self.max_points is not None:
+            told["returns"] = str(self.max_points)
         if self.plots is not None:
             told["plots"] = self.plots
         if self.dark is not None:
@@ -59,14 +66,23 @@ def read_address(text: str) -> PageState:
         if layers is None
         else frozenset(known[name] for name in layers.split(",") if name in known),
         colour_by=next((by for by in ColourBy if str(by) == told.get("points")), None),
+        max_points=_whole(told.get("returns", ""), _MAX_POINTS),
         plots=told.get("plots"),
         dark=None if theme not in ("dark", "light") else theme == "dark",
     )
 
 
-def _frame(told: Mapping[str, str]) -> int | None:
-    digits = told.get("frame", "")
-    return min(int(digits), _MAX_FRAME) if digits.isascii() and digits.isdigit() else None
+def _frame(told: Mapping[str, str]) -> int | Opening | None:
+    asked = told.get("frame", "")
+    if asked in set(Opening):
+        return Opening(asked)
+    return _whole(asked, _MAX_FRAME)
+
+
+def _whole(digits: str, most: int) -> int | None:
+    """A number from 0 to ``most``; None for what is none."""
+    is_number = digits.isascii() and digits.isdigit() and len(digits) < _MAX_DIGITS
+    return min(int(digits), most) if is_number else None
 
 
 def _camera(told: Mapping[str, str]) -> tuple[float, ...] | None:

@@ -4,13 +4,17 @@ import threading
 
 import viser
 
+from pcnav.viewer.assessment import Opening
 from pcnav.viewer.loaded_run import Source
 from pcnav.viewer.server import LocalServer, label_of
 from pcnav.viewer.session import Session
 
 
 def serve(
-    source: Source, host: str = "127.0.0.1", port: int = 8080, first_frame: int | None = None
+    source: Source,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    first_frame: int | Opening = Opening.LAST,
 ) -> LocalServer:
     """Start a server that shows a source; see `show`.
 
@@ -21,10 +25,10 @@ def serve(
     return server
 
 
-def show(server: LocalServer, source: Source, first_frame: int | None = None) -> None:
+def show(server: LocalServer, source: Source, first_frame: int | Opening = Opening.LAST) -> None:
     """Give every browser of a server a session, those that have been waiting for it, too.
 
-    ``first_frame`` is where a browser opens, else at the last claimed estimate.
+    ``first_frame`` is where a browser opens whose address names no frame.
     """
     sessions: dict[int, Session] = {}
     lock = threading.Lock()

@@ -1,5 +1,7 @@
 """How good a run is frame by frame, as numbers that every kind of run may have."""
 
+from enum import StrEnum
+
 import numpy as np
 
 from pcnav.core import chi_square
@@ -56,3 +58,18 @@ def worst_frame(loaded: LoadedRun) -> int | None:
     if ratio is None or not np.isfinite(ratio).any():
         return None
     return int(np.nanargmax(ratio))
+
+
+class Opening(StrEnum):
+    """Where a page opens that no frame is named to."""
+
+    LAST = "last"
+    """The last estimate that is claimed."""
+    WORST = "worst"
+    """The largest error over sigma."""
+
+
+def opening_frame(loaded: LoadedRun, opening: Opening) -> int:
+    """The frame to open at: the last claimed one, too, where no error is known."""
+    worst = worst_frame(loaded) if opening is Opening.WORST else None
+    return loaded.opening_frame if worst is None else worst

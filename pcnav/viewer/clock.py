@@ -30,6 +30,21 @@ class Playback:
         return self.frame_at(now_s, time_s) >= len(time_s) - 1
 
 
+def frame_to_show(due: int, shown: int, prepared: int | None) -> int:
+    """The frame to draw while one is ``due`` and another ``shown``.
+
+    A page that draws slowly leaves frames out. What was ``prepared`` for it meanwhile is nearly as
+    good as the frame that is due, and at hand: it is drawn where it comes one frame early at most,
+    and late by no more than it is on from the one before.
+    """
+    if due == shown - 1:
+        # That was drawn early.
+        return shown
+    if prepared is None or prepared <= shown or due <= shown:
+        return due
+    return prepared if -1 <= due - prepared <= prepared - shown else due
+
+
 def speeds(time_s: FloatArray) -> tuple[tuple[str, float], ...]:
     """Names and values of the speeds to choose from; the last shows 20 frames a second."""
     named = [(f"{speed:g} × real time", speed) for speed in (0.25, 1.0, 4.0, 16.0, 64.0)]

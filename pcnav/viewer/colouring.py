@@ -6,11 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from pcnav.core.arrays import DepthImage, FloatArray, IntArray
-from pcnav.core.camera import PinholeCamera, range_per_depth
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.target.catalogue import Rectangle
-from pcnav.target.rendering import RenderedDepth
 from pcnav.viewer.palette import LABELS, RESIDUAL_STOPS, UNEXPLAINED
 
 Colours = npt.NDArray[np.uint8]
@@ -70,23 +68,25 @@ def _rectangle_numbers(mesh: trimesh.Trimesh, rectangles: tuple[Rectangle, ...])
     return rectangle
 
 
-def range_residual(depth_m: DepthImage, rendered: RenderedDepth) -> FloatArray:
-    """(height, width) range measured minus range of the model, m; nan without either."""
-    both = (depth_m > 0.0) & (rendered.triangle >= 0)
-    residual = np.full(depth_m.shape, np.nan)
-    difference = depth_m[both].astype(np.float64) - rendered.depth_m[both]
-    residual[both] = difference * rendered.range_per_depth[both]
-    return residual
+def range_residual(
+    depth_m: npt.NDArray[np.floating], rays: FloatArray, model_m: FloatArray, faces: IntArray
+) -> FloatArray:
+    """(n,) range measured minus range of the model, m; nan off the model.
+
+    Of z-depths (n,) along rays (n, 3), z = 1, that meet the model at depths (n,) and faces (n,),
+    -1 for none.
+    """
+    residual = (depth_m - model_m) * np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    residual[faces < 0] = np.nan
+    return np.asarray(residual)
 
 
 def labels_of(
-    rendered: RenderedDepth, residual_m: FloatArray, of_face: IntArray, sigma_m: float
+    faces: IntArray, residual_m: FloatArray, of_face: IntArray, sigma_m: float
 ) -> IntArray:
-    """(height, width) label of the face that explains each return, -1 where none does."""
-    labels = np.full(residual_m.shape, -1, dtype=np.intp)
+    """(n,) label of the face (n,) that explains each return, -1 where none does."""
     explained = np.abs(residual_m) <= EXPLAINED_SIGMA * sigma_m
-    labels[explained] = of_face[rendered.triangle[explained]]
-    return labels
+    return np.where(explained, of_face[faces], -1)
 
 
 def label_colours(labels: npt.NDArray[np.integer]) -> Colours:
@@ -124,13 +124,10 @@ def residual_colours(residual_m: npt.NDArray[np.floating], scale_m: float) -> Co
     return colours.astype(np.uint8)
 
 
-def depth_shades(depth_m: DepthImage, camera: PinholeCamera) -> FloatArray:
-    """(height, width) brightness, 1 of the nearest returns to 0.35; 0 without a return."""
-    returned = depth_m > 0.0
-    shades = np.zeros(depth_m.shape)
-    if returned.any():
-        range_m = depth_m[returned] * range_per_depth(camera)[returned]
-        low, high = np.percentile(range_m, (1.0, 99.0))
-        share = np.clip((range_m - low) / max(high - low, 1e-9), 0.0, 1.0)
-        shades[returned] = 1.0 - 0.65 * share
-    return shades
+def range_shades(points: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """(n,) brightness of points (n, 3), camera frame: 1 of the nearest to 0.35."""
+    if not len(points):
+        return np.zeros(0)
+    range_m = np.linalg.norm(points, axis=1)
+    low, high = np.percentile(range_m, (1.0, 99.0))
+    return np.asarray(1.0 - 0.65 * np.clip((range_m - low) / max(high - low, 1e-9), 0.0, 1.0))

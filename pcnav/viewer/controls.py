@@ -35,6 +35,7 @@ _AHEAD: dict[str, float | None] = {
     "none": None,
     **{f"{ahead:g} s after the last estimate": ahead for ahead in AHEAD_S},
 }
+_WORST, _RESIDUALS = "worst frame", "residuals"
 _FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
 
 
@@ -131,6 +132,12 @@ class Controls:
         set_value(self._colour, str(kinds[after]))
         self._session.redraw()
 
+    def toggle_residuals(self) -> None:
+        """Colour the points by their residuals, and back by planes."""
+        shown = ColourBy(self._colour.value) is ColourBy.RESIDUAL
+        set_value(self._colour, str(ColourBy.PLANE if shown else ColourBy.RESIDUAL))
+        self._session.redraw()
+
     def toggle_measure(self) -> None:
         """Begin or end measuring."""
         set_value(self._measure, not self._measure.value)
@@ -142,12 +149,16 @@ class Controls:
         self._session.darken(self._dark.value)
 
     def take(self, state: PageState) -> None:
-        """Layers, colours and theme of an address, as far as it tells."""
+        """Layers, colours, points and theme of an address, as far as it tells."""
         if state.layers is not None:
             for layer, box in self._checkboxes.items():
                 set_value(box, layer in state.layers)
         if state.colour_by is not None:
             set_value(self._colour, str(state.colour_by))
+        if state.max_points is not None:
+            # The next larger choice, so that a link made elsewhere never shows less.
+            names = [name for name, most in _POINTS.items() if most >= state.max_points]
+            set_value(self._points, names[0] if names else next(reversed(_POINTS)))
         if state.dark is not None and state.dark is not self.is_dark:
             self.toggle_dark()
 
@@ -186,9 +197,17 @@ class Controls:
         self._speed = gui.add_dropdown("speed", names, initial_value=names[-1])
         self._event_kind = gui.add_dropdown("events", (_ANY_EVENT, *(str(kind) for kind in Kind)))
         jumps = gui.add_button_group("jump to", ("previous", "next"))
-        worst = gui.add_button("largest error over σ", visible=first.errors is not None)
+        told = [_WORST] if first.errors is not None else []
+        told += [_RESIDUALS] if first.frames is not None else []
+        deviations = gui.add_button_group("deviations", told or [""], visible=bool(told))
         self._told = gui.add_html("")
-        worst.on_click(lambda _: self._session.go_to_worst())
+
+        @deviations.on_click
+        def _(_: object) -> None:
+            if deviations.value == _WORST:
+                self._session.go_to_worst()
+            else:
+                self.toggle_residuals()
 
         @self._play.on_click
         def _(_: object) -> None:

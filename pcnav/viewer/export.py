@@ -9,6 +9,7 @@ import viser
 
 from pcnav.core.errors import InputError
 from pcnav.viewer.annotate import annotated, overlaid
+from pcnav.viewer.assessment import Opening, opening_frame
 from pcnav.viewer.browser import opened_page, picture, png_bytes, settled_picture
 from pcnav.viewer.layers import RunLayers, shot_of
 from pcnav.viewer.loaded_run import LoadedRun
@@ -110,15 +111,15 @@ def recording(
         return serializer.serialize()
 
 
-def shown_frame(loaded: LoadedRun, asked: int | None) -> int:
-    """The frame asked for, else that which a page opens at. Raises `InputError` beyond the run."""
+def shown_frame(loaded: LoadedRun, asked: int | Opening) -> int:
+    """The frame asked for, or looked for. Raises `InputError` beyond the run."""
     count = len(loaded)
-    if asked is not None and asked >= count:
+    if not isinstance(asked, Opening) and asked >= count:
         expected = f"expected a frame below {count}, got {asked}"
         raise InputError(loaded.name, "--frame", expected)
     if not count:
         raise InputError(loaded.name, "frames", "expected at least one frame")
-    return loaded.opening_frame if asked is None else asked
+    return opening_frame(loaded, asked) if isinstance(asked, Opening) else asked
 
 
 @contextmanager

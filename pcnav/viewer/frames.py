@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pcnav.config.depth import PerceptionTable
-from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import transform_points
@@ -31,7 +31,7 @@ from pcnav.viewer.colouring import (
 )
 from pcnav.viewer.palette import BESIDE, PLAIN
 
-_MAX_KEPT_BYTES = 192_000_000
+_MAX_KEPT_BYTES = 96_000_000
 """Of frames in memory, those of one run together."""
 _MAX_RENDERERS = 4
 """A frame with many returns is shown by fewer of its pixels than its neighbour."""
@@ -59,22 +59,23 @@ class Shot:
     """One depth frame, ready to be drawn: every so many of its rows and columns."""
 
     frame: Frame
-    """The rows and columns that are shown, as a frame of a camera that has no others."""
+    """The rows and columns that are shown, as a frame of a camera that has no others. What follows
+    is told of its returns alone, row by row: most of a large image may be empty."""
     stride: int
     n_returns: int
     """Of the whole frame."""
     shown: Pixels
-    """Those of ``frame`` that are drawn as points."""
+    """(n,) each: the pixels of ``frame`` that returned."""
     points: npt.NDArray[np.float32]
     """(n, 3) camera frame, m."""
     planes: Labels
-    """(height, width) flat part of the surface that explains a return, -1 for none."""
+    """(n,) flat part of the surface that explains a return, -1 for none."""
     rectangles: Labels | None
-    """(height, width) rectangle of the catalogue; None without an estimate."""
+    """(n,) rectangle of the catalogue; None without an estimate."""
     residual_m: npt.NDArray[np.float32] | None
-    """(height, width) range measured minus modelled; None without an estimate."""
+    """(n,) range measured minus modelled, nan off the model; None without an estimate."""
     beside: BoolArray | None = None
-    """(height, width) what is farther from the target than it reaches; None without an estimate."""
+    """(n,) what is farther from the target than it reaches; None without an estimate."""
 
     @property
     def n_bytes(self) -> int:
@@ -88,26 +89,23 @@ class Shot:
         """Share of the returns that belong to other things than the target."""
         if self.beside is None or not len(self.points):
             return 0.0
-        return float(np.count_nonzero(self.beside[self.shown]) / len(self.points))
+        return float(np.count_nonzero(self.beside) / len(self.points))
 
-    def colours(
-        self, by: ColourBy, scale_m: float, at: Pixels | BoolArray | None = None
-    ) -> Colours:
-        """(n, 3) of pixels, by default of the points, residuals up to a scale; (3,) one for all."""
-        at = self.shown if at is None else at
+    def colours(self, by: ColourBy, scale_m: float) -> Colours:
+        """(n, 3) of the returns, residuals up to a scale; (3,) one for all."""
         if by is ColourBy.PLAIN:
             return np.array(PLAIN, dtype=np.uint8)
         if self.shows_residuals(by):
             assert self.residual_m is not None
-            found = residual_colours(self.residual_m[at], scale_m)
+            found = residual_colours(self.residual_m, scale_m)
         else:
             # Of rectangles where those are asked for and known, else of planes.
             of_rectangles = by is ColourBy.RECTANGLE and self.rectangles is not None
             labels = self.rectangles if of_rectangles else self.planes
             assert labels is not None
-            found = label_colours(labels[at])
+            found = label_colours(labels)
         if self.beside is not None:
-            found[self.beside[at]] = BESIDE
+            found[self.beside] = BESIDE
         return found
 
     def shows_residuals(self, by: ColourBy) -> bool:
@@ -212,30 +210,46 @@ class FrameStore:
         n_returns = int(np.count_nonzero(whole.depth_m > 0.0))
         stride = max(1, int(np.ceil(np.sqrt(n_returns / max_points))))
         frame = whole.strided(stride)
-        rows, columns = np.nonzero(frame.depth_m > 0.0)
-        shown = (rows.astype(np.int16), columns.astype(np.int16))
-        exposure = None if pose is None else self._exposure(frame, np.reshape(pose, (4, 4)), motion)
-        rays, depth_m = rays_of(frame)[shown], frame.depth_m[shown]
+        rows, columns = np.divmod(np.flatnonzero(frame.depth_m > 0.0), frame.depth_m.shape[1])
+        rays, depth_m = rays_at(frame, rows, columns), frame.depth_m[rows, columns]
         points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)
+        shown = (rows.astype(np.int16), columns.astype(np.int16))
         if pose is None:
             # It brings Open3D, which most views never need and all would wait for.
             from pcnav.perception.perceive import perceive
 
             seen = perceive(whole, (), self._settings, self.sigma_m, self._seed)
-            labels = seen.image_labels[::stride, ::stride].astype(np.int16)
+            labels = seen.image_labels[::stride, ::stride][shown].astype(np.int16)
             return Shot(frame, stride, n_returns, shown, points, labels, None, None)
         T_cam_model = np.reshape(pose, (4, 4))
-        rendered = self._renderer(frame.camera).render(T_cam_model, exposure)
-        residual_m = range_residual(frame.depth_m, rendered)
+        model_m, faces = self._modelled(frame, rays, shown, T_cam_model, motion)
+        residual_m = range_residual(depth_m, rays, model_m, faces)
         planes, rectangles = (
-            labels_of(rendered, residual_m, of_face, self.sigma_m).astype(np.int16)
+            labels_of(faces, residual_m, of_face, self.sigma_m).astype(np.int16)
             for of_face in (self._names.plane, self._names.rectangle)
         )
         return Shot(
             *(frame, stride, n_returns, shown, points, planes, rectangles),
             residual_m.astype(np.float32),
-            self._beside(frame, T_cam_model),
+            self._beside(points, T_cam_model),
         )
+
+    def _modelled(
+        self,
+        frame: Frame,
+        rays: FloatArray,
+        shown: Pixels,
+        T_cam_model: FloatArray,
+        motion: Readout | None,
+    ) -> tuple[FloatArray, IntArray]:
+        """z-depth (n,), m, of the model where the returns of a frame look, and its faces (n,)."""
+        renderer = self._renderer(frame.camera)
+        exposure = self._exposure(frame, T_cam_model, motion)
+        if exposure is None:
+            # Of a large image that is mostly empty only the returns have to be asked for.
+            return renderer.cast(rays, T_cam_model)
+        rendered = renderer.render(T_cam_model, exposure)
+        return rendered.depth_m[shown].astype(np.float64), rendered.triangle[shown]
 
     def _exposure(
         self, frame: Frame, T_cam_model: FloatArray, motion: Readout | None
@@ -249,13 +263,12 @@ class FrameStore:
         times_s = row_times(readout_s, frame.camera.height)
         return Exposure.by_rows(motion.poses(T_cam_model, times_s), frame.camera.width)
 
-    def _beside(self, frame: Frame, T_cam_model: FloatArray) -> BoolArray:
-        """(height, width) returns that lie outside a ball about the target at a pose."""
+    def _beside(self, points: npt.NDArray[np.float32], T_cam_model: FloatArray) -> BoolArray:
+        """(n,) returns (n, 3) that lie outside a ball about the target at a pose."""
         middle = np.asarray(self._target.mesh.bounds).mean(axis=0)
-        off = rays_of(frame) * frame.depth_m[..., None].astype(np.float64)
-        off -= transform_points(T_cam_model, middle[None])[0]
+        off = points - transform_points(T_cam_model, middle[None])[0].astype(np.float32)
         reach_m = _REACH_FRACTION * self._target.diameter_m + EXPLAINED_SIGMA * self.sigma_m
-        return np.asarray((frame.depth_m > 0.0) & (np.einsum("ijk,ijk->ij", off, off) > reach_m**2))
+        return np.asarray(np.einsum("ij,ij->i", off, off) > reach_m**2)
 
     def _renderer(self, camera: PinholeCamera) -> DepthRenderer:
         if camera not in self._renderers:
@@ -266,11 +279,16 @@ class FrameStore:
         return self._renderers[camera]
 
 
-def rays_of(frame: Frame) -> FloatArray:
-    """(height, width, 3) that the pixels of a frame look along, z = 1."""
-    if frame.beams is None:
-        return pixel_rays(frame.camera)
-    return frame.beams.image_rays(frame.camera)
+def rays_at(frame: Frame, rows: IntArray, columns: IntArray) -> FloatArray:
+    """(n, 3) that some pixels of a frame look along, z = 1."""
+    camera = frame.camera
+    if frame.beams is not None:
+        return np.asarray(frame.beams.image_rays(camera)[rows, columns])
+    if camera.distortion is not None:
+        return np.asarray(pixel_rays(camera)[rows, columns])
+    rays = np.ones((len(rows), 3))
+    rays[:, 0], rays[:, 1] = (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
+    return rays
 
 
 _Key = tuple[int, float, tuple[float, ...] | None, int]

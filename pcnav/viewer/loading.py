@@ -92,7 +92,7 @@ def opened(run: Run) -> LoadedRun:
     takes = {RecordingKind.STEREO_TRACKS, RecordingKind.IMAGES} & set(entry.takes)
     if path is not None and takes:
         is_rig = RecordingKind.STEREO_TRACKS in takes
-        loaded = replace(loaded, tracked=tracked_images(path, is_rig=is_rig))
+        loaded = replace(loaded, tracked=tracked_images(path, run.folder, is_rig=is_rig))
     if path is None:
         gone = f"the recording is not at {pipeline.sequence}: no truth"
         loaded = replace(loaded, notes=(*loaded.notes, gone))

@@ -1,6 +1,6 @@
 """Colours of the view: one meaning each, all readable on its dark background.
 
-What means different things and is seen together differs by 20 in CIE L*a*b* at least, to eyes that
+What means different things and is seen together differs by 20 at least (CIEDE2000), to eyes that
 lack the receptors for green, too.
 """
 
@@ -12,15 +12,15 @@ from pcnav.runs.status import Status
 Rgb = tuple[int, int, int]
 
 PLAIN: Rgb = (120, 180, 255)
-UNEXPLAINED: Rgb = (255, 60, 200)
+UNEXPLAINED: Rgb = (253, 65, 165)
 """A return that the model does not explain."""
-BESIDE: Rgb = (95, 100, 112)
+BESIDE: Rgb = (94, 99, 111)
 """A return that is too far from the target to be its own."""
-ACCEPTED_COLOUR: Rgb = (64, 224, 170)
-REJECTED_COLOUR: Rgb = (235, 80, 50)
-AMBIGUOUS: Rgb = (255, 214, 70)
-COASTING: Rgb = (200, 160, 255)
-ACQUIRING: Rgb = (80, 130, 255)
+ACCEPTED_COLOUR: Rgb = (10, 218, 157)
+REJECTED_COLOUR: Rgb = (229, 71, 41)
+AMBIGUOUS: Rgb = (255, 212, 15)
+COASTING: Rgb = (203, 167, 255)
+ACQUIRING: Rgb = (47, 120, 255)
 STATUS: dict[str, Rgb] = {
     Status.LOCKED: ACCEPTED_COLOUR,
     Status.AMBIGUOUS: AMBIGUOUS,
@@ -28,22 +28,22 @@ STATUS: dict[str, Rgb] = {
     Status.ACQUIRING: ACQUIRING,
     Status.LOST: REJECTED_COLOUR,
 }
-TRUTH: Rgb = (235, 235, 245)
+TRUTH: Rgb = (242, 242, 254)
 SENSOR: Rgb = (150, 160, 180)
-RATE: Rgb = (240, 110, 20)
-MOMENTUM: Rgb = (150, 100, 255)
-MASS_CENTRE: Rgb = (255, 235, 80)
-POSITION: Rgb = (60, 200, 230)
-ATTITUDE: Rgb = (230, 120, 160)
-RUNS: tuple[Rgb, ...] = ((255, 196, 60), (80, 200, 255))
+RATE: Rgb = (233, 104, 7)
+MOMENTUM: Rgb = (145, 99, 255)
+MASS_CENTRE: Rgb = (255, 235, 68)
+POSITION: Rgb = (72, 208, 236)
+ATTITUDE: Rgb = (235, 119, 162)
+RUNS: tuple[Rgb, ...] = ((255, 198, 65), (72, 200, 255))
 """Of the first run and of the one it is compared with: mesh, trail and curves."""
-RESIDUAL_STOPS: tuple[Rgb, ...] = ((40, 110, 255), (235, 235, 235), (255, 80, 40))
+RESIDUAL_STOPS: tuple[Rgb, ...] = ((4, 111, 253), (235, 235, 235), (254, 77, 30))
 """Nearer than the model, as the model, behind it."""
 
 LABELS: npt.NDArray[np.uint8] = np.array(
     [
-        *((153, 153, 255), (255, 255, 0), (187, 51, 0), (51, 51, 255), (102, 238, 85)),
-        *((255, 51, 119), (187, 255, 255), (85, 68, 204), (255, 255, 204)),
+        *((155, 168, 254), (254, 254, 11), (97, 28, 4), (6, 30, 158), (121, 189, 85)),
+        *((186, 57, 80), (172, 252, 255), (148, 0, 255), (250, 247, 213)),
     ],
     dtype=np.uint8,
 )

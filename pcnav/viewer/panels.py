@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.camera import project_outline
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS
 from pcnav.runs.records import ACCEPTED, RectangleRecord
-from pcnav.viewer.colouring import depth_shades
+from pcnav.viewer.colouring import range_shades
 from pcnav.viewer.frames import ColourBy, Shot
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import (
@@ -188,14 +188,20 @@ def frame_picture(
     shot: Shot, records: tuple[RectangleRecord, ...], by: ColourBy, scale_m: float
 ) -> npt.NDArray[np.uint8]:
     """(height, width, 3) the depth image about the target, segments coloured, rectangles drawn."""
-    depth_m, camera = shot.frame.depth_m, shot.frame.camera
-    returned = depth_m > 0.0
-    colours = np.full((*depth_m.shape, 3), _EMPTY, dtype=np.float64)
-    shades = 1.0 if shot.shows_residuals(by) else depth_shades(depth_m, camera)[returned][:, None]
-    colours[returned] = shot.colours(by, scale_m, returned) * shades
-    own = returned if shot.beside is None else returned & ~shot.beside
-    top, left, height, width = _window(own if own.any() else returned)
-    part = _cropped(colours.astype(np.uint8), top, left, height, width)
+    camera = shot.frame.camera
+    rows, columns = (each.astype(np.intp) for each in shot.shown)
+    colours: npt.NDArray[np.floating] = np.broadcast_to(
+        shot.colours(by, scale_m), shot.points.shape
+    ).astype(np.float32)
+    if not shot.shows_residuals(by):
+        colours = colours * range_shades(shot.points)[:, None]
+    own = np.ones(len(rows), dtype=np.bool_) if shot.beside is None else ~shot.beside
+    own = own if own.any() else ~own
+    top, left, height, width = _window(rows[own], columns[own], shot.frame.depth_m.shape)
+    rows, columns = rows - top, columns - left
+    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    part = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
+    part[rows[inside], columns[inside]] = colours[inside]
     factor = max(1, round(_PICTURE_PX / width))
     image = Image.fromarray(part).resize(
         (width * factor, height * factor), Image.Resampling.NEAREST
@@ -211,24 +217,12 @@ def frame_picture(
     return np.asarray(image)
 
 
-def _window(returned: npt.NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """Top, left, height and width about the returns, of one shape, whatever lies outside."""
-    rows, columns = np.flatnonzero(returned.any(axis=1)), np.flatnonzero(returned.any(axis=0))
+def _window(rows: IntArray, columns: IntArray, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """Top, left, height and width about pixels, of one shape, whatever lies outside an image."""
     if not rows.size:
-        rows, columns = (np.array([0, size - 1]) for size in returned.shape)
-    border = max(1, (rows[-1] - rows[0]) // 8)
-    height = max(rows[-1] - rows[0] + 1 + 2 * border, (columns[-1] - columns[0] + 3) / _ASPECT)
-    height, width = int(np.ceil(height)), int(np.ceil(height * _ASPECT))
-    top, left = (rows[0] + rows[-1] - height) // 2, (columns[0] + columns[-1] - width) // 2
-    return int(top), int(left), height, width
-
-
-def _cropped(
-    image: npt.NDArray[np.uint8], top: int, left: int, height: int, width: int
-) -> npt.NDArray[np.uint8]:
-    """(height, width, 3) part of an image (h, w, 3); empty where it reaches beyond."""
-    part = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
-    rows, columns = np.arange(top, top + height), np.arange(left, left + width)
-    inside = (rows >= 0) & (rows < len(image)), (columns >= 0) & (columns < image.shape[1])
-    part[np.ix_(*inside)] = image[np.ix_(rows[inside[0]], columns[inside[1]])]
-    return part
+        rows, columns = (np.array([0, size - 1]) for size in shape)
+    (up, down), (left, right) = ((int(each.min()), int(each.max())) for each in (rows, columns))
+    border = max(1, (down - up) // 8)
+    tall = max(down - up + 1 + 2 * border, (right - left + 3) / _ASPECT)
+    height, width = int(np.ceil(tall)), int(np.ceil(np.ceil(tall) * _ASPECT))
+    return (up + down - height) // 2, (left + right - width) // 2, height, width

@@ -106,7 +106,7 @@ def gate_rows(record: RectangleRecord) -> Rows:
 
 
 def _pixels_of(loaded: LoadedRun, record: RectangleRecord, shot: Shot | None) -> BoolArray | None:
-    """(height, width) the returns that show a rectangle of the catalogue."""
+    """(n,) the returns that show a rectangle of the catalogue."""
     if shot is None or shot.rectangles is None or loaded.target is None:
         return None
     names = [rectangle.name for rectangle in loaded.target.rectangles]
@@ -141,14 +141,14 @@ def point_card(loaded: LoadedRun, shot: Shot, point: int) -> Card:
         ["place", ", ".join(f"{value:.4f}" for value in p_cam) + " m, camera axes"],
     ]
     if shot.residual_m is not None:
-        residual = float(shot.residual_m[row, column])
+        residual = float(shot.residual_m[point])
         told = "off the model"
         if np.isfinite(residual):
             told = f"{1e3 * residual:+.2f} mm = {residual / loaded.frames.sigma_m:+.1f} σ of range"
         rows.append(["residual", told])
     if shot.rectangles is not None and loaded.target is not None:
-        number = int(shot.rectangles[row, column])
+        number = int(shot.rectangles[point])
         rows.append(["face", loaded.target.rectangles[number].name if number >= 0 else "none"])
-    if shot.beside is not None and shot.beside[row, column]:
+    if shot.beside is not None and shot.beside[point]:
         rows.append(["belongs to", "another thing: farther from the target than it reaches"])
     return Card("return", rows)

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -11,13 +11,14 @@ import numpy as np
 import viser
 
 from pcnav.viewer.address import PageState, read_address
-from pcnav.viewer.assessment import worst_frame
+from pcnav.viewer.assessment import Opening, opening_frame, worst_frame
 from pcnav.viewer.browser import BACKGROUND
 from pcnav.viewer.camera import Viewfinder, Viewpoint
-from pcnav.viewer.clock import Playback
+from pcnav.viewer.clock import Playback, frame_to_show
 from pcnav.viewer.controls import Controls
 from pcnav.viewer.events import Kind, neighbour
 from pcnav.viewer.export import Share, exported, file_name
+from pcnav.viewer.flow import Flow
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.keys import Key, bind, listed
 from pcnav.viewer.layers import RunLayers, read_ahead, shot_of
@@ -60,7 +61,9 @@ class _Paced:
 class Session:
     """What one browser sees."""
 
-    def __init__(self, client: viser.ClientHandle, source: Source, first_frame: int | None) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, source: Source, first_frame: int | Opening
+    ) -> None:
         self._client, self._source = client, source
         self._snapshot = source()
         self._events = all_events(self._runs)
@@ -72,6 +75,8 @@ class Session:
         self._is_closed = False
         self._wake = threading.Condition()
         self._playback: Playback | None = None
+        self._prepared: int | None = None
+        """The frame that is read ahead."""
         self._redraw = self._redraw_plots = False
         self._picture, self._texts = _Paced(1.0 / _PICTURE_HZ), _Paced(1.0 / _TEXTS_HZ)
         self._plots_paced, self._addressed = _Paced(_PLOTS_LIVE_S), _Paced(1.0 / _ADDRESS_HZ)
@@ -93,9 +98,8 @@ class Session:
             if len(self._first):
                 frame = min(self._wanted, len(self._first) - 1)
                 self._draw(time.monotonic(), frame, self._shot_of(frame))
-        self._questions = ThreadPoolExecutor(1, "pcnav questions")
-        self._shown = self._asked_page()
-        """Whether the browser has worked off what was drawn for it."""
+        self._flow = Flow(partial(has_shown_all, client, _PATIENCE_S))
+        self._flow.sent()
         self._thread = threading.Thread(target=self._run, daemon=True, name="pcnav session")
         self._thread.start()
 
@@ -227,7 +231,9 @@ class Session:
             self._side.choose(state.plots)
         if state.camera is not None:
             self._viewfinder.set_state(state.camera)
-        if state.frame is not None:
+        if isinstance(state.frame, Opening):
+            self._rest_at(opening_frame(self._first, state.frame))
+        elif state.frame is not None:
             self._rest_at(state.frame)
         self.redraw()
         self.redraw(plots=True)
@@ -254,6 +260,7 @@ class Session:
             Key("N", "next event", lambda: self.jump(1, None)),
             Key("P", "previous event", lambda: self.jump(-1, None)),
             Key("X", "largest error over σ", self.go_to_worst),
+            Key("R", "residuals of the points, and back", controls.toggle_residuals),
             Key("C", "colour the points by the next quantity", controls.next_colours),
             Key("M", "measure a distance", controls.toggle_measure),
             Key("L", "dark or light", controls.toggle_dark),
@@ -289,7 +296,7 @@ class Session:
                 if not self._has_work():
                     self._wake.wait(_IDLE_S)
                 if self._is_closed:
-                    self._questions.shutdown(wait=False)
+                    self._flow.close()
                     return
             started = time.monotonic()
             self._turn(started)
@@ -313,10 +320,11 @@ class Session:
         with self._wake:
             playback = self._playback
             if playback is not None:
-                self._wanted = playback.frame_at(now_s, times)
+                due = playback.frame_at(now_s, times)
+                self._wanted = frame_to_show(due, self._drawn, self._prepared)
                 ended = playback.has_ended(now_s, times) and not self._snapshot.is_live
             if ended:
-                self._playback = None
+                self._playback, self._wanted = None, len(times) - 1
             redraw, self._redraw = self._redraw, False
             redraw_plots, self._redraw_plots = self._redraw_plots, False
         if ended:
@@ -330,7 +338,7 @@ class Session:
             return
         # Read and compared while the browser is busy with the frame before.
         shot = self._shot_of(frame) if moves or lacks_details else None
-        self._wait_for_page()
+        self._flow.wait(lambda: self._is_closed, plays=playback is not None)
         came_from = self._drawn
         with drawing(self._client):
             if news:
@@ -341,21 +349,19 @@ class Session:
                 self._draw(now_s, frame, shot)
             elif lacks_details:
                 self._draw_details(frame, shot)
-        self._shown = self._asked_page()
+        self._flow.sent()
         if moves and frame != came_from:
-            ahead = frame + (1 if frame > came_from else -1)
-            read_ahead(self._first, ahead, self._controls.options.max_points)
+            self._prepare(frame, came_from, plays=playback is not None)
 
-    def _asked_page(self) -> Future[bool]:
-        return self._questions.submit(has_shown_all, self._client, _PATIENCE_S)
-
-    def _wait_for_page(self) -> None:
-        """Until the browser has worked off what was drawn: the next frame is then the newest.
-
-        A slow browser holds up its own thread alone.
-        """
-        while not self._is_closed and not self._shown.result():
-            self._shown = self._asked_page()
+    def _prepare(self, frame: int, came_from: int, *, plays: bool) -> None:
+        """Have the frame read that will be shown next, if all goes on as it does."""
+        step = frame - came_from
+        if not plays or step < 0:
+            step = 1 if step > 0 else -1
+        self._prepared = frame + step
+        # When the program ends, its threads take no more work while this one still runs.
+        with suppress(RuntimeError):
+            read_ahead(self._first, self._prepared, self._controls.options.max_points)
 
     def _take_news(self) -> bool:
         """Look at the source's newest snapshot from now on; whether it is a new one."""
@@ -412,6 +418,7 @@ class Session:
             camera=self._viewfinder.state,
             layers=options.layers,
             colour_by=options.colour_by,
+            max_points=options.max_points,
             plots=self._side.chosen,
             dark=self._controls.is_dark,
         )
@@ -437,9 +444,9 @@ def number_of(message: dict[str, Any]) -> float | None:
     return float(at) if abs(at) < _MAX_NUMBER else None
 
 
-def _start_frame(snapshot: Snapshot, asked: int | None) -> int:
+def _start_frame(snapshot: Snapshot, asked: int | Opening) -> int:
     first = snapshot.runs[0]
     last = max(len(first) - 1, 0)
     if snapshot.is_live:
         return last
-    return first.opening_frame if asked is None else min(asked, last)
+    return opening_frame(first, asked) if isinstance(asked, Opening) else min(asked, last)

@@ -13,7 +13,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import transform_points
 from pcnav.recordings.images import ImageSequence, is_image_sequence, open_images
-from pcnav.recordings.monocular_tracks import read_monocular_tracks
+from pcnav.recordings.monocular_tracks import is_monocular_recording, read_monocular_tracks
 from pcnav.recordings.stereo_tracks import read_stereo_tracks
 from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.run import FeatureTable
@@ -23,6 +23,8 @@ _WIDTH_PX, _HEIGHT_PX = 800, 457
 _EMPTY: Rgb = (14, 16, 24)
 _TAIL_FRAMES = 12
 _DOT_PX, _CROSS_PX = 4, 6
+_BORDER, _MIN_WINDOW_PX = 1.6, 24.0
+"""What is enlarged is shown with as much again beside it, and never by less of its image."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,14 @@ class TrackedImages:
     ) -> npt.NDArray[np.uint8]:
         """(height, width, 3) the image at a time: tracks with where they came from, in the colour
         of what became of them, and crosses where the estimated points should be seen."""
-        scale = min(_WIDTH_PX / self.size_px[0], _HEIGHT_PX / self.size_px[1])
-        corner = 0.5 * (np.array([_WIDTH_PX, _HEIGHT_PX]) - scale * np.array(self.size_px))
+        at, colours = self._rows.get(time_s), outcomes(features)
+        expected = np.zeros((0, 2))
+        if features is not None and T_cam_body is not None:
+            expected = self._projected(features.p_body, T_cam_body)
+        seen = np.zeros((0, 2)) if at is None else self.frames[at].pixels[:, :2]
+        scale, corner = self._window(np.vstack([seen, expected]))
         picture = self._background(time_s, scale, corner)
         pen = ImageDraw.Draw(picture)
-        at, colours = self._rows.get(time_s), outcomes(features)
         if at is not None:
             for number, trail in _trails(self.frames[max(0, at - _TAIL_FRAMES) : at + 1]).items():
                 colour = colours.get(number, SENSOR)
@@ -58,11 +63,28 @@ class TrackedImages:
                 pen.line(path, fill=colour, width=1)
                 x, y = path[-1]
                 pen.ellipse((x - _DOT_PX, y - _DOT_PX, x + _DOT_PX, y + _DOT_PX), fill=colour)
-        if features is not None and T_cam_body is not None:
-            for x, y in corner + scale * self._projected(features.p_body, T_cam_body):
-                pen.line((x - _CROSS_PX, y, x + _CROSS_PX, y), fill=MASS_CENTRE)
-                pen.line((x, y - _CROSS_PX, x, y + _CROSS_PX), fill=MASS_CENTRE)
+        for x, y in corner + scale * expected:
+            pen.line((x - _CROSS_PX, y, x + _CROSS_PX, y), fill=MASS_CENTRE)
+            pen.line((x, y - _CROSS_PX, x, y + _CROSS_PX), fill=MASS_CENTRE)
+        width, height = round(_WIDTH_PX / scale), round(_HEIGHT_PX / scale)
+        if width < self.size_px[0] and height < self.size_px[1]:
+            told = f"{width} x {height} px of {self.size_px[0]} x {self.size_px[1]}"
+            pen.text((10, 8), told, fill=SENSOR, font_size=20)
         return np.asarray(picture)
+
+    def _window(self, pixels: FloatArray) -> tuple[float, FloatArray]:
+        """Scale and corner (2,) of the image in the picture: all of it, or what holds some pixels
+        (n, 2) where they take but little of it. Scales are powers of two, for a picture at rest."""
+        size, picture = np.array(self.size_px, dtype=float), np.array([_WIDTH_PX, _HEIGHT_PX])
+        whole = float(np.min(picture / size))
+        scale, middle = whole, 0.5 * size
+        if len(pixels):
+            low, high = pixels.min(axis=0), pixels.max(axis=0)
+            fitting = float(np.min(picture / np.maximum(_BORDER * (high - low), _MIN_WINDOW_PX)))
+            powers = np.floor(np.log2(fitting / whole))
+            if powers >= 1.0:
+                scale, middle = whole * 2.0**powers, 0.5 * (low + high)
+        return scale, 0.5 * picture - scale * middle
 
     def _projected(self, p_body: FloatArray, T_cam_body: FloatArray) -> FloatArray:
         """(m, 2) pixels of the points (n, 3) that are known and before the camera."""
@@ -74,10 +96,14 @@ class TrackedImages:
         picture = Image.new("RGB", (_WIDTH_PX, _HEIGHT_PX), _EMPTY)
         seen = self._image(time_s)
         if seen is not None:
-            height, width = seen.shape[:2]
-            size = (max(1, round(scale * width)), max(1, round(scale * height)))
-            grey = Image.fromarray(seen).convert("RGB").resize(size)
-            picture.paste(grey, (int(corner[0]), int(corner[1])))
+            # No more of it than is seen: enlarged it may be as large as a wall.
+            low = np.clip(-corner / scale, 0.0, self.size_px)
+            high = np.clip((np.array(picture.size) - corner) / scale, 0.0, self.size_px)
+            size = np.maximum(np.round(scale * (high - low)), 1.0).astype(int)
+            grey = Image.fromarray(seen).convert("RGB")
+            part = grey.resize((int(size[0]), int(size[1])), box=(*low.tolist(), *high.tolist()))
+            at = np.round(corner + scale * low).astype(int)
+            picture.paste(part, (int(at[0]), int(at[1])))
         return picture
 
     def _image(self, time_s: float) -> npt.NDArray[np.uint8] | None:
@@ -124,8 +150,11 @@ def _trails(frames: tuple[TrackFrame, ...]) -> dict[int, list[FloatArray]]:
     return trails
 
 
-def tracked_images(path: Path, *, is_rig: bool) -> TrackedImages | None:
-    """Of a recording of a rig or of one camera; None where it cannot be read."""
+def tracked_images(path: Path, result: Path | None, *, is_rig: bool) -> TrackedImages | None:
+    """Of a recording of a rig or of one camera; None where it cannot be read.
+
+    Of images the ``result`` folder holds the tracks that were found in them.
+    """
     try:
         if is_rig:
             tracks = read_stereo_tracks(path)
@@ -133,7 +162,11 @@ def tracked_images(path: Path, *, is_rig: bool) -> TrackedImages | None:
             focal = (rig.focal_px, rig.focal_px)
             return TrackedImages(rig.size_px, focal, rig.centre_px, tracks.frames)
         images = open_images(path) if is_image_sequence(path) else None
-        own = None if images is not None else read_monocular_tracks(path)
+        folder = path if images is None else result
+        own = None
+        if images is None or (folder is not None and is_monocular_recording(folder)):
+            assert folder is not None
+            own = read_monocular_tracks(folder)
     except InputError:
         return None
     camera = own.camera if own is not None else images.camera if images is not None else None

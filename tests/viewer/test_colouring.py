@@ -17,7 +17,7 @@ from pcnav.viewer.colouring import (
     range_residual,
     residual_colours,
 )
-from pcnav.viewer.frames import ColourBy, FrameStore
+from pcnav.viewer.frames import ColourBy, FrameStore, Shot
 from pcnav.viewer.layers import read_ahead, shot_of
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import BESIDE, LABELS, RESIDUAL_STOPS, UNEXPLAINED
@@ -31,7 +31,8 @@ def test_returns_of_a_rectangle_lie_in_it(loaded: LoadedRun) -> None:
     shot = shot_of(loaded, LAST)
     assert shot is not None and shot.rectangles is not None
     assert loaded.target is not None and loaded.frames is not None
-    p_cam = pixel_rays(shot.frame.camera) * shot.frame.depth_m[..., None]
+    p_cam = pixel_rays(shot.frame.camera)[shot.shown] * shot.frame.depth_m[shot.shown][:, None]
+    np.testing.assert_allclose(p_cam, shot.points, atol=1e-5)
     T_model_cam = invert_transform(loaded.T_cam_model[LAST])
     shown = np.unique(shot.rectangles[shot.rectangles >= 0])
     assert len(shown) >= 3
@@ -60,10 +61,11 @@ def test_a_target_moved_back_is_behind_the_model(loaded: LoadedRun) -> None:
     from pcnav.target.rendering import DepthRenderer
 
     rendered = DepthRenderer(loaded.target.mesh, shot.frame.camera).render(loaded.T_cam_model[LAST])
-    moved = np.where(rendered.depth_m > 0.0, rendered.depth_m + np.float32(0.1), np.float32(0.0))
-    residual = range_residual(moved.astype(np.float32), rendered)
-    seen = residual[np.isfinite(residual)]
-    assert len(seen) == (rendered.depth_m > 0.0).sum()
+    at = np.nonzero(rendered.depth_m > 0.0)
+    model_m, faces = rendered.depth_m[at].astype(float), rendered.triangle[at]
+    rays = pixel_rays(shot.frame.camera)[at]
+    seen = range_residual(model_m + 0.1, rays, model_m, faces)
+    assert np.isnan(range_residual(model_m, rays, model_m, np.full_like(faces, -1))).all()
     # Along the ray it is a little more than along the axis.
     assert seen.min() > 0.0999 and seen.max() < 0.105
 
@@ -142,9 +144,29 @@ def test_fewer_points_keep_points_and_pixels_together_and_say_how_many(loaded: L
     # Where both show a pixel they say the same of it.
     assert whole.residual_m is not None and thin.residual_m is not None
     np.testing.assert_allclose(
-        thin.residual_m[thin.shown], whole.residual_m[rows, columns], atol=1e-4
+        thin.residual_m, _image(whole, whole.residual_m)[rows, columns], atol=1e-4
     )
-    assert np.mean(thin.planes[thin.shown] == whole.planes[rows, columns]) > 0.98
+    assert np.mean(thin.planes == _image(whole, whole.planes)[rows, columns]) > 0.98
+
+
+def _image(shot: Shot, values: np.ndarray) -> np.ndarray:
+    """(height, width) values of the returns, where they are in the image."""
+    image = np.full(shot.frame.depth_m.shape, np.nan)
+    image[shot.shown] = values
+    return image
+
+
+def test_only_the_returns_are_compared_and_as_the_whole_image_would_be(loaded: LoadedRun) -> None:
+    shot = shot_of(loaded, LAST)
+    assert shot is not None and shot.residual_m is not None and loaded.target is not None
+    from pcnav.target.rendering import DepthRenderer
+
+    rendered = DepthRenderer(loaded.target.mesh, shot.frame.camera).render(loaded.T_cam_model[LAST])
+    hit = rendered.triangle[shot.shown] >= 0
+    assert (np.isfinite(shot.residual_m) == hit).all() and hit.sum() > 500
+    apart = shot.frame.depth_m[shot.shown] - rendered.depth_m[shot.shown].astype(float)
+    expected = apart * np.linalg.norm(pixel_rays(shot.frame.camera)[shot.shown], axis=1)
+    np.testing.assert_allclose(shot.residual_m[hit], expected[hit], atol=1e-5)
 
 
 def test_small_faces_share_a_colour_and_none_comes_twice() -> None:
@@ -165,9 +187,10 @@ def test_frames_are_kept_within_a_budget_of_bytes(
     store = FrameStore(loaded.frames.recording, loaded.target, table, 0)
     one = store.get(LAST, float(loaded.run.time_s[LAST]), loaded.pose(LAST))
     assert one is not None
-    # 16 bits of a label, twice; a residual and a depth of 32; points of 12 bytes and their place.
+    # A depth of 32 bits a pixel; a return is a point of 12 bytes and its place, 16 bits of a label
+    # twice, a residual of 32.
     pixels, points = one.frame.depth_m.size, len(one.points)
-    assert one.n_bytes == pixels * (2 * 2 + 4 + 4 + 1) + points * (12 + 2 * 2)
+    assert one.n_bytes == pixels * 4 + points * (12 + 2 * 2 + 2 * 2 + 4 + 1)
     monkeypatch.setattr(frames, "_MAX_KEPT_BYTES", 3 * one.n_bytes + 10)
     for frame in range(LAST, 3, -1):
         store.get(frame, float(loaded.run.time_s[frame]), loaded.pose(frame))

@@ -9,6 +9,7 @@ import pytest
 from pcnav.core.errors import InputError
 from pcnav.files.new_file import refuse_existing, write_whole
 from pcnav.viewer.annotate import annotated, legend_words
+from pcnav.viewer.assessment import Opening
 from pcnav.viewer.browser import on_background
 from pcnav.viewer.export import (
     recorded_frames,
@@ -70,7 +71,7 @@ def test_long_runs_are_thinned_out(loaded: LoadedRun) -> None:
 
 def test_a_frame_beyond_the_run_is_refused(loaded: LoadedRun) -> None:
     assert shown_frame(loaded, 3) == 3
-    assert loaded.run.has_estimate[shown_frame(loaded, None)]
+    assert loaded.run.has_estimate[shown_frame(loaded, Opening.LAST)]
     with pytest.raises(InputError, match=rf"below {FRAMES}"):
         shown_frame(loaded, FRAMES)
 

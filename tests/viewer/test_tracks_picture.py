@@ -1,6 +1,7 @@
 """Tracks are drawn where they were seen, in the colour of what became of them."""
 
 import numpy as np
+import pytest
 
 from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.run import FeatureTable
@@ -18,6 +19,7 @@ def test_tracks_stand_where_they_were_seen_and_say_what_became_of_them() -> None
     # Half the size of the picture, and as wide for its height.
     pixels = {1: (100.0, 50.0), 2: (300.0, 50.0), 3: (100.0, 180.0)}
     frame = TrackFrame(2.0, np.eye(3), np.array(list(pixels)), np.array(list(pixels.values())))
+    # Not so few of the pixels that they are enlarged.
     seen = TrackedImages((400, 228), (400.0, 400.0), (200.0, 114.0), (frame,))
     p_body = np.array([[np.nan] * 3, [0.5, 0.25, 0.0], [0.0, 0.0, -40.0]])
     features = FeatureTable(
@@ -33,3 +35,45 @@ def test_tracks_stand_where_they_were_seen_and_say_what_became_of_them() -> None
     # The second point is 100 pixels right of and 50 below the optical axis; the last lies behind.
     np.testing.assert_allclose(centre_of(picture, MASS_CENTRE), (600.0, 328.0), atol=1)
     assert (seen.picture(3.0, None, None) == seen.picture(4.0, None, None)).all()
+
+
+def test_tracks_of_a_far_target_are_enlarged_and_stay_where_they_are() -> None:
+    """Six pixels of a thousand: by a power of two, about their middle, and that is said."""
+    pixels = np.array([[500.0, 700.0], [506.0, 703.0]])
+    frame = TrackFrame(0.0, np.eye(3), np.array([4, 7]), pixels)
+    features = FeatureTable(
+        np.array([4, 7]), np.full((2, 3), np.nan), np.ones((2, 3)), np.array([9, 9]), np.zeros(2)
+    )
+    seen = TrackedImages((1024, 1024), (1000.0, 1000.0), (512.0, 512.0), (frame,))
+    picture = seen.picture(0.0, features, None)
+    height, width = picture.shape[:2]
+    rows, columns = np.nonzero((picture == ACCEPTED_COLOUR).all(axis=-1))
+    left = np.array([columns[columns < width / 2].mean(), rows[columns < width / 2].mean()])
+    right = np.array([columns[columns > width / 2].mean(), rows[columns > width / 2].mean()])
+    scale = (right - left) / (pixels[1] - pixels[0])
+    np.testing.assert_allclose(scale[0], scale[1], rtol=0.05)
+    assert np.log2(scale[0] * 1024 / height) == pytest.approx(
+        round(np.log2(scale[0] * 1024 / height)), abs=0.1
+    )
+    np.testing.assert_allclose(0.5 * (left + right), [width / 2, height / 2], atol=2.0)
+    # The size of the part, as text in the corner.
+    assert (picture[:40, :300] == SENSOR).all(axis=-1).any()
+    # Without tracks all of the image is shown, and nothing is said of it.
+    assert not (seen.picture(1.0, None, None)[:40, :300] == SENSOR).all(axis=-1).any()
+
+
+def test_an_enlarged_image_lies_below_its_tracks() -> None:
+    """A bright pixel in a dark image, and a track on it."""
+    grey = np.zeros((240, 320), dtype=np.uint8)
+    grey[100:104, 200:204] = 255
+    seen = TrackedImages((320, 240), (300.0, 300.0), (160.0, 120.0))
+    scale, corner = seen._window(np.array([[198.0, 98.0], [206.0, 106.0]]))
+    assert scale > 4.0 * 457 / 240
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TrackedImages, "_image", lambda self, time_s: grey)
+        picture = np.asarray(seen._background(0.0, scale, corner))
+    rows, columns = np.nonzero(picture[..., 0] > 128)
+    # Pixel centres are whole numbers: pixels 200 to 203 reach from 199.5 to 203.5.
+    np.testing.assert_allclose(columns.mean(), corner[0] + scale * 202.0, atol=1.0 * scale)
+    np.testing.assert_allclose(rows.mean(), corner[1] + scale * 102.0, atol=1.0 * scale)
+    np.testing.assert_allclose(len(rows), 16 * scale**2, rtol=0.3)

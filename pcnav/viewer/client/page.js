@@ -4,7 +4,7 @@
   if (window.pcnav) window.pcnav.close();
 
   const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
-  const data = {};
+  const data = {}, versions = {};
   const ends = [];
   let pointer = [200, 200];
 
@@ -75,7 +75,7 @@
       #pcnav-status b { font-weight: 600; }
       #pcnav-status i { font-style: normal; opacity: .7; margin-right: 5px; }
       #pcnav-status .chip { padding: 1px 9px; border-radius: 9px; color: #14151a; }
-      #pcnav-status .bad { outline: 2px solid #eb5032; outline-offset: 2px; border-radius: 3px; }
+      #pcnav-status .bad { outline: 2px solid #e54729; outline-offset: 2px; border-radius: 3px; }
       #pcnav-status input { width: 52px; background: transparent; color: inherit; font: inherit;
         border: 1px solid ${ink(0.35)}; border-radius: 3px; padding: 0 4px; text-align: right; }
       #pcnav-time { position: fixed; left: 0; right: 0; bottom: 0; height: ${footHeight()}px;
@@ -88,6 +88,8 @@
       #pcnav-help { left: 50%; top: 50%; transform: translate(-50%, -50%); max-width: none; }
       #pcnav-card td, #pcnav-help td { padding-right: 12px; vertical-align: top; }
       #pcnav-card td:first-child, #pcnav-help td:first-child { opacity: .7; white-space: nowrap; }
+      /* Image and plots at once on a low screen, too. */
+      [role="tabpanel"]:has(.pcnav-plots) img:not([src="data:,"]) { max-height: 27vh; object-fit: contain; }
       .pcnav-plots canvas { display: block; width: 100%; cursor: crosshair; }`;
   };
 
@@ -140,6 +142,12 @@
       value.textContent = item.value;
     }
     const box = make("span", null, bar);
+    if (noticed) {
+      const told = make("i", null, box);
+      told.textContent = "no graphics card";
+      told.title = "The browser draws by the processor: slower. Its settings say why.";
+      told.style.marginRight = "18px";
+    }
     box.style.marginLeft = "auto";
     make("i", null, box).textContent = "frame";
     const input = make("input", "pcnav-frame", box);
@@ -194,6 +202,24 @@
     pen.textBaseline = "middle";
     return pen;
   };
+  // What stays while time goes by is painted once, and laid below what moves.
+  const still = (what, key, paint) => {
+    const { width, height } = what, ratio = devicePixelRatio || 1;
+    const told = `${width} ${height} ${ratio} ${isDark()} ${key}`;
+    if (what.still === undefined) what.still = document.createElement("canvas");
+    if (what.stillKey !== told) {
+      what.stillKey = told;
+      what.still.width = width;
+      what.still.height = height;
+      const pen = what.still.getContext("2d");
+      pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+      pen.font = "11px system-ui, sans-serif";
+      pen.textBaseline = "middle";
+      paint(pen);
+    }
+    const pen = what.getContext("2d");
+    if (width && height) pen.drawImage(what.still, 0, 0, width / ratio, height / ratio);
+  };
   const ticks = (from, to, about) => {
     const raw = (to - from) / Math.max(about, 1) || 1, power = 10 ** Math.floor(Math.log10(raw));
     const step = power * [1, 2, 5, 10].find((s) => s * power >= raw * 0.999);
@@ -204,7 +230,19 @@
   };
   const drawTime = () => {
     if (!data.timeline || !canvas.clientWidth) return;
-    const pen = fitted(canvas), { x } = scale(), [from, to] = data.timeline.span;
+    const pen = fitted(canvas), { x } = scale(), bottom = canvas.clientHeight - 24;
+    still(canvas, `timeline ${versions.timeline}`, paintTime);
+    if (data.now) {
+      const at = x(data.now.time);
+      pen.fillStyle = isDark() ? "#fff" : "#000";
+      pen.fillRect(at - 0.5, 0, 1.2, bottom);
+      pen.beginPath();
+      pen.arc(at, bottom, 6, 0, 7);
+      pen.fill();
+    }
+  };
+  const paintTime = (pen) => {
+    const { x } = scale(), [from, to] = data.timeline.span;
     const right = canvas.clientWidth - RIGHT, bottom = canvas.clientHeight - 24;
     for (const row of rows()) {
       pen.textAlign = "right";
@@ -224,7 +262,7 @@
         if (value === null) return;
         const a = x(row.bars.edges[k]), b = x(row.bars.edges[k + 1]);
         const height = Math.min(value / row.bars.top, 1) * row.height;
-        pen.fillStyle = row.bars.bound !== null && value > row.bars.bound ? "#eb5032" : row.run.colour;
+        pen.fillStyle = row.bars.bound !== null && value > row.bars.bound ? "#e54729" : row.run.colour;
         pen.fillRect(a, row.top + row.height - height, Math.max(b - a - (b - a > 8 ? 0.5 : 0), 1), Math.max(height, 1));
       });
       pen.textAlign = "left";
@@ -255,35 +293,30 @@
     }
     pen.textAlign = "right";
     pen.fillText("time, s", GUTTER - 8, bottom + 2);
-    if (data.now) {
-      const at = x(data.now.time);
-      pen.fillStyle = isDark() ? "#fff" : "#000";
-      pen.fillRect(at - 0.5, 0, 1.2, bottom);
-      pen.beginPath();
-      pen.arc(at, bottom, 6, 0, 7);
-      pen.fill();
-    }
   };
-  const eventAt = (px, py) => {
-    if (py > 19) return -1;
-    const { x } = scale();
-    let best = -1, near = 7;
-    data.timeline.events.forEach((event, k) => {
-      const away = Math.abs(x(event.time) - px);
-      if (away < near) { near = away; best = k; }
-    });
-    return best;
+  // Events under the pointer, the nearest first: marks of one frame lie on each other.
+  const eventsAt = (px, py) => {
+    if (py > 19) return [];
+    const { x } = scale(), away = (k) => Math.abs(x(data.timeline.events[k].time) - px);
+    return data.timeline.events.map((_, k) => k).filter((k) => away(k) < 7)
+      .sort((a, b) => away(a) - away(b) || a - b);
   };
+  const MAX_TOLD = 8;
   const within = (event) => {
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
   const seek = (event) => say({ do: "seek", time: scale().t(within(event)[0]) });
-  let dragging = false;
+  let dragging = false, visited = -1;
   on(canvas, "pointerdown", (event) => {
     if (!data.timeline) return;
-    const at = eventAt(...within(event));
-    if (at >= 0) { say({ do: "event", index: at }); return; }
+    const at = eventsAt(...within(event));
+    if (at.length) {
+      // Each click at the same marks goes on to the next of them.
+      visited = at[(at.indexOf(visited) + 1) % at.length];
+      say({ do: "event", index: visited });
+      return;
+    }
     dragging = true;
     canvas.setPointerCapture(event.pointerId);
     seek(event);
@@ -291,8 +324,13 @@
   on(canvas, "pointermove", (event) => {
     if (!data.timeline) return;
     if (dragging) seek(event);
-    const [px, py] = within(event), at = eventAt(px, py), t = scale().t(px);
-    if (at >= 0) { showTip(event.clientX, event.clientY, data.timeline.events[at].text); return; }
+    const [px, py] = within(event), at = eventsAt(px, py), t = scale().t(px);
+    if (at.length) {
+      const told = at.slice(0, MAX_TOLD).map((k) => data.timeline.events[k].text);
+      if (at.length > MAX_TOLD) told.push(`and ${at.length - MAX_TOLD} more`);
+      showTip(event.clientX, event.clientY, told.join("\n"));
+      return;
+    }
     const lines = [`${t.toFixed(2)} s`];
     for (const row of rows()) {
       if (row.kind === "strip") {
@@ -332,8 +370,24 @@
   };
   const take = (channel, text) => {
     data[channel] = JSON.parse(text);
+    versions[channel] = (versions[channel] || 0) + 1;
     shows[channel]();
   };
+
+  // viser's notice that there is no graphics card lies over the scene until it is closed: the bar
+  // says it instead.
+  let noticed = false;
+  const notice = setInterval(() => {
+    for (const each of document.querySelectorAll(".mantine-Notification-root")) {
+      if (!/Software WebGL/.test(each.textContent)) continue;
+      const close = each.querySelector("button");
+      if (close) close.click();
+      noticed = true;
+      clearInterval(notice);
+      drawStatus();
+    }
+  }, 200);
+  setTimeout(() => clearInterval(notice), 20000);
 
   on(window, "resize", () => drawAll());
   on(document, "pointerup", (event) => {
@@ -359,11 +413,12 @@
     ends.forEach((end) => end());
     watch.disconnect();
     clearTimeout(timer);
+    clearInterval(notice);
     [style, bar, foot, tip, card, help].forEach((each) => each.remove());
     if (window.pcnav.plots) window.pcnav.plots.close();
     window.dispatchEvent(new Event("resize"));
   };
-  const pcnav = { data, say, take, close, fitted, ticks, ink, isDark, readable, showTip, footHeight };
+  const pcnav = { data, versions, say, take, close, fitted, still, ticks, ink, isDark, readable, showTip, footHeight };
   window.pcnav = pcnav;
   layOut();
   window.dispatchEvent(new Event("resize"));

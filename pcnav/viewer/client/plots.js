@@ -1,6 +1,6 @@
 // Plots over time with gaps, bands and a logarithmic axis on demand; all share their window of time.
 (() => {
-  const pcnav = window.pcnav, LEFT = 62, PAD = 10, FOOT = 34;
+  const pcnav = window.pcnav, LEFT = 62, PAD = 10, FOOT = 34, TOP = 20, KEY = 62;
   let window_s = null, hover_s = null, drag = null, boxes = [];
 
   const spec = () => pcnav.data.plots || { charts: [], span: [0, 1] };
@@ -23,7 +23,13 @@
     return [f(low) - pad, f(high) + pad];
   };
   const values = (chart, low, high, about) => {
-    if (!chart.linear) return pcnav.ticks(low, high, about).map((v) => [v, v]);
+    if (!chart.linear) {
+      // One number alone is no scale.
+      let found = [];
+      for (let wanted = about; found.length < 2 && wanted < 8 * about; wanted *= 1.5)
+        found = pcnav.ticks(low, high, wanted);
+      return found.map((v) => [v, v]);
+    }
     let found = [[0, 0]];
     const least = Math.round(Math.log10(chart.linear));
     const most = Math.floor(Math.log10(Math.max(chart.linear * Math.sinh(Math.max(high, -low)), chart.linear)));
@@ -40,38 +46,56 @@
   };
 
   const drawOne = (box, chart, last) => {
-    const pen = pcnav.fitted(box), width = box.clientWidth, foot = last ? FOOT : 8;
-    const height = box.clientHeight - foot - 16, [from, to] = shown(), [low, high] = range(chart);
+    const pen = pcnav.fitted(box), [from, to] = shown(), right = box.clientWidth - PAD;
+    const height = box.clientHeight - (last ? FOOT : 8) - TOP;
+    pcnav.still(box, `${pcnav.versions.plots} ${from} ${to} ${last}`, (still) => paint(still, box, chart, last));
+    const x = (t) => LEFT + ((t - from) / (to - from || 1)) * (right - LEFT);
+    const mark = (t, share) => {
+      if (t === null || t < from || t > to) return;
+      pen.fillStyle = pcnav.isDark() ? `rgba(255,255,255,${share})` : `rgba(0,0,0,${share})`;
+      pen.fillRect(x(t) - 0.5, TOP, 1.2, height);
+    };
+    mark(pcnav.data.now ? pcnav.data.now.time : null, 0.9);
+    mark(hover_s, 0.35);
+    if (drag) {
+      pen.fillStyle = pcnav.ink(0.15);
+      pen.fillRect(x(Math.min(...drag)), TOP, Math.abs(x(drag[1]) - x(drag[0])), height);
+    }
+  };
+  const paint = (pen, box, chart, last) => {
+    const width = box.clientWidth, foot = last ? FOOT : 8;
+    const height = box.clientHeight - foot - TOP, [from, to] = shown(), [low, high] = range(chart);
     const f = warp(chart), right = width - PAD;
     const x = (t) => LEFT + ((t - from) / (to - from || 1)) * (right - LEFT);
-    const y = (v) => 16 + (1 - (f(v) - low) / (high - low)) * height;
-    const dark = pcnav.isDark(), name = pcnav.readable;
+    const y = (v) => TOP + (1 - (f(v) - low) / (high - low)) * height;
+    const name = pcnav.readable;
     pen.fillStyle = pcnav.ink();
     pen.textAlign = "left";
     pen.fillText(chart.label, 8, 8, right);
     pen.textAlign = "right";
     for (const [at, value] of values(chart, low, high, Math.max(height / 26, 3))) {
-      const py = 16 + (1 - (at - low) / (high - low)) * height;
+      const py = TOP + (1 - (at - low) / (high - low)) * height;
       pen.fillStyle = pcnav.ink(0.1);
       pen.fillRect(LEFT, py, right - LEFT, 1);
       pen.fillStyle = pcnav.ink(0.8);
-      pen.fillText(String(+value.toPrecision(4)), LEFT - 6, py);
+      // Not into the name above, nor into the times below.
+      pen.fillText(String(+value.toPrecision(4)), LEFT - 6, Math.min(Math.max(py, TOP + 5), TOP + height - 5));
     }
     pen.textAlign = "center";
     for (const t of pcnav.ticks(from, to, (right - LEFT) / 80)) {
       pen.fillStyle = pcnav.ink(0.1);
-      pen.fillRect(x(t), 16, 1, height);
+      pen.fillRect(x(t), TOP, 1, height);
       pen.fillStyle = pcnav.ink(0.8);
-      if (last) pen.fillText(String(+t.toPrecision(6)), x(t), 16 + height + 10);
+      if (last) pen.fillText(String(+t.toPrecision(6)), x(t), TOP + height + 10);
     }
-    if (last) pen.fillText("time, s", (LEFT + right) / 2, 16 + height + 24);
+    if (last) pen.fillText("time, s", (LEFT + right) / 2, TOP + height + 24);
     pen.save();
     pen.beginPath();
-    pen.rect(LEFT, 16, right - LEFT, height);
+    pen.rect(LEFT, TOP, right - LEFT, height);
     pen.clip();
     for (const shade of chart.shades) {
       pen.fillStyle = shade.fill;
-      for (const [a, b] of shade.spans) pen.fillRect(x(a), 16, Math.max(x(b) - x(a), 1), height);
+      for (const [a, b] of shade.spans) pen.fillRect(x(a), TOP, Math.max(x(b) - x(a), 1), height);
     }
     for (const band of chart.bands) {
       pen.fillStyle = band.fill;
@@ -89,7 +113,7 @@
         if (k === band.t.length || band.high[k] === null || band.low[k] === null) close(k);
     }
     if (chart.bound !== null) {
-      pen.strokeStyle = name("#eb5032");
+      pen.strokeStyle = name("#e54729");
       pen.setLineDash([6, 4]);
       pen.beginPath();
       pen.moveTo(LEFT, y(chart.bound));
@@ -111,17 +135,6 @@
         down = true;
       });
       pen.stroke();
-    }
-    const mark = (t, share) => {
-      if (t === null || t < from || t > to) return;
-      pen.fillStyle = dark ? `rgba(255,255,255,${share})` : `rgba(0,0,0,${share})`;
-      pen.fillRect(x(t) - 0.5, 16, 1.2, height);
-    };
-    mark(pcnav.data.now ? pcnav.data.now.time : null, 0.9);
-    mark(hover_s, 0.35);
-    if (drag) {
-      pen.fillStyle = pcnav.ink(0.15);
-      pen.fillRect(x(Math.min(...drag)), 16, Math.abs(x(drag[1]) - x(drag[0])), height);
     }
     pen.restore();
   };
@@ -148,8 +161,8 @@
     boxes = [];
     if (!place) return;
     place.replaceChildren();
-    // All of them down to the time line, unless they became too low to be read.
-    const room = innerHeight - pcnav.footHeight() - place.getBoundingClientRect().top - FOOT - 8;
+    // All of them and what their lines mean, down to the time line, unless they became too low.
+    const room = innerHeight - pcnav.footHeight() - place.getBoundingClientRect().top - FOOT - KEY;
     const each = Math.min(190, Math.max(72, room / Math.max(charts.length, 1)));
     charts.forEach((chart, k) => {
       const box = document.createElement("canvas");

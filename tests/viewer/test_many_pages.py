@@ -1,0 +1,159 @@
+"""Pages that come and go, and several at once: nothing grows, nothing is raised."""
+
+import gc
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import viser
+import zstandard
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+from pcnav.viewer.app import serve
+from pcnav.viewer.loaded_run import LoadedRun, finished
+from pcnav.viewer.server import LocalServer
+from tests.commands import PATIENCE_S
+from tests.viewer.conftest import CAMERA
+
+_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
+_PAGES = 6
+_MAX_GROWTH_MB = 25.0
+"""Of 800 pages, each of which is sent a megabyte."""
+
+
+@pytest.fixture
+def raised(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """What threads raise, and what is logged as an error."""
+    found: list[str] = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: found.append(repr(args.exc_value)))
+
+    class Keep(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            found.append(record.getMessage())
+
+    handler = Keep(logging.ERROR)
+    logging.getLogger().addHandler(handler)
+    logging.getLogger("asyncio").addHandler(handler)
+    yield found
+    logging.getLogger().removeHandler(handler)
+    logging.getLogger("asyncio").removeHandler(handler)
+
+
+@pytest.fixture
+def server(loaded: LoadedRun) -> Iterator[LocalServer]:
+    served = serve(finished(loaded), "127.0.0.1", 0)
+    yield served
+    served.stop()
+
+
+def joined(server: LocalServer) -> Connection:
+    page = connect(f"ws://127.0.0.1:{server.get_port()}", subprotocols=[_PROTOCOL], max_size=None)
+    page.send(msgspec.msgpack.encode(CAMERA))
+    return page
+
+
+def until(holds: Any, patience_s: float = PATIENCE_S) -> None:
+    deadline = time.monotonic() + patience_s
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def resident_mb() -> float:
+    status = Path("/proc/self/status")
+    if not status.is_file():
+        pytest.skip("the system does not tell how much memory is taken")
+    told = dict(line.split(":", 1) for line in status.read_text().splitlines())
+    return float(told["VmRSS"].split()[0]) * 1024e-6
+
+
+def sessions() -> int:
+    return sum(thread.name == "pcnav session" for thread in threading.enumerate())
+
+
+@pytest.mark.study
+def test_a_thousand_pages_that_come_and_go_leave_nothing(
+    server: LocalServer, raised: list[str]
+) -> None:
+    threads, memory = threading.active_count(), 0.0
+    for k in range(1000):
+        page = joined(server)
+        if k % 4:
+            # Its session is built, and it is sent what it shows.
+            until(lambda: sessions() > 0)
+        # Every fourth leaves while that is being built.
+        page.close()
+        if k % 100 == 99:
+            until(lambda: sessions() == 0 and not server.get_clients())
+        if k == 199:
+            gc.collect()
+            memory = resident_mb()
+    until(lambda: sessions() == 0 and not server.get_clients())
+    until(lambda: threading.active_count() <= threads + 2 * _PAGES)
+    gc.collect()
+    assert resident_mb() - memory < _MAX_GROWTH_MB
+    assert raised == []
+
+
+@pytest.mark.study
+def test_six_pages_play_at_once(server: LocalServer, raised: list[str]) -> None:
+    pages = [joined(server) for _ in range(_PAGES)]
+    received = [0] * _PAGES
+    readers = [
+        threading.Thread(target=_read, args=(page, received, k)) for k, page in enumerate(pages)
+    ]
+    for reader in readers:
+        reader.start()
+    until(lambda: sessions() == _PAGES and len(server.get_clients()) == _PAGES)
+    until(lambda: min(received) > 20_000)
+    buttons = []
+    for client in server.get_clients().values():
+        handles = dict(client.gui._gui_input_handle_from_uuid)
+        buttons += [uuid for uuid, each in handles.items() if getattr(each, "label", "") == "Play"]
+    assert len(buttons) == _PAGES
+    before = list(received)
+    for page in pages:
+        for uuid in buttons:
+            told = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": True}}
+            page.send(msgspec.msgpack.encode(told))
+    # Each plays for itself, whatever the others take.
+    until(lambda: all(now - then > 20_000 for now, then in zip(received, before, strict=True)))
+    for page in pages:
+        page.close()
+    for reader in readers:
+        reader.join(PATIENCE_S)
+    until(lambda: sessions() == 0 and not server.get_clients())
+    assert raised == []
+
+
+def _read(page: Connection, received: list[int], k: int) -> None:
+    """Take what comes, and answer as a page does that has shown it."""
+    try:
+        while True:
+            data = page.recv()
+            assert isinstance(data, bytes)
+            received[k] += len(data)
+            for message in _messages(data):
+                if message["type"] == "LocalStorageGetItemRequestMessage":
+                    answer = {
+                        "type": "LocalStorageGetItemResponseMessage",
+                        **{"value": None, "error": None, "request_uuid": message["request_uuid"]},
+                    }
+                    page.send(msgspec.msgpack.encode(answer))
+    except ConnectionClosed:
+        return
+
+
+def _messages(data: bytes) -> list[dict[str, Any]]:
+    """What viser sends: two lengths of 8 bytes, compressed messages, and arrays."""
+    n = int.from_bytes(data[8:16], "little")
+    text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + n])
+    return list(msgspec.msgpack.decode(text)["messages"])
