@@ -7,6 +7,7 @@ import viser
 
 from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera
+from pcnav.core.spatial import rotation_from_xyzw
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.layers import vertical_fov
 from pcnav.viewer.loaded_run import LoadedRun
@@ -50,6 +51,15 @@ class Viewfinder:
         """Place (3), what it looks at (3), field of view."""
         camera = self._client.camera
         return (*camera.position.tolist(), *camera.look_at.tolist(), float(camera.fov))
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """(n, 2) where the browser sees points (n, 3); nan behind it."""
+        camera = self._client.camera
+        w, x, y, z = camera.wxyz
+        p = (points - camera.position) @ rotation_from_xyzw(np.array([x, y, z, w]))
+        focal_px = 0.5 * camera.image_height / np.tan(0.5 * camera.fov)
+        ahead = np.where(p[:, 2:] > 0.0, p[:, 2:], np.nan)
+        return np.asarray(focal_px * p[:, :2] / ahead)
 
     def set_state(self, state: tuple[float, ...]) -> None:
         """As `state` has it."""

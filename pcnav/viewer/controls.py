@@ -35,7 +35,7 @@ _AHEAD: dict[str, float | None] = {
     "none": None,
     **{f"{ahead:g} s after the last estimate": ahead for ahead in AHEAD_S},
 }
-_WORST, _RESIDUALS = "worst frame", "residuals"
+_WORST, _RESIDUALS = "worst", "residuals"
 _FIRST, _BACK, _ON, _LAST = "|<", "<", ">", ">|"
 
 

@@ -4,13 +4,14 @@ The scene is the camera frame of the chaser: x right, y down, z forward, metres.
 once; a frame then changes only what differs from the one before.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import viser
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import invert_transform, transform_points
 from pcnav.estimators.depth.motion_within import motion_about
@@ -24,6 +25,10 @@ from pcnav.viewer.render_options import Layer, RenderOptions, line_colour, place
 from pcnav.viewer.target_layer import TargetLayer
 
 _MAX_NAMES = 16
+_LETTER_PX = 6.5, 17.0
+"""Width and height of a letter of a name on the page, and a little between names."""
+PixelsOf = Callable[[FloatArray], FloatArray]
+"""Where points (n, 3) are seen on the page, (n, 2)."""
 _INSET, _IN_FRONT = 0.95, 0.998
 _PIXELS_ACROSS = 1.4
 _HALF_PRECISION = 2.0**-11
@@ -128,6 +133,8 @@ class RectangleLayer:
             )
             for k in range(_MAX_NAMES)
         ]
+        self._named: list[tuple[str, FloatArray]] = []
+        """Names of the frame, and where they stand in the model frame."""
 
     def show(
         self, records: tuple[RectangleRecord, ...], T_model_cam: FloatArray, options: RenderOptions
@@ -145,12 +152,30 @@ class RectangleLayer:
             colour = ACCEPTED_COLOUR if layer is Layer.ACCEPTED else REJECTED_COLOUR
             lines.colors = _per_vertex(colour, len(outlines))
             named += [(_told(r), (T_model_cam @ r.T_cam_rect)[:3, 3]) for r in of_layer]
-        if Layer.NAMES not in options.layers:
-            named = []
+        self._named = (named if Layer.NAMES in options.layers else [])[:_MAX_NAMES]
+        for label, (text, place_model) in zip(self._names, self._named, strict=False):
+            label.text, label.position = text, vector(place_model)
+        self.keep_apart(None)
+
+    def keep_apart(self, pixels_of: PixelsOf | None) -> None:
+        """Show the names that lie apart where they are seen; all where that is not known."""
+        shown = np.ones(len(self._named), dtype=np.bool_)
+        if pixels_of is not None and self._named:
+            places = np.array([place_model for _, place_model in self._named])
+            shown = lie_apart(pixels_of(places), [len(text) for text, _ in self._named])
         for k, label in enumerate(self._names):
-            label.visible = k < len(named)
-            if k < len(named):
-                label.text, label.position = named[k][0], vector(named[k][1])
+            label.visible = k < len(shown) and bool(shown[k])
+
+
+def lie_apart(pixels: FloatArray, letters: Sequence[int]) -> BoolArray:
+    """(n,) which of some texts, each about its pixel (n, 2), do not lie over one before them."""
+    half = np.column_stack([_LETTER_PX[0] * np.array(letters), np.full(len(letters), 1.0)])
+    half[:, 1] *= _LETTER_PX[1]
+    shown = np.zeros(len(pixels), dtype=np.bool_)
+    for k, pixel in enumerate(pixels):
+        over = np.abs(pixels[shown] - pixel) < 0.5 * (half[shown] + half[k])
+        shown[k] = not over.all(axis=1).any()
+    return shown
 
 
 def _precision(points: npt.NDArray[np.float32], pixel_m: float) -> Literal["float16", "float32"]:
@@ -192,6 +217,7 @@ class RunLayers:
     ) -> None:
         first = runs[0]
         self._runs = runs
+        self._T_cam_model = np.eye(4)
         camera = first.frames.camera() if first.frames is not None else None
         self._sensor = None if camera is None else _add_sensor(scene, camera, first.size_m)
         self._measured = scene.add_frame("/run_1/measured", show_axes=False)
@@ -215,8 +241,15 @@ class RunLayers:
         scale_m = 1.0 if first.frames is None else first.frames.scale_m
         self._cloud.show(shot, T_model_cam, options, scale_m)
         self._rectangles.show(first.records_at(frame), T_model_cam, options)
+        self._T_cam_model = T
         for k, (target, loaded) in enumerate(zip(self._targets, self._runs, strict=True)):
             target.show(frame if k == 0 else loaded.nearest_frame(time_s), options)
+
+    def keep_names_apart(self, pixels_of: PixelsOf) -> None:
+        """Leave out names that would be drawn over others, of points (n, 3) in the camera frame
+        seen at pixels (n, 2)."""
+        T = self._T_cam_model
+        self._rectangles.keep_apart(lambda places: pixels_of(transform_points(T, places)))
 
     def go_on(self, runs: tuple[LoadedRun, ...]) -> None:
         """Draw later states of the same runs from now on."""

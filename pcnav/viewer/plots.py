@@ -134,7 +134,8 @@ def _key(runs: tuple[LoadedRun, ...], groups: list[ChartGroup]) -> str:
         if any(chart.estimated is not None and not chart.estimated.all() for chart in charts):
             remarks.append(f"{coloured('■', _NO_ESTIMATE)} no estimate")
         if first.linear_to is not None:
-            remarks.append("log scale beyond the innermost numbers")
+            unit = first.label.partition(",")[2]
+            remarks.append(f"log scale beyond ±{first.linear_to:g}{escape(unit)}")
         if remarks:
             parts.append("&emsp;".join(remarks))
         if first.bound is not None:

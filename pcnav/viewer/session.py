@@ -73,6 +73,8 @@ class Session:
         self._details_frame = -1
         self._shot: Shot | None = None
         self._is_closed = False
+        self._named_from: tuple[float, ...] = ()
+        """The browser's camera that names were laid out for last."""
         self._wake = threading.Condition()
         self._playback: Playback | None = None
         self._prepared: int | None = None
@@ -331,6 +333,7 @@ class Session:
             self._controls.show_playing(False)
         if playback is None and self._drawn >= 0 and self._addressed.is_due(now_s):
             self._show_address()
+            self._keep_names_apart()
         moves = (redraw or self._wanted != self._drawn) and len(times) > 0
         frame = min(self._wanted, len(times) - 1) if moves else self._drawn
         lacks_details = self._details_frame != frame and playback is None and frame >= 0
@@ -390,6 +393,7 @@ class Session:
 
     def _draw(self, now_s: float, frame: int, shot: Shot | None) -> None:
         self._layers.show(frame, shot, self._controls.options)
+        self._layers.keep_names_apart(self._viewfinder.pixels)
         if not self._is_placed and self._first.run.has_estimate[frame]:
             self._look_at_first()
         self._viewfinder.follow(self._first, frame)
@@ -426,6 +430,14 @@ class Session:
             state = replace(state, frame=None)
         with drawing(self._client):
             self._page.send("address", state.address())
+
+    def _keep_names_apart(self) -> None:
+        """Which names lie over others changes as the user turns the scene."""
+        state = self._viewfinder.state
+        if state != self._named_from:
+            self._named_from = state
+            with drawing(self._client):
+                self._layers.keep_names_apart(self._viewfinder.pixels)
 
     def _look_at_first(self) -> None:
         """What a page opens with. A target without a model may go far: it is followed."""

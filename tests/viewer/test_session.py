@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pcnav.core.spatial import exp_rotation
+from pcnav.core.spatial import exp_rotation, xyzw_from_rotation
 from pcnav.dynamics.blocks import ATTITUDE, POSITION
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.viewer import app
+from pcnav.viewer.camera import Viewfinder
 from pcnav.viewer.controls import _notes_html
-from pcnav.viewer.layers import RunLayers
+from pcnav.viewer.layers import RunLayers, lie_apart
 from pcnav.viewer.loaded_run import LoadedRun, Snapshot, finished
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.render_options import DEFAULT_LAYERS, Layer, RenderOptions
@@ -33,6 +34,30 @@ def test_a_trail_that_is_off_stays_off(loaded: LoadedRun) -> None:
             assert layer._trail.visible is shown
     finally:
         server.stop()
+
+
+def test_names_that_would_lie_over_others_are_left_out() -> None:
+    pixels = np.array([[0.0, 0.0], [20.0, 5.0], [20.0, 30.0], [np.nan, np.nan], [200.0, 0.0]])
+    assert lie_apart(pixels, [10] * 5).tolist() == [True, False, True, True, True]
+    # A long one reaches farther.
+    assert lie_apart(pixels[[0, 4]], [10, 60]).tolist() == [True, False]
+
+
+def test_the_page_sees_points_where_its_camera_projects_them() -> None:
+    R = exp_rotation(np.array([0.2, -0.7, 0.4]))
+    x, y, z, w = xyzw_from_rotation(R)
+    camera = SimpleNamespace(
+        wxyz=np.array([w, x, y, z]),
+        position=np.array([1.0, -2.0, 3.0]),
+        **{"fov": 0.7, "image_height": 600},
+    )
+    client: Any = SimpleNamespace(camera=camera)
+    ahead, top, behind = camera.position + np.array(
+        [R @ [0.0, 0.0, 5.0], R @ [0.0, -5.0 * np.tan(0.35), 5.0], R @ [0.0, 0.0, -5.0]]
+    )
+    seen = Viewfinder(client).pixels(np.array([ahead, top, behind]))
+    np.testing.assert_allclose(seen[:2], [[0.0, 0.0], [0.0, -300.0]], atol=1e-9)
+    assert np.isnan(seen[2]).all()
 
 
 def test_nodes_stand_where_the_poses_say(loaded: LoadedRun) -> None:

@@ -42,7 +42,11 @@ def test_tracks_of_a_far_target_are_enlarged_and_stay_where_they_are() -> None:
     pixels = np.array([[500.0, 700.0], [506.0, 703.0]])
     frame = TrackFrame(0.0, np.eye(3), np.array([4, 7]), pixels)
     features = FeatureTable(
-        np.array([4, 7]), np.full((2, 3), np.nan), np.ones((2, 3)), np.array([9, 9]), np.zeros(2)
+        np.array([4, 7]),
+        np.full((2, 3), np.nan),
+        np.ones((2, 3)),
+        np.array([9, 9]),
+        np.zeros(2, dtype=int),
     )
     seen = TrackedImages((1024, 1024), (1000.0, 1000.0), (512.0, 512.0), (frame,))
     picture = seen.picture(0.0, features, None)

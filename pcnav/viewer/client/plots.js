@@ -1,6 +1,6 @@
 // Plots over time with gaps, bands and a logarithmic axis on demand; all share their window of time.
 (() => {
-  const pcnav = window.pcnav, LEFT = 62, PAD = 10, FOOT = 34, TOP = 20, KEY = 62;
+  const pcnav = window.pcnav, LEFT = 62, PAD = 10, FOOT = 34, TOP = 20, KEY = 84;
   let window_s = null, hover_s = null, drag = null, boxes = [];
 
   const spec = () => pcnav.data.plots || { charts: [], span: [0, 1] };
