@@ -18,7 +18,7 @@ from pcnav.simulation.motion import rotate_torque_free
 from ..folder import StudyFigure
 from . import paper
 
-_POINT = "#ca8a04"
+POINT_COLOUR = "#ca8a04"
 """Colour of a point."""
 _SUN = (0.0, 0.0, -1.0)
 
@@ -75,20 +75,6 @@ def tracks_of(truth: Truth, faults: TrackFaults, seed: int) -> MonocularTracks:
     return monocular_tracks(paper.CAMERA, truth.motion, points, faults, rng)
 
 
-def feature_figure(tracks: MonocularTracks) -> StudyFigure:
-    """Fig. 5: the points seen at the first frame."""
-    return _in_the_image("fig_5", list(tracks.frames[0].pixels[:, None]))
-
-
-def track_figure(tracks: MonocularTracks) -> StudyFigure:
-    """Fig. 7: the paths of the points in the image."""
-    paths: dict[int, list[FloatArray]] = {}
-    for frame in tracks.frames:
-        for feature, pixels in zip(frame.features.tolist(), frame.pixels, strict=True):
-            paths.setdefault(feature, []).append(pixels)
-    return _in_the_image("fig_7", [np.array(path) for path in paths.values()])
-
-
 def path_figure(truth: Truth) -> StudyFigure:
     """Fig. 6: the paths of the points in space."""
     figure = new_figure(3.2)
@@ -99,7 +85,13 @@ def path_figure(truth: Truth) -> StudyFigure:
     return StudyFigure("fig_6", figure)
 
 
-def _in_the_image(key: str, paths: Sequence[FloatArray]) -> StudyFigure:
+def track_figure(tracks: MonocularTracks) -> StudyFigure:
+    """Fig. 7: the paths of the points in the image."""
+    by_feature: dict[int, list[FloatArray]] = {}
+    for frame in tracks.frames:
+        for feature, pixels in zip(frame.features.tolist(), frame.pixels, strict=True):
+            by_feature.setdefault(feature, []).append(pixels)
+    paths = [np.array(path) for path in by_feature.values()]
     figure = new_figure(4.2)
     axes = figure.add_subplot()
     _draw(axes, paths, ("u, px", "v, px"))
@@ -109,7 +101,7 @@ def _in_the_image(key: str, paths: Sequence[FloatArray]) -> StudyFigure:
     # Image rows count downwards.
     axes.set_ylim(middle[1] + half, middle[1] - half)
     axes.set_aspect("equal")
-    return StudyFigure(key, figure)
+    return StudyFigure("fig_7", figure)
 
 
 def _draw(axes: Axes, paths: Sequence[FloatArray] | FloatArray, labels: tuple[str, str]) -> None:
@@ -117,6 +109,6 @@ def _draw(axes: Axes, paths: Sequence[FloatArray] | FloatArray, labels: tuple[st
     style_axes(axes)
     for path in paths:
         axes.plot(path[:, 0], path[:, 1], color=LINE, linewidth=0.8)
-        axes.plot(path[-1, 0], path[-1, 1], "o", color=_POINT, markersize=3)
+        axes.plot(path[-1, 0], path[-1, 1], "o", color=POINT_COLOUR, markersize=3)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])

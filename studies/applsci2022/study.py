@@ -18,7 +18,7 @@ from ..panels import component_panels
 from ..tables import Claim, below, cell, inside, verdict
 from ..text import study_of
 from ..work import Work
-from . import joined, limits, paper
+from . import joined, limits, paper, rendered
 from .runs import (
     FAULTS,
     KEY_FRAMES,
@@ -33,7 +33,7 @@ from .runs import (
     outcomes_table,
     run_case,
 )
-from .scene import feature_figure, nutation, path_figure, track_figure, tracks_of
+from .scene import nutation, path_figure, tracks_of
 
 RUNS = 6
 """Draws of points and noise per case unless told otherwise."""
@@ -41,6 +41,8 @@ _QUICK_RUNS = 4
 _QUICK_S, _QUICK_JOINED_S = 12.0, 0.1 * joined.DURATION_S
 """With fewer runs than `_QUICK_RUNS` the arcs are so long: a look at the machinery."""
 _SEED = 1
+_RENDERED_WORK = 100.0
+"""Of the rendered images, in frames of a chain: half a minute."""
 _HEADLINE = (
     "as printed, 0 px",
     "as printed, 0.1 px",
@@ -68,6 +70,7 @@ def study(runs: int, work: Work) -> Study:
             interval_cases(duration_s),
         )
     ]
+    images = work.plan(rendered.track_images, [duration_s], _RENDERED_WORK)
     inertia = work.plan(joined.run_joined, joined.joined_runs(runs, joined_s))
     work.run()
     noises, faults, intervals = (
@@ -79,11 +82,19 @@ def study(runs: int, work: Work) -> Study:
     named = {each.case.name: each for each in [*noises, *faults]}
     half_sides_m, _ = paper.hull_half_sides_m()
     low, high = chi_square_bounds(joined.SIZE * runs)
+    (tracked,) = images.results
     return study_of(
         Path(__file__).parent,
         runs,
         [
-            verdict(_claims(named, inertia.by_case, joined_s), "figure", "expected"),
+            verdict(
+                [
+                    *rendered.rendered_claims(tracked),
+                    *_claims(named, inertia.by_case, joined_s),
+                ],
+                *("figure", "expected"),
+            ),
+            rendered.rendered_table(tracked),
             *(errors_table(key, found) for key, found in groups.items()),
             *(outcomes_table(key, found) for key, found in groups.items()),
             joined.joined_table(inertia.by_case, joined_s),
@@ -92,6 +103,7 @@ def study(runs: int, work: Work) -> Study:
             limits.translation_table(),
         ],
         [
+            *rendered.rendered_figures(tracked),
             *_paper_figures(duration_s),
             growth_figure("growth", noises, ("0.1 px", "0.5 px")),
             growth_figure("growth_faults", faults, tuple(FAULTS)),
@@ -137,8 +149,7 @@ def _claims(
 
 def _paper_figures(duration_s: float) -> list[StudyFigure]:
     truth = nutation(duration_s, paper.INTERVAL_S, _SEED)
-    exact = tracks_of(truth, TrackFaults(), _SEED)
-    figures = [feature_figure(exact), path_figure(truth), track_figure(exact)]
+    figures = [path_figure(truth)]
     for suffix, sigma, settings in (
         ("", 0.0, PRINTED),
         ("_noisy", 0.1, PRINTED),

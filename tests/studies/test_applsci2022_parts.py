@@ -6,7 +6,7 @@ import pytest
 from pcnav.batch.monte_carlo import Run
 from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.simulation.images import TrackFaults
-from studies.applsci2022 import limits, paper, runs
+from studies.applsci2022 import limits, paper, rendered, runs
 from studies.applsci2022.runs import Chained, ChainErrors, errors_table, outcomes_table, run_case
 from studies.applsci2022.scene import nutation, tracks_of
 
@@ -77,3 +77,22 @@ def test_the_translation_answers_what_is_known() -> None:
     assert rows["both directions"][1].startswith("direction_only: needs the range")
     assert rows["both ranges"][1].startswith("open")
     assert float(rows["both directions, first range"][2]) < 0.05
+
+
+def test_corners_of_rendered_images_stay_on_the_hull() -> None:
+    """Against the point of the box that the first sight of each is a ray to."""
+    pytest.importorskip("cv2", reason="the extra `images` is not installed")
+    tracked = rendered.track_images(3.0)
+    first = tracked.tracks.frames[0].pixels
+    assert len(first) > 100
+    columns, rows = np.rint(first).astype(int).T
+    assert tracked.first[rows, columns].min() > 0
+    assert tracked.matches.min() > 8
+    # The tracker states 0.1 px; a hull half a degree off would leave a pixel.
+    assert 0.0 < np.sqrt(np.mean(tracked.pixel_error**2)) < 0.1
+    assert np.nanmax(tracked.angle_deg) < 0.5
+    met = {claim.quantity.split(",")[0]: claim.met for claim in rendered.rendered_claims(tracked)}
+    assert met["features followed"]
+    figures = rendered.rendered_figures(tracked)
+    assert [figure.key for figure in figures] == ["fig_5", "fig_7"]
+    assert b"<image" in figures[0].svg
