@@ -22,6 +22,7 @@ from pcnav.estimators.principal_axes.estimator import PrincipalAxesEstimator
 from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE, PrincipalState
 from pcnav.estimators.principal_axes.principal_frame import principal_axes
 from pcnav.recordings.tracks import StereoTracks
+from pcnav.runs.status import Status
 from pcnav.simulation.motion import disturbed_orbit, disturbed_rotation, trajectory_of
 from pcnav.simulation.simulation import Simulation
 from pcnav.simulation.stereo import StereoScenario, draw_points, observe, with_truth
@@ -85,8 +86,10 @@ class Judged:
     """(runs, n) of its first 14 components."""
     size: FloatArray
     """(runs, n) components of the whole state."""
+    locked: BoolArray
+    """(runs, n) whether the frame is called so."""
     lost: BoolArray
-    """(runs,) whether the target was lost."""
+    """(runs,) whether the target was lost at any time."""
     matches: IntArray
     """(runs, 4) right ones that the filter turned down, wrong ones that it used, right and wrong
     ones in all; from the start on."""
@@ -103,8 +106,8 @@ class Judged:
         )
         bare = motion.copy(), motion.copy()
         unknown = (*bare, one, places, places.copy(), one.copy(), one.copy(), one.copy())
-        lost, matches = np.zeros(1, dtype=np.bool_), np.zeros((1, 4), dtype=np.intp)
-        return Judged(time_s, motion, *unknown, lost, matches)
+        locked, lost = np.zeros((1, len(time_s)), np.bool_), np.zeros(1, np.bool_)
+        return Judged(time_s, motion, *unknown, locked, lost, np.zeros((1, 4), dtype=np.intp))
 
     def compare(
         self, n: int, true: PrincipalState, state: PrincipalState, P: FloatArray, slots: list[int]
@@ -182,9 +185,10 @@ def judge(case: Following, scenario: StereoScenario, seed: int) -> Judged:
             rejected_right, used_wrong = {*use.rejected} - bad, {*use.used} & bad
             right = len(frame.features) - len(bad)
             run.matches[0] += len(rejected_right), len(used_wrong), right, len(bad)
+        run.lost[0] |= estimate.status == Status.LOST
         if k in judged:
             n = judged.index(k)
-            run.lost[0] |= estimate.status == "lost"
+            run.locked[0, n] = estimate.status == Status.LOCKED
             state, P, triple = estimator.state, estimator.covariance, estimator.triple
             if state is not None and P is not None and triple is not None:
                 slots = list(estimator.features)

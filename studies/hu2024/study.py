@@ -1,6 +1,6 @@
 """The study of Hu 2024 as a list of verbs: identify, follow, compare, repeat, disturb."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pcnav.batch.monte_carlo import Case, Run, RunBatch, batches, runs_of
@@ -11,7 +11,8 @@ from ..folder import Study
 from ..tables import cell, table
 from ..text import study_of
 from ..work import Work
-from . import errors, identification, paper
+from . import disturbed, errors, identification, paper
+from .disturbed import Claimed
 from .errors import Consistency, percent
 from .following import Following, Judged, cases, run_case
 from .identification import Method, Rmse
@@ -21,8 +22,8 @@ RUNS = paper.IDENTIFICATION_RUNS
 _BATCH = 125
 """Identification runs at once, which take as long as five runs of the filter."""
 _WORK = 5.0 / _BATCH
-_PER_FILTER_RUN, _PER_FIGURE_RUN, _PER_FAULT_RUN = 5, 50, 25
-"""Identification runs for one run of the filter, of Figs. 6-11, with faults."""
+_PER_FILTER_RUN, _PER_FIGURE_RUN, _PER_FAULT_RUN, _PER_DISTURBED_RUN = 5, 50, 25, 12.5
+"""Identification runs for one run of the filter, of Figs. 6-11, with faults, disturbed."""
 _FEWEST = 2
 
 
@@ -38,6 +39,7 @@ def study(runs: int, work: Work) -> Study:
     rmse = identification.rmse_of(identified.by_case)
     by_case = {name: joined(parts, alike=("time_s",)) for name, parts in followed.by_case.items()}
     unique, free, wrong = (by_case[name] for name in ("unique axes", "free axes", "wrong matches"))
+    claimed = disturbed.claimed_by(by_case)
     matched, twice = (Consistency.of(by_case[name]) for name in ("matched", "pixels used twice"))
     stereo = paper.pipeline().stereo
     ends = [cell(curves[Method.ARC][-1]) for curves in rmse.values()]
@@ -45,7 +47,7 @@ def study(runs: int, work: Work) -> Study:
         Path(__file__).parent,
         runs,
         [
-            _verdict(rmse, by_case, matched),
+            _verdict(rmse, by_case, matched, claimed),
             identification.rmse_table("fig05", rmse, Method.ARC),
             identification.rmse_table("fig05_printed", rmse, Method.PRINTED),
             errors.comparison_table("fig06_11", unique, free),
@@ -53,6 +55,7 @@ def study(runs: int, work: Work) -> Study:
             errors.inside_table(unique, free),
             errors.nees_table(matched, twice),
             errors.last_table("matched", by_case["matched"]),
+            disturbed.disturbed_table(claimed),
             errors.match_table(wrong),
             errors.last_table("wrong_matches", wrong),
         ],
@@ -61,8 +64,9 @@ def study(runs: int, work: Work) -> Study:
             identification.rmse_figure("fig05_printed", rmse, Method.PRINTED),
             *errors.error_figures(unique, free),
             errors.nees_figure(matched),
+            disturbed.disturbed_figure(claimed),
         ],
-        shown=("verdict", "fig06_11"),
+        shown=("verdict", "fig06_11", "disturbed"),
         pipelines={paper.NAME: paper.pipeline()},
         best=ends[0],
         worst=ends[-1],
@@ -75,6 +79,7 @@ def study(runs: int, work: Work) -> Study:
         shown_runs=len(unique),
         matched_runs=len(by_case["matched"]),
         fault_runs=len(wrong),
+        disturbed_runs=len(claimed[0].runs),
         last_from_s=errors.last_from_s(unique),
     )
 
@@ -89,17 +94,23 @@ def filter_runs(count: int) -> list[Run[Following]]:
     """The filter's runs; all cases meet the same points and noise as far as they go."""
     found = cases()
 
-    def some(per: int, *names: str) -> list[Run[Following]]:
-        return runs_of(paper.NAME, [found[name] for name in names], max(_FEWEST, count // per))
+    def some(per: float, *names: str) -> list[Run[Following]]:
+        return runs_of(paper.NAME, [found[name] for name in names], max(_FEWEST, int(count / per)))
 
     return [
+        *disturbed.disturbed_runs(max(_FEWEST, int(count / _PER_DISTURBED_RUN))),
         *some(_PER_FILTER_RUN, "matched"),
         *some(_PER_FAULT_RUN, "wrong matches", "pixels used twice"),
         *some(_PER_FIGURE_RUN, "unique axes", "free axes"),
     ]
 
 
-def _verdict(rmse: Rmse, by_case: Mapping[str, Judged], matched: Consistency) -> TextTable:
+def _verdict(
+    rmse: Rmse,
+    by_case: Mapping[str, Judged],
+    matched: Consistency,
+    claimed: Sequence[Claimed],
+) -> TextTable:
     unprinted = "not printed"
     least = min(q.share_inside(by_case["unique axes"]) for q in errors.QUANTITIES)
     free = by_case["free axes"]
@@ -136,5 +147,15 @@ def _verdict(rmse: Rmse, by_case: Mapping[str, Judged], matched: Consistency) ->
         ("NEES at the end, motion", unprinted, motion, bool(motion.inside)),
         ("times with the NEES inside", unprinted, f"{100.0 * inside:.0f} %", inside >= 0.9),
         ("wrong matches used", unprinted, f"{100.0 * used:.2f} %", used < 0.01),
+        *(row for each in claimed for row in _claimed_rows(each)),
     )
     return table("verdict", ("quantity", "paper", "ours", "met"), rows, text_columns=4)
+
+
+def _claimed_rows(claimed: Claimed) -> list[tuple[object, ...]]:
+    unprinted, turns, inside = "not printed", claimed.half_turns, claimed.share_inside
+    times = f"times with the NEES inside where locked, disturbance {claimed.name}"
+    return [
+        (f"half turns called locked, disturbance {claimed.name}", unprinted, turns, turns == 0),
+        (times, unprinted, f"{100.0 * inside:.0f} %", inside >= 0.9),
+    ]

@@ -97,11 +97,11 @@ def bank_cases(motion: Motion) -> list[Case[Bank]]:
 
 
 def coupling_cases(motion: Motion) -> list[Case[Bank]]:
-    """The true inertia, without coupled errors, and without a lever arm."""
+    """The true inertia with the paper's uncoupled model, and without a lever arm."""
     plain = paper.BANK.model_copy(update={"kinematic_coupling": False})
     no_arm = paper.BANK.model_copy(update={"mass_centre_sd_m": 1e-3})
     return [
-        Bank(truth_only, motion, plain).case("errors in body axes"),
+        Bank(truth_only, motion, plain).case("uncoupled, (22)-(24)"),
         Bank(truth_only, motion, no_arm).case("no lever arm"),
     ]
 

@@ -5,6 +5,7 @@ even spread, and for the centroid the difference is a factor of 30 to 50, so all
 """
 
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 
@@ -90,6 +91,18 @@ def rotation_sd(
     return about(1, 2), about(0, 2), about(0, 1)
 
 
+class Sensor(Protocol):
+    """What sees the rectangle of a moving target."""
+
+    rectangle: Rectangle
+
+    def true_T_cam_rect(self, index: int) -> FloatArray:
+        """(4, 4) where the rectangle is in a frame."""
+
+    def observe(self, index: int) -> RectangleObservation | None:
+        """The rectangle in a frame; None where it is not found."""
+
+
 class CloudSensor:
     """Observes the rectangle of a moving target; each frame draws from its own stream.
 
@@ -98,7 +111,7 @@ class CloudSensor:
     """
 
     def __init__(self, motion: TrueMotion, noise_m: float, spacing: Spacing, seed: int) -> None:
-        self._motion, self._noise_m, self._spacing = motion, noise_m, spacing
+        self._motion, self.noise_m, self._spacing = motion, noise_m, spacing
         self._generator = np.random.default_rng(seed)
         self.rectangle: Rectangle = paper.RECTANGLE
         self._grid = self._cloud() if spacing is Spacing.EVEN else None
@@ -116,14 +129,17 @@ class CloudSensor:
         """(4, 4) where the rectangle is in a frame."""
         return np.asarray(self._motion.truth.poses[index] @ self.rectangle.T_model_rect)
 
-    def observe(self, index: int) -> RectangleObservation:
-        """What the moments of the frame's cloud say; frames are drawn in the order asked for."""
+    def points(self, index: int) -> FloatArray:
+        """(n, 3) the frame's cloud, camera axes; frames are drawn in the order asked for."""
         cloud = self._cloud() if self._grid is None else self._grid
         points = transform_points(self.true_T_cam_rect(index), cloud)
-        points = points + self._noise_m * self._generator.standard_normal(points.shape)
+        return points + self.noise_m * self._generator.standard_normal(points.shape)
+
+    def observe(self, index: int) -> RectangleObservation:
+        """What the moments of the frame's cloud say."""
         return observe_cloud(
-            points,
-            self._noise_m**2 * np.eye(3),
+            self.points(index),
+            self.noise_m**2 * np.eye(3),
             evenly_spread=self._spacing is Spacing.EVEN,
         )
 

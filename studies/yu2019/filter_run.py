@@ -23,11 +23,13 @@ from pcnav.dynamics.state import (
 )
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
 from pcnav.filtering.error_state import ErrorStateFilter
+from pcnav.perception.rectangles import RectangleObservation
 from pcnav.simulation.motion import TrueMotion, true_motion
 
 from ..blocks import JUDGED
 from . import paper
-from .clouds import CloudSensor, Spacing, resolved
+from .clouds import CloudSensor, Sensor, Spacing, resolved
+from .extracted import ExtractedSensor
 
 _KNOWN = np.ones(6, dtype=np.bool_)
 _STORED = 400
@@ -54,6 +56,8 @@ class FilterRun:
     """Frames whose measurement went in with a wrong case of the ambiguity."""
     rejected: int
     """Frames whose measurement failed the gate."""
+    missed: int
+    """Frames in which the rectangle was not found."""
 
     @property
     def last_third(self) -> FloatArray:
@@ -63,30 +67,42 @@ class FilterRun:
 
 
 def run_filter(
-    motion: TrueMotion, pipeline: Pipeline, model: MassCentreModel, seed: int
+    motion: TrueMotion,
+    pipeline: Pipeline,
+    model: MassCentreModel,
+    seed: int,
+    outliers: int | None = None,
 ) -> FilterRun:
     """Filter even clouds of every frame, starting as the paper does.
+
+    With so many outliers, if any are stated, they go through RANSAC and recognition beside another
+    face. Raises ``ValueError`` when the rectangle is not found in the first frame.
 
     Position and attitude start at the first observation, the velocity and the mass centre's offset
     at zero, the rate and the ratios at the truth plus a draw from their prior. Ratios that no body
     can have are drawn again: the prior of the ratios is what of the paper's is physical.
     """
-    sensor = CloudSensor(motion, pipeline.noise.range_sigma_m, Spacing.EVEN, seed)
+    clouds = CloudSensor(motion, pipeline.noise.range_sigma_m, Spacing.EVEN, seed)
+    sensor = clouds if outliers is None else ExtractedSensor(clouds, outliers, seed)
     kalman, guess = _started(motion, sensor, pipeline, seed)
     time_s = motion.truth.time_s
     n = len(time_s)
     stored = np.unique(np.linspace(0, n - 1, min(_STORED, n)).astype(int))
     errors, sd = np.empty((2, n, STATE_SIZE))
-    covariances, flips, rejected = [], 0, 0
+    covariances, flips, rejected, missed = [], 0, 0, 0
     for k in range(n):
         if k > 0:
             kalman.predict(model, float(time_s[k - 1]), float(time_s[k] - time_s[k - 1]))
             guess = _predicted(kalman.state, motion, sensor, k)
-        measurement = _measurement(motion, sensor, k, guess)
-        true_R = sensor.true_T_cam_rect(k)[:3, :3]
-        # The trace of a rotation by more than a right angle is below 1.
-        flips += int(np.sum(true_R * measurement.T_cam_rect[:3, :3]) < 1.0)
-        if k > 0:  # the first observation is the starting point: it must not count twice
+        observation = sensor.observe(k)
+        missed += int(observation is None)
+        if (
+            observation is not None and k > 0
+        ):  # the first observation is the starting point: it must not count twice
+            measurement = _measurement(motion, sensor, k, observation, guess)
+            true_R = sensor.true_T_cam_rect(k)[:3, :3]
+            # The trace of a rotation by more than a right angle is below 1.
+            flips += int(np.sum(true_R * measurement.T_cam_rect[:3, :3]) < 1.0)
             rejected += int(not all(kalman.update([measurement]).accepted))
         errors[k] = kalman.state.ratio_error(motion.state(k))
         covariance = ratio_covariance(kalman.state, kalman.covariance)
@@ -95,7 +111,7 @@ def run_filter(
             covariances.append(covariance)
     P = np.stack(covariances)
     nees = {name: block.squared(errors[stored], P) / block.size for name, block in JUDGED.items()}
-    return FilterRun(time_s, errors, sd, sd[0], time_s[stored], nees, flips, rejected)
+    return FilterRun(time_s, errors, sd, sd[0], time_s[stored], nees, flips, rejected, missed)
 
 
 def model_of(pipeline: Pipeline) -> MassCentreModel:
@@ -132,11 +148,14 @@ def disturbed_motion(pipeline: Pipeline, model: MassCentreModel, seed: int) -> T
 
 
 def _started(
-    motion: TrueMotion, sensor: CloudSensor, pipeline: Pipeline, seed: int
+    motion: TrueMotion, sensor: Sensor, pipeline: Pipeline, seed: int
 ) -> tuple[ErrorStateFilter[NavigationState], FloatArray]:
     generator = np.random.default_rng([seed, 1])
     guess = sensor.true_T_cam_rect(0)[:3, :3] @ exp_rotation(np.array(paper.FIRST_GUESS_RAD))
-    T_cam_rect = resolved(sensor.observe(0), guess, sensor.rectangle)
+    first = sensor.observe(0)
+    if first is None:
+        raise ValueError("the rectangle is not found in the first frame")
+    T_cam_rect = resolved(first, guess, sensor.rectangle)
     T_world_cam = invert_transform(motion.T_cam_world[0])
     T_cam_model = T_cam_rect @ invert_transform(sensor.rectangle.T_model_rect)
     T_world_model = T_world_cam @ T_cam_model
@@ -173,18 +192,20 @@ def _first_ratios(
     return np.asarray(true_ratios + draw)
 
 
-def _predicted(
-    state: NavigationState, motion: TrueMotion, sensor: CloudSensor, k: int
-) -> FloatArray:
+def _predicted(state: NavigationState, motion: TrueMotion, sensor: Sensor, k: int) -> FloatArray:
     """(3, 3) attitude of the rectangle in the camera as the filter expects it: (22)."""
     T_cam_model = state.T_cam_model(motion.T_cam_world[k], motion.R_hill_world[k])
     return np.asarray((T_cam_model @ sensor.rectangle.T_model_rect)[:3, :3])
 
 
 def _measurement(
-    motion: TrueMotion, sensor: CloudSensor, k: int, guess: FloatArray
+    motion: TrueMotion,
+    sensor: Sensor,
+    k: int,
+    observation: RectangleObservation,
+    guess: FloatArray,
 ) -> RectangleMeasurement:
-    observation, R_hill_world = sensor.observe(k), motion.R_hill_world[k]
+    R_hill_world = motion.R_hill_world[k]
     return RectangleMeasurement(
         T_model_rect=sensor.rectangle.T_model_rect,
         T_cam_rect=resolved(observation, guess, sensor.rectangle),

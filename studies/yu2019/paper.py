@@ -61,6 +61,9 @@ TABLES_3_AND_4 = (
     MomentsRow(2500, 1.0, (-0.0261, 0.0210, 6.5254), (9.4664, 27.7494, 0.9765)),
 )
 
+BOX_DEPTH_M = 13.0
+"""Of the box that outliers fill, the centimetres of Table 1 read in metres."""
+
 CLOUD_POINTS = 1800
 CLOUD_NOISE_M = 0.1
 """Standard deviation on each axis of each point, Figs. 8-16."""

@@ -18,7 +18,8 @@ from ..panels import error_panel
 from ..pipelines import with_scenario
 from ..tables import Claim, as_printed, cell, table
 from . import paper
-from .clouds import CloudSensor, Spacing, centroid_sd, resolved, rotation_sd
+from .clouds import CloudSensor, Sensor, Spacing, centroid_sd, resolved, rotation_sd
+from .extracted import OUTLIERS, ExtractedSensor
 
 FRAMES = 360
 """One turn of the target at one frame a second."""
@@ -34,6 +35,7 @@ _BOUND_SIDES_M = (18.0, 4.0, 1.8, 1.0, 0.6, 0.27)
 class FrameErrors:
     """Errors of single frames, axes of the first frame's camera (z along its boresight).
 
+    Nan where the rectangle is not found.
     These axes are inertial, as the spin axis is, so the errors mean the same in every frame.
     """
 
@@ -50,6 +52,11 @@ class FrameErrors:
         return np.asarray(np.linalg.norm(self.attitude_rad, axis=1) > _FLIPPED_RAD)
 
     @property
+    def missed(self) -> int:
+        """Frames in which the rectangle is not found."""
+        return int(np.isnan(self.position_m[:, 0]).sum())
+
+    @property
     def raw_flipped(self) -> BoolArray:
         """(n,) frames whose eigenvectors came out in another case."""
         return np.asarray(np.linalg.norm(self.raw_attitude_rad, axis=1) > _FLIPPED_RAD)
@@ -61,6 +68,8 @@ class Turn:
 
     pipeline: Pipeline
     spacing: Spacing
+    outliers: int | None = None
+    """Beside another face, through RANSAC and recognition; None for the rectangle alone."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ class _Quantity:
 
     def largest(self, errors: Sequence[FrameErrors], frames: int = COUNTED) -> FloatArray:
         """(runs, 3) largest error on each axis over the first frames of each run."""
-        return np.array([np.abs(self.of(each)[:frames]).max(axis=0) for each in errors])
+        return np.array([np.nanmax(np.abs(self.of(each)[:frames]), axis=0) for each in errors])
 
 
 def _mixed(x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -121,11 +130,28 @@ def turns(pipeline: Pipeline, count: int) -> list[Run[Turn]]:
     ]
 
 
+def extracted_turns(pipeline: Pipeline, count: int) -> list[Run[Turn]]:
+    """The same turns of even clouds through RANSAC and recognition, without outliers and with."""
+    return [
+        Run(Case(extracted_name(each), Turn(pipeline, Spacing.EVEN, each), _WORK), k, seed)
+        for each in (0, OUTLIERS)
+        for k, seed in enumerate(range(pipeline.seed, pipeline.seed + count))
+    ]
+
+
+def extracted_name(outliers: int) -> str:
+    """Of a case of `extracted_turns`."""
+    return f"even grid, RANSAC, {outliers} outliers"
+
+
 def run_turn(run: Run[Turn]) -> FrameErrors:
     """One repetition."""
     turn = run.case.settings
     motion, noise_m = one_turn(turn.pipeline), turn.pipeline.noise.range_sigma_m
-    return frame_errors(motion, CloudSensor(motion, noise_m, turn.spacing, run.seed))
+    clouds = CloudSensor(motion, noise_m, turn.spacing, run.seed)
+    if turn.outliers is None:
+        return frame_errors(motion, clouds)
+    return frame_errors(motion, ExtractedSensor(clouds, turn.outliers, run.seed))
 
 
 def one_turn(pipeline: Pipeline) -> TrueMotion:
@@ -133,13 +159,15 @@ def one_turn(pipeline: Pipeline) -> TrueMotion:
     return true_motion(with_scenario(pipeline, frames=FRAMES, frame_rate_hz=1.0))
 
 
-def frame_errors(motion: TrueMotion, sensor: CloudSensor) -> FrameErrors:
+def frame_errors(motion: TrueMotion, sensor: Sensor) -> FrameErrors:
     """Measure every frame; the attitude of the frame before predicts the case."""
     count = len(motion.truth.time_s)
-    position, attitude, raw = (np.empty((count, 3)) for _ in range(3))
+    position, attitude, raw = np.full((3, count, 3), np.nan)
     guess = sensor.true_T_cam_rect(0)[:3, :3] @ exp_rotation(np.array(paper.FIRST_GUESS_RAD))
     for k in range(count):
         observation = sensor.observe(k)
+        if observation is None:
+            continue
         T_true = sensor.true_T_cam_rect(k)
         T_cam_rect = resolved(observation, guess, sensor.rectangle)
         guess = T_cam_rect[:3, :3]
@@ -180,28 +208,31 @@ def claims(by_spacing: Mapping[str, Sequence[FrameErrors]]) -> list[Claim]:
 
 def _error_table(found: Mapping[str, Sequence[FrameErrors]]) -> TextTable:
     rows = []
-    for spacing, each in ((spacing, each) for spacing in Spacing for each in _QUANTITIES):
+    for spacing, each in ((spacing, each) for spacing in found for each in _QUANTITIES):
         errors = found[spacing]
+        # The closed form is that of the moments alone.
+        closed = Spacing(spacing) if spacing in {*Spacing} else Spacing.EVEN
         worst, whole_turn = each.largest(errors), each.largest(errors, FRAMES)
         low, high = np.percentile(worst, [2.5, 97.5], axis=0)
-        rms = np.sqrt(np.mean(np.concatenate([each.of(e) for e in errors]) ** 2, axis=0))
+        rms = np.sqrt(np.nanmean(np.concatenate([each.of(e) for e in errors]) ** 2, axis=0))
         for k, axis in enumerate("xyz"):
             rows.append(
                 (
                     spacing,
                     f"{each.name} {axis}, {each.unit}",
                     each.printed[k],
-                    each.sd(spacing)[k],
+                    each.sd(closed)[k],
                     rms[k],
                     np.median(worst[:, k]),
                     f"{cell(low[k])} to {cell(high[k])}",
                     f"{np.mean(worst[:, k] <= each.printed[k]):.0%} of runs",
                     np.median(whole_turn[:, k]),
+                    sum(each.missed for each in errors),
                 )
             )
     header = (
         *("cloud", "quantity", "printed", "closed-form sd", "RMS", "largest", "95 % of runs"),
-        *("at most printed", "largest, whole turn"),
+        *("at most printed", "largest, whole turn", "frames not found"),
     )
     return table(
         "figs_8_10",
@@ -244,8 +275,8 @@ def _bound_table() -> TextTable:
     )
 
 
-def figures(pipeline: Pipeline, errors: FrameErrors) -> list[StudyFigure]:
-    """Figs. 8-10 of one turn."""
+def figures(pipeline: Pipeline, errors: FrameErrors, suffix: str = "") -> list[StudyFigure]:
+    """Figs. 8-10 of one turn, their keys with a suffix."""
     time_s = one_turn(pipeline).truth.time_s
     position, attitude = (
         [
@@ -259,7 +290,7 @@ def figures(pipeline: Pipeline, errors: FrameErrors) -> list[StudyFigure]:
         for axis, column in zip("xyz", np.rad2deg(errors.raw_attitude_rad).T, strict=True)
     ]
     return [
-        StudyFigure("fig_08", panels_figure(time_s, position)),
-        StudyFigure("fig_09", panels_figure(time_s, raw)),
-        StudyFigure("fig_10", panels_figure(time_s, attitude)),
+        StudyFigure(f"fig_08{suffix}", panels_figure(time_s, position)),
+        StudyFigure(f"fig_09{suffix}", panels_figure(time_s, raw)),
+        StudyFigure(f"fig_10{suffix}", panels_figure(time_s, attitude)),
     ]

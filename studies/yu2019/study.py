@@ -37,6 +37,8 @@ def study(runs: int, work: Work) -> Study:
     spin, tumble, boxsat = (shortened(each, cut) for each, cut in zip(shown, cuts, strict=True))
     moments = work.plan(extraction.compare_moments, extraction.moment_runs(runs, spin.seed))
     turns = work.plan(single_frame.run_turn, single_frame.turns(spin, runs))
+    extracted_turns = single_frame.extracted_turns(spin, max(2, runs // _RUNS_PER_DISTURBED))
+    searched = work.plan(single_frame.run_turn, extracted_turns)
     disturbed = max(2, runs // _RUNS_PER_DISTURBED)
     filtered = work.plan(filtering.filter_motion, filtering.filter_runs(spin, tumble, disturbed))
     panel = work.plan(ray_cast.panel_errors, ray_cast.panel_runs(spin, runs))
@@ -45,12 +47,13 @@ def study(runs: int, work: Work) -> Study:
     extracted = extraction.extractions(runs, spin.seed)
     work.run()
     even = turns.by_case[Spacing.EVEN]
-    calm, slow, tumbling, *disturbed_runs = filtered.results
-    filters = filtering.FilterRuns(calm, slow, tumbling, disturbed_runs)
+    calm, slow, through_ransac, tumbling, *disturbed_runs = filtered.results
+    filters = filtering.FilterRuns(calm, slow, through_ransac, tumbling, disturbed_runs)
+    all_turns = turns.by_case | searched.by_case
     rays = ray_cast.RayCast(panel.results, frames.results, sequences.results)
     claims = [
         *extraction.claims(extracted, moments.results),
-        *single_frame.claims(turns.by_case),
+        *single_frame.claims(all_turns),
         *filtering.claims(filters),
         *ray_cast.claims(rays),
     ]
@@ -63,12 +66,13 @@ def study(runs: int, work: Work) -> Study:
         [
             verdict(claims, "figure", "printed"),
             *extraction.tables(extracted, moments.results),
-            *single_frame.tables(turns.by_case),
+            *single_frame.tables(all_turns),
             *filtering.tables(filters),
             *ray_cast.tables(rays),
         ],
         [
             *single_frame.figures(spin, even[0]),
+            *single_frame.figures(spin, all_turns[single_frame.extracted_name(0)][0], "_ransac"),
             *filtering.figures(filters),
             *ray_cast.figures(rays),
         ],
@@ -91,6 +95,7 @@ def study(runs: int, work: Work) -> Study:
         minutes=spin.scenario.frames / spin.scenario.frame_rate_hz / 60.0,
         filters=filters,
         disturbed=disturbed,
+        searched=len(extracted_turns) // 2,
         ray_cast=ray_cast,
         boxsat=boxsat.scenario,
     )

@@ -19,6 +19,7 @@ from studies.yu2019.clouds import (
     rectangle_cloud,
     rotation_sd,
 )
+from studies.yu2019.extracted import OUTLIERS, ExtractedSensor
 from studies.yu2019.filter_run import disturbed_motion, model_of, run_filter
 from studies.yu2019.ray_cast import settings_of
 from studies.yu2019.single_frame import frame_errors
@@ -104,6 +105,42 @@ def test_the_ambiguity_flips_frames_unless_solved() -> None:
     angles = np.rad2deg(np.linalg.norm(errors.raw_attitude_rad[errors.raw_flipped], axis=1))
     assert angles == pytest.approx(180.0, abs=1.0)
     assert np.abs(errors.position_m).max() < 0.012
+
+
+def test_the_rectangle_is_found_among_another_face_and_outliers() -> None:
+    motion = true_motion(scenario(60))
+    rms = []
+    for outliers in (0, OUTLIERS):
+        sensor = ExtractedSensor(CloudSensor(motion, 0.1, Spacing.EVEN, 4), outliers, 4)
+        errors = frame_errors(motion, sensor)
+        assert errors.missed == 0
+        assert not errors.flipped.any()
+        rms.append(np.sqrt(np.mean(errors.position_m**2, axis=0)))
+    # Without outliers it is the noise alone: the one point in 16,000 beyond the threshold is rare.
+    assert rms[0] == pytest.approx(0.1 / np.sqrt(1800.0), rel=0.35)
+    # Of 100 outliers in 13 m some 6 are within the plane's thickness: uniform draws on the sheet.
+    within = OUTLIERS * 0.8 / paper.BOX_DEPTH_M
+    across = np.sqrt(within * 0.5 * (10.0**2 + 18.0**2) / 12.0) / 1800.0
+    assert rms[1][:2] == pytest.approx(np.hypot(across, rms[0][:2]), rel=0.35)
+
+
+def test_no_other_plane_is_taken_for_the_rectangle(monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = true_motion(scenario(3))
+    clouds = CloudSensor(motion, 0.1, Spacing.EVEN, 4)
+    strays = np.random.default_rng(5).uniform(-8.0, 8.0, (paper.CLOUD_POINTS, 3))
+    place = clouds.true_T_cam_rect(0)[:3, 3]
+    monkeypatch.setattr(clouds, "points", lambda _: strays + place)
+    assert ExtractedSensor(clouds, 0, 4).observe(0) is None
+
+
+def test_filter_through_ransac_converges_likewise() -> None:
+    pipeline = scenario(120, (0.5, -0.8, 1.0))
+    motion, model = true_motion(pipeline), model_of(pipeline)
+    alone = run_filter(motion, pipeline, model, 3)
+    found = run_filter(motion, pipeline, model, 3, outliers=0)
+    assert (found.missed, found.flips) == (0, 0)
+    assert np.linalg.norm(found.errors[-1, 6:9]) < 0.05
+    np.testing.assert_allclose(found.sd[-1], alone.sd[-1], rtol=0.1)
 
 
 def test_filter_converges_in_a_tumble_and_keeps_its_cases() -> None:

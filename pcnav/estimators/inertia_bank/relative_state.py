@@ -12,11 +12,11 @@ for a point fixed in the body, so it holds no physics that (2) lacks: a filter t
 (2) is coupled already. What can change is what the filter's errors are, that is, about what it is
 linear. Here ``coupled`` means that errors are those of what images show: of the positions rho_i in
 Hill axes, carried in time by (25), and of the field of velocities ``nu + w x rho`` that all points
-of the target share, with ``nu = v - w x r`` and w in Hill axes. Without it they are those of P_i,
-omega in body axes and v. The mass centre and the attitude of the body axes are known badly for
-long; in coupled errors neither has a part in what is seen and how it moves, at any state, while in
-the others their errors multiply those of rates and points, and a filter that drops the products
-becomes overconfident.
+of the target share, with ``nu = v - w x r`` and w in Hill axes. Without it they are those of the
+paper's state without (25), that of (22)-(24) with the points: v, w in Hill axes, and P_i in the
+body. The mass centre and the attitude of the body axes are known badly for long; in coupled errors
+neither has a part in what is seen and how it moves, at any state, while in the others their errors
+multiply those of rates and points, and a filter that drops the products becomes overconfident.
 """
 
 from dataclasses import dataclass, replace
@@ -82,17 +82,18 @@ class RelativeStates:
         if self.coupled:
             before, after = self._in_hill(self.omega_body), self._in_hill(omega)
             v = v - np.cross(before, self.r_hill) + np.cross(after, r)
-            omega = (omega[..., None, :] @ turn)[..., 0, :]
             points = (self.positions() + by_points - r[..., None, :]) @ R
         else:
             points = self.points_body + by_points
+        # The rate keeps what it is in Hill axes, whatever the attitude does.
+        omega = (omega[..., None, :] @ turn)[..., 0, :]
         return RelativeStates(r, v, R, omega, points, self.coupled)
 
     def retraction_block(self, error: FloatArray) -> FloatArray:
-        """See `ManifoldState`: of attitude and rate; positions add, whatever the attitude does."""
+        """See `ManifoldState`: of attitude and rate; the others add, whatever the attitude does."""
         block = np.zeros((*error.shape[:-1], 6, 6))
         block[..., :3, :3] = left_jacobian(-error[..., IB_THETA])
-        block[..., 3:, 3:] = exp_rotation(-error[..., IB_THETA]) if self.coupled else np.eye(3)
+        block[..., 3:, 3:] = exp_rotation(-error[..., IB_THETA])
         return block
 
     def admissible(self, error: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -102,9 +103,9 @@ class RelativeStates:
     def local(self, other: "RelativeStates") -> FloatArray:
         """(..., 12 + 3N) the errors that take these states to others: the inverse of `retract`."""
         relative = np.swapaxes(self.R_hill_body, -1, -2) @ other.R_hill_body
-        omega, v = other.omega_body, other.v_hill - self.v_hill
+        omega = (relative @ other.omega_body[..., None])[..., 0]
+        v = other.v_hill - self.v_hill
         if self.coupled:
-            omega = (relative @ omega[..., None])[..., 0]
             v = v - np.cross(self._in_hill(omega), other.r_hill)
             v = v + np.cross(self._in_hill(self.omega_body), self.r_hill)
             points = other.positions() - self.positions()
@@ -122,16 +123,16 @@ class RelativeStates:
         )
 
     def motion_to_body_errors(self) -> FloatArray:
-        """(..., 12, 12) matrix from this state's errors of the motion to those without coupling.
+        """(..., 12, 12) matrix from this state's errors of the motion to plain ones in body axes.
 
-        Coupled: ``dv = d nu + [w]x dr - [r]x D e`` and ``d omega = e + [omega]x theta``, with e the
-        error of the rate along the estimated body axes and ``w = D omega``.
+        ``d omega = e + [omega]x theta`` with e the error of the rate in Hill axes, along the
+        estimated body axes. Coupled: ``dv = d nu + [w]x dr - [r]x D e`` with ``w = D omega``.
         """
         matrix = self._identity(IB_MOTION_SIZE)
+        matrix[..., IB_OMEGA, IB_THETA] = skew(self.omega_body)
         if self.coupled:
             matrix[..., IB_V_HILL, IB_R_HILL] = skew(self._in_hill(self.omega_body))
             matrix[..., IB_V_HILL, IB_OMEGA] = -skew(self.r_hill) @ self.R_hill_body
-            matrix[..., IB_OMEGA, IB_THETA] = skew(self.omega_body)
         return matrix
 
     def motion_from_body_errors(self) -> FloatArray:
@@ -207,9 +208,13 @@ class RelativeMotion:
         F[..., :6, :6] = relative
         F[..., 6:12, 6:12] = step.transition
         noise = self._motion_noise(abs(step_s))
+        own = moved.motion_from_body_errors()
+        F[..., IB_MOTION, IB_MOTION] = (
+            own @ F[..., IB_MOTION, IB_MOTION] @ states.motion_to_body_errors()
+        )
         if not states.coupled:
             Q = np.zeros_like(F)
-            Q[..., IB_MOTION, IB_MOTION] = noise
+            Q[..., IB_MOTION, IB_MOTION] = own @ noise @ np.swapaxes(own, -1, -2)
             return moved, F, Q
         _couple(F, states, moved)
         by_motion = _errors_by_motion(moved)
@@ -225,16 +230,12 @@ class RelativeMotion:
 
 
 def _couple(F: FloatArray, before: RelativeStates, after: RelativeStates) -> None:
-    """Turn a transition (..., n, n) of body errors into that of coupled errors, in place.
+    """Add the points to a transition (..., n, n) of coupled errors of the motion, in place.
 
     ``eta_i = dr + D (dP_i - [P_i]x theta)`` after the step, with ``dP_i`` unchanged over it and
     taken from the errors before it: what (25) integrates to over a step.
     """
-    motion = (
-        after.motion_from_body_errors()
-        @ F[..., IB_MOTION, IB_MOTION]
-        @ before.motion_to_body_errors()
-    )
+    motion = F[..., IB_MOTION, IB_MOTION]
     R1 = after.R_hill_body
     turn = R1 @ np.swapaxes(before.R_hill_body, -1, -2)
     moved = motion[..., IB_R_HILL, :].copy()
@@ -242,7 +243,6 @@ def _couple(F: FloatArray, before: RelativeStates, after: RelativeStates) -> Non
     turned = -motion[..., IB_THETA, :]
     turned[..., IB_THETA] += np.eye(3)
     arms = R1[..., None, :, :] @ skew(before.points_body) @ turned[..., None, :, :]
-    F[..., IB_MOTION, IB_MOTION] = motion
     for i in range(before.points_body.shape[-2]):
         rows = point_slice(i)
         F[..., rows, IB_MOTION] = moved + arms[..., i, :, :]

@@ -16,12 +16,13 @@ from pcnav.core.stereo import StereoRig
 from pcnav.dynamics.inertia_parameters import BALL, inertia_of, parameters_of
 from pcnav.dynamics.kepler import KeplerOrbit, step_relative
 from pcnav.dynamics.orbit import hill_transition
-from pcnav.dynamics.principal_inertia import ratios_from_moments
+from pcnav.dynamics.principal_inertia import moments_from_ratios, ratios_from_moments
 from pcnav.estimators.attitude_inertia.rotation_fit import fit_rotation_arc, positive
 from pcnav.estimators.features.feature_map import FeatureMap, build_map, triangulated
 from pcnav.estimators.features.photogrammetric_frame import best_triple, photogrammetric_axes
 from pcnav.estimators.principal_axes.arc_fit import fit_pixels, weakly_held
 from pcnav.estimators.principal_axes.feature_measurements import FeatureView
+from pcnav.estimators.principal_axes.feature_state_changes import relabelled
 from pcnav.estimators.principal_axes.feature_states import (
     PA_OMEGA,
     PA_R_HILL,
@@ -37,7 +38,11 @@ from pcnav.estimators.principal_axes.inertia_identification import (
     errors_in_variables,
 )
 from pcnav.estimators.principal_axes.linearised import Prior, smoothed
-from pcnav.estimators.principal_axes.principal_choice import axes_certainty
+from pcnav.estimators.principal_axes.principal_choice import (
+    axes_certainty,
+    signing_triple,
+    unique_choice,
+)
 from pcnav.estimators.principal_axes.principal_frame import (
     clearest_order,
     free_axes,
@@ -129,13 +134,14 @@ def start_from_arc(
         return None
     if is_disturbed and not end.is_settled:
         return None
+    last, covariance = end.state, end.covariance
+    if table.unique_frame:
+        last, covariance, triple = _signed(last, covariance, triple)
     i, j, k = (names[slot] for slot in triple)
     known = axes_certainty(fit.state, max(1.0, fit.misfit) * fit.covariance)
     is_ready = known.is_determined or is_disturbed
     used = tuple(views[-1].features.tolist())
-    return ArcStart(
-        float(times[-1]), end.state, end.covariance, tuple(names), used, (i, j, k), is_ready
-    )
+    return ArcStart(float(times[-1]), last, covariance, tuple(names), used, (i, j, k), is_ready)
 
 
 def _unit(points: int) -> FloatArray:
@@ -163,13 +169,15 @@ def _identified(found: FeatureMap, times: FloatArray, method: Identification) ->
         chosen = printed if method is Identification.PRINTED else linear
         return _Rotation(R[0], omega, inertia_of(_parameters(chosen)))
     starts = np.stack([_parameters(linear), _parameters(printed), BALL])
-    fit = fit_rotation_arc(
-        times,
-        np.broadcast_to(R, (3, *R.shape)),
-        np.broadcast_to(noise, (3, *noise.shape)),
-        np.tile(omega, (3, 1)),
-        starts,
-    )
+    # Under torque a step may lead to rates beyond numbers: its cost is not finite, nobody takes it.
+    with np.errstate(over="ignore", invalid="ignore"):
+        fit = fit_rotation_arc(
+            times,
+            np.broadcast_to(R, (3, *R.shape)),
+            np.broadcast_to(noise, (3, *noise.shape)),
+            np.tile(omega, (3, 1)),
+            starts,
+        )
     best = int(fit.cost.argmin())
     start = fit.start
     inertia = inertia_of(start.parameters[best])
@@ -204,6 +212,24 @@ def _axes(
         return R_map_p @ principal_axes(R_map_p.T @ rotation.inertia @ R_map_p)[1], (i, j, k)
     some = photogrammetric_axes(points[rng.permutation(list(best))])
     return some @ free_axes(some.T @ rotation.inertia @ some), (i, j, k)
+
+
+def _signed(
+    state: PrincipalState, covariance: FloatArray, triple: tuple[int, int, int]
+) -> tuple[PrincipalState, FloatArray, tuple[int, int, int]]:
+    """The state in the axes that (17) asks for now, and the triple in the order that signs them.
+
+    Axes that were identified as if without torque may be off by so much that those they end as
+    would have been signed otherwise.
+    """
+    corners = state.points[list(triple)]
+    inertia = np.diag(moments_from_ratios(state.ratios))
+    i, j, k = (triple[at] for at in clearest_order(corners, inertia))
+    i, j, k = signing_triple(state, covariance, (i, j, k))
+    R_body_new = unique_choice(state, state.points[[i, j, k]])
+    if float(np.trace(R_body_new)) < 3.0:
+        state, covariance = relabelled(state, covariance, R_body_new)
+    return state, covariance, (i, j, k)
 
 
 def _mass_centre(

@@ -23,7 +23,6 @@ from pcnav.estimators.principal_axes.feature_following import FeatureFollower, T
 from pcnav.estimators.principal_axes.feature_states import PrincipalState
 from pcnav.estimators.principal_axes.principal_choice import (
     NOTES,
-    axes_certainty,
     reported_motion,
 )
 from pcnav.recordings.tracks import TrackFrame
@@ -114,7 +113,7 @@ class PrincipalAxesEstimator(Estimator):
 
     def _answer(self, follower: FeatureFollower, frame: TrackFrame, taken: Taken) -> Estimate:
         state, covariance, result = follower.state, follower.covariance, taken.result
-        certainty = axes_certainty(state, covariance)
+        certainty = follower.certainty
         status = Status.COASTING
         if taken.used:
             status = Status.LOCKED if certainty.is_determined else Status.AMBIGUOUS

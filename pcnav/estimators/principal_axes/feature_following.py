@@ -28,8 +28,11 @@ from pcnav.estimators.principal_axes.feature_state_changes import (
 from pcnav.estimators.principal_axes.feature_states import PrincipalAxesModel, PrincipalState
 from pcnav.estimators.principal_axes.linearised import Prior, smoothed
 from pcnav.estimators.principal_axes.principal_choice import (
+    CLEAR_SD,
+    AxesCertainty,
     axes_certainty,
     free_choice,
+    signing_triple,
     unique_choice,
 )
 from pcnav.filtering.batched_filter import Together
@@ -40,7 +43,10 @@ _GAP_S = 2.0
 """Without features for longer, those that re-appear must agree with one another first."""
 _GAP_NODES = 20
 """About so many states stand for the path over a gap."""
-_CLEAR_SD = 3.0
+_PIXEL_ITERATIONS = 2
+"""Pixels are taken once more about the state that they lead to. They turn the points: taken where
+these were predicted, they would measure the mass centre along one direction and carry it on along
+another, and every frame would seem to tell a little of it (Huang, Mourikis, Roumeliotis 2010)."""
 _NEW_POINT_DISTANCE = 16.3
 """Squared, of two observations of a new feature: the 99.9 % point of three components."""
 
@@ -102,6 +108,19 @@ class FeatureFollower:
     def features(self) -> tuple[int, ...]:
         """In the order of the state's points."""
         return self._book.features
+
+    @property
+    def certainty(self) -> AxesCertainty:
+        """How well the principal axes are known, with their signs where these are to be unique."""
+        corners = self._corners if self._table.unique_frame else None
+        return axes_certainty(self.state, self.covariance, corners)
+
+    @property
+    def _corners(self) -> FloatArray | None:
+        """(3, 3) the points that sign the axes; None when one of them is no longer followed."""
+        if not set(self.triple) <= set(self.features):
+            return None
+        return self.state.points[[self.features.index(name) for name in self.triple]]
 
     @property
     def is_lost(self) -> bool:
@@ -190,7 +209,9 @@ class FeatureFollower:
         if after_gap and self._table.measurements is FeatureMeasurements.PIXELS:
             result = self._smoothed_over_gap(frame, slots, trusted)
         else:
-            iterations = self._table.max_iterations if after_gap else 1
+            pixels = self._table.measurements is FeatureMeasurements.PIXELS
+            usual = _PIXEL_ITERATIONS if pixels else 1
+            iterations = self._table.max_iterations if after_gap else usual
             self._filter = self._filter_of(self.state, self.covariance, iterations)
             result = self._filter.update(measurements)
         passed = dict(zip(names, result.accepted, strict=False))
@@ -256,16 +277,18 @@ class FeatureFollower:
     # The choice of axes
 
     def _keep_axes_unique(self) -> None:
-        """Choose the axes anew where the order of the moments is clearly another by now (17)."""
-        if not self._table.unique_frame or float(self.state.ratios.min()) >= 0.0:
+        """Choose the axes anew where their order or a sign is clearly another by now (17)."""
+        if not self._table.unique_frame:
             return
-        certainty = axes_certainty(self.state, self.covariance)
-        if certainty.order_significance > -_CLEAR_SD:
+        certainty = self.certainty
+        if certainty.are_axes_known and not certainty.is_signed:
+            slots = [self.features.index(name) for name in self.triple]
+            i, j, k = signing_triple(self.state, self.covariance, (slots[0], slots[1], slots[2]))
+            self.triple = self.features[i], self.features[j], self.features[k]
+            certainty = self.certainty
+        if min(certainty.order_significance, certainty.sign_significance) > -CLEAR_SD:
             return
-        corners = None
-        if set(self.triple) <= set(self.features):
-            corners = self.state.points[[self.features.index(name) for name in self.triple]]
-        self._relabel(unique_choice(self.state, corners))
+        self._relabel(unique_choice(self.state, self._corners))
 
     def _choose_freely(self, slots: IntArray) -> None:
         """Axes as the decomposition comes, where features re-appear: the filter without (17).

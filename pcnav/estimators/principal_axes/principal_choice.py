@@ -20,13 +20,14 @@ from pcnav.estimators.principal_axes.feature_states import (
 )
 from pcnav.estimators.principal_axes.principal_frame import (
     PRINCIPAL_CHOICES,
+    clearest_triple,
     free_axes,
     principal_axes,
 )
 from pcnav.runs.estimate import FeaturePoint
 
 NOTES = ("p_x", "p_y", "p_z", "moment_gap_over_sd", "axes_sd_rad")
-_CLEAR_SD = 3.0
+CLEAR_SD = 3.0
 """Moments closer than so many standard deviations of their gap are near equal."""
 _MAX_TILT_SD_RAD = 0.15
 """Beyond, the axes are not determined however clear the gaps look."""
@@ -44,6 +45,9 @@ class AxesCertainty:
     """(2,)"""
     tilt_sd_rad: float
     """Of the attitude, in its least known direction."""
+    sign_significance: float = np.inf
+    """How far the frame of three points is from giving an axis the other sign, in standard
+    deviations; negative when it would give it now."""
 
     @property
     def significance(self) -> float:
@@ -57,8 +61,18 @@ class AxesCertainty:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the moments differ clearly and the axes are known."""
-        return self.significance > _CLEAR_SD and self.tilt_sd_rad < _MAX_TILT_SD_RAD
+        """Whether the moments differ clearly, and the axes are known with their signs."""
+        return self.are_axes_known and self.is_signed
+
+    @property
+    def are_axes_known(self) -> bool:
+        """Whether the moments differ clearly and the axes are known, whatever their signs."""
+        return self.significance > CLEAR_SD and self.tilt_sd_rad < _MAX_TILT_SD_RAD
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether the signs are clear: no error that is to be expected would reverse an axis."""
+        return abs(self.sign_significance) > CLEAR_SD
 
     def notes(self) -> dict[str, float]:
         """The columns `NOTES` of a result."""
@@ -66,19 +80,51 @@ class AxesCertainty:
         return dict(zip(NOTES, values, strict=True))
 
 
-def axes_certainty(state: PrincipalState, covariance: FloatArray) -> AxesCertainty:
-    """What state and covariance (n, n) say of the axes."""
+def axes_certainty(
+    state: PrincipalState, covariance: FloatArray, corners: FloatArray | None = None
+) -> AxesCertainty:
+    """What state and covariance (n, n) say of the axes.
+
+    ``corners`` (3, 3) are the points whose photogrammetric frame decides the signs (17).
+    """
     moments = moments_from_ratios(state.ratios)
     by = -np.diff(moments_jacobian(state.ratios), axis=0)
     gap_sd = np.sqrt(np.einsum("ip,pq,iq->i", by, covariance[PA_RATIOS, PA_RATIOS], by))
     px, pz = state.ratios.tolist()
-    tilt = float(np.linalg.eigvalsh(covariance[PA_THETA, PA_THETA])[-1])
+    by_axes = covariance[PA_THETA, PA_THETA]
+    tilt = float(np.linalg.eigvalsh(by_axes)[-1])
     return AxesCertainty(
         ratios=(px, middle_ratio(state.ratios), pz),
         gaps=-np.diff(moments),
         gap_sd=gap_sd,
         tilt_sd_rad=float(np.sqrt(max(tilt, 0.0))),
+        sign_significance=np.inf if corners is None else _sign_significance(corners, by_axes),
     )
+
+
+def _sign_significance(corners: FloatArray, covariance: FloatArray) -> float:
+    """Angle of an axis from where (17) would reverse it over its deviation, of the less certain.
+
+    The points stay where they are when the axes turn: ``covariance`` (3, 3) is that of the turn.
+    """
+    given, axes = photogrammetric_axes(corners).T[:2], np.eye(3)[:2]
+    across = np.cross(axes, given)
+    cosine = np.einsum("ij,ij->i", axes, given)
+    slope = np.linalg.norm(across, axis=1)
+    sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", across, covariance, across), 0.0))
+    angle = np.arctan2(cosine, slope)
+    return float(np.min(angle / np.maximum(sd / np.maximum(slope, 1e-12), 1e-12)))
+
+
+def signing_triple(
+    state: PrincipalState, covariance: FloatArray, triple: tuple[int, int, int]
+) -> tuple[int, int, int]:
+    """Places in the state of the three points that sign its axes: those it has, while they are
+    clear about it, else the clearest."""
+    if axes_certainty(state, covariance, state.points[list(triple)]).is_signed:
+        return triple
+    order = unique_choice(state, None)
+    return clearest_triple(state.points @ order)
 
 
 def unique_choice(state: PrincipalState, corners: FloatArray | None) -> FloatArray:

@@ -56,6 +56,23 @@ def clearest_order(corners: FloatArray, inertia: FloatArray) -> tuple[int, int, 
     return first, second, third
 
 
+def clearest_triple(points: FloatArray) -> tuple[int, int, int]:
+    """The three points (of (n, 3), principal axes, largest moment first) that sign them clearest.
+
+    In the order that does; of triangles half as high as the highest, for a flat one has no frame.
+    """
+    triples = np.array(list(permutations(range(len(points)), 3)))
+    corners = points[triples]
+    sides = corners - np.roll(corners, 1, axis=1)
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=-1)
+    height = area / np.linalg.norm(sides, axis=-1).max(axis=1)
+    high = np.flatnonzero(height >= 0.5 * height.max())
+    frames = photogrammetric_axes(corners[high])
+    margins = np.minimum(np.abs(frames[:, 0, 0]), np.abs(frames[:, 1, 1]))
+    i, j, k = triples[high[int(margins.argmax())]].tolist()
+    return i, j, k
+
+
 def free_axes(inertia: FloatArray) -> FloatArray:
     """(3, 3) R_g_t as the eigen-decomposition hands it out: any order and signs, right-handed."""
     _, axes = np.linalg.eigh(inertia)
