@@ -150,6 +150,7 @@ def test_the_filter_claims_no_more_of_the_mass_centre_than_all_frames_smoothed_a
     estimator = PrincipalAxesEstimator(tracks.rig, tracks.orbit, table, 2)
     for frame in tracks.frames:
         estimator.step(frame)
+    assert estimator.covariance is not None
     whole, _ = started(2, 1.0, 20.0)
     mean = np.tile(np.eye(3), 6) / 6.0
     filtered, smoothed = (
