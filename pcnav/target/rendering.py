@@ -18,6 +18,8 @@ Window = tuple[slice, slice]
 _MANY_FACES = 4_000
 """Of more faces the planes are worked out only where pixels show them."""
 _MAX_OUTER, _OUTER_PLANES = 1_500, 500
+_FEW_PIXELS = 6_000
+"""Of a window, whose rays are cast in less time than it takes to find which of them pass by."""
 _START_FRACTION = 0.999
 """Rays start at this share of the nearest vertex's depth, so that no facet is skipped."""
 _JUMP_TOLERANCE = 1e-6
@@ -160,10 +162,12 @@ class DepthRenderer:
         return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
     def _outlined(self, vertices_cam: FloatArray, window: Window) -> BoolArray:
-        """(height, width) of a window: the pixels inside the convex outline of the mesh."""
+        """(height, width) of a window: the pixels inside the convex outline of the mesh, or all
+        where they are few."""
         rows, columns = window
         shape = (rows.stop - rows.start, columns.stop - columns.start)
-        if vertices_cam[:, 2].min() <= 0.0 or min(shape) == 0:
+        few = shape[0] * shape[1] <= _FEW_PIXELS
+        if few or vertices_cam[:, 2].min() <= 0.0:
             return np.ones(shape, dtype=np.bool_)
         pixels = project(self._camera, vertices_cam)
         try:
