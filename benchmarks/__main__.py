@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 _WARM_UP_FRAMES = 12
+_FOLLOW_HZ = 10.0
 _OUT = Path("runs/bench")
 
 
@@ -22,6 +23,7 @@ class Part(StrEnum):
     MEMORY = "memory"
     SCALING = "scaling"
     VIEWER = "viewer"
+    FOLLOWING = "following"
 
 
 class Satellite(StrEnum):
@@ -42,6 +44,9 @@ def main(
     batch_runs: Annotated[
         int, typer.Option(min=2, help="Runs of the batch of the scaling part.")
     ] = 24,
+    follow_frames: Annotated[
+        int, typer.Option(min=20, help="Frames that arrive in the following part, ten a second.")
+    ] = 200,
     only: Annotated[list[Part] | None, typer.Option(help="Measure only this; repeatable.")] = None,
     satellite: Annotated[
         list[Satellite] | None, typer.Option(help="Compare only on this one; repeatable.")
@@ -79,6 +84,8 @@ def main(
             _scaling(batch_runs, console)
         if Part.VIEWER in parts:
             _viewer(folder, console)
+        if Part.FOLLOWING in parts:
+            _following(follow_frames, folder, console)
     if numbers:
         _history(out, numbers, console, compare=compare)
 
@@ -175,6 +182,21 @@ def _viewer(folder: Path, console: Console) -> None:
     from benchmarks.viewer import measure_viewer, viewer_table
 
     console.print(viewer_table(measure_viewer(folder)))
+
+
+def _following(frames: int, folder: Path, console: Console) -> None:
+    from benchmarks.following import following_table, measure_following
+    from benchmarks.scenes import record, shortened
+
+    pipeline = shortened("boxsat", frames)
+    scenario = pipeline.scenario.model_copy(update={"frame_rate_hz": _FOLLOW_HZ})
+    pipeline = pipeline.model_copy(update={"scenario": scenario})
+    scene = record("boxsat", pipeline, folder / "arrives")
+    measured = [
+        measure_following(scene, folder / f"follow-{killed}", killed_after=killed)
+        for killed in (None, frames // 2)
+    ]
+    console.print(following_table(measured))
 
 
 if __name__ == "__main__":
