@@ -168,7 +168,8 @@ class Navigation:
         if self._fit is not None and noise is not None and estimate.is_claimed:
             pose = estimate.T_cam_target
             assert isinstance(frame, Frame) and pose is not None, "a claim is of a pose"
-            self._fit.add(frame, pose, noise, self.estimator.mesh_scale)
+            exposure = self.estimator.exposure(frame, pose)
+            self._fit.add(frame, pose, noise, self.estimator.mesh_scale, exposure)
         return estimate
 
     def begin(self, writer: RunWriter) -> None:

@@ -29,7 +29,10 @@ PipelineOf = Annotated[
 ]
 Objects = Annotated[
     str | None,
-    typer.Option("--object", help="Of a BOP data set: obj_id of the targets, like 1,5."),
+    typer.Option(
+        "--object",
+        help="Of a BOP data set: obj_id of the targets, like 1,5; else those of its targets file.",
+    ),
 ]
 
 

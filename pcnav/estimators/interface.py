@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pcnav.estimators.depth.views import FrameView
     from pcnav.perception.sensor_noise import SensorNoise
     from pcnav.perception.view_hypotheses import SearchReport
+    from pcnav.recordings.sequence import Frame
+    from pcnav.target.row_motion import Exposure
     from pcnav.target.satellite import Target
 
 
@@ -117,6 +119,12 @@ class Estimator(ABC):
     @property
     def sensor_noise(self) -> "SensorNoise | None":
         """Noise of the sensor as it was learnt, of one that learns it."""
+        return None
+
+    def exposure(self, frame: "Frame", T_cam_model: FloatArray, /) -> "Exposure | None":
+        """Where the target at a pose (4, 4) is when each pixel of the last frame sees it, as it was
+        taken to move; None where all pixels see at once."""
+        del frame, T_cam_model
         return None
 
     @property

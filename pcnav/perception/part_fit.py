@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from pcnav.core.arrays import BoolArray, DepthImage, FloatArray, IntArray
 from pcnav.core.arrays import Part as ImagePart
-from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
+from pcnav.core.camera import PinholeCamera
 from pcnav.core.spatial import (
     exp_rotation,
     invert_transform,
@@ -26,6 +26,7 @@ from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.recordings.sequence import Frame
 from pcnav.target.parts import Part, Parts, parts_of
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
+from pcnav.target.row_motion import Exposure
 from pcnav.target.satellite import Target
 
 _MAX_FRAMES = 24
@@ -123,9 +124,11 @@ class MeshFit:
         T_cam_model: FloatArray,
         noise: SensorNoise,
         mesh_scale: float = 1.0,
+        exposure: Exposure | None = None,
     ) -> None:
-        """Take in a frame whose pose (4, 4) is known, the noise of its ranges, and by how much the
-        target is known to be larger than its mesh."""
+        """Take in a frame whose pose (4, 4) is known, the noise of its ranges, by how much the
+        target is known to be larger than its mesh, and where that is when each pixel sees it, where
+        not all do at once."""
         self._count += 1
         if (self._count - 1) % self._every:
             return
@@ -142,11 +145,11 @@ class MeshFit:
             target = self._target if mesh_scale == 1.0 else self._target.scaled(mesh_scale)
             self._renderer = DepthRenderer(target.mesh, frame.camera)
         self._sigma_m = sigma_m = noise.sigma_in(frame.depth_m)
-        rendered = self._renderer.render(T_cam_model)
+        rendered = self._renderer.render(T_cam_model, exposure)
         reach_m = _REACH * mesh_scale * self._target.diameter_m
         seen = _seen(
             *(frame, T_cam_model, rendered, self._parts, self._is_on_face),
-            *(sigma_m, reach_m),
+            *(sigma_m, reach_m, exposure),
         )
         points, eye = seen.points / mesh_scale, seen.eye / mesh_scale
         self._kept.append(replace(seen, points=points, eye=eye))
@@ -232,14 +235,18 @@ def _seen(
     is_on_face: BoolArray,
     sigma_m: float,
     reach_m: float,
+    exposure: Exposure | None,
 ) -> _Seen:
     n_parts, part_of_image = len(parts.each), _worth_looking_at(frame.depth_m, rendered.triangle)
     depth_m, shown = frame.depth_m[part_of_image], rendered.triangle[part_of_image]
     label = np.where(shown >= 0, parts.of_triangle[shown], _UNEXPLAINED)
-    inside = _inside(label)
-    returned = depth_m > 0.0
+    inside, returned = _inside(label), depth_m > 0.0
+    if frame.beams is not None:
+        # Of a pixel that no beam fell in nothing is known.
+        inside &= frame.beams.is_seen[part_of_image]
     tolerance_m = _GATE_SIGMA * sigma_m
-    per_depth = range_per_depth(rendered.camera)[part_of_image]
+    rays = rendered.rays[part_of_image]
+    per_depth = rendered.range_per_depth[part_of_image]
     residual = (depth_m - rendered.depth_m[part_of_image]) * per_depth
     agrees = (shown >= 0) & returned & (np.abs(residual) < tolerance_m)
     through = inside & (~returned | (residual >= tolerance_m))
@@ -252,15 +259,26 @@ def _seen(
     owner[~(agrees & inside)] = _UNEXPLAINED
     # What agrees beside an edge may be of either side; what does not is on no part of the mesh.
     rows, columns = np.nonzero(returned & (inside | ~agrees))
-    rays = pixel_rays(rendered.camera)[part_of_image][rows, columns]
-    p_cam = rays * depth_m[rows, columns].astype(np.float64)[:, None]
+    p_cam = rays[rows, columns] * depth_m[rows, columns].astype(np.float64)[:, None]
     near = np.flatnonzero(np.sum((p_cam - T_cam_model[:3, 3]) ** 2, axis=-1) < reach_m**2)
     near = near[:: max(len(near) // _MAX_POINTS, 1)]
-    T_model_cam = invert_transform(T_cam_model)
-    points = transform_points(T_model_cam, p_cam[near])
-    eye = np.broadcast_to(T_model_cam[:3, 3], points.shape)
     part = owner[rows[near], columns[near]]
+    if exposure is None:
+        T_model_cam = invert_transform(T_cam_model)
+        points = transform_points(T_model_cam, p_cam[near])
+        eye = np.broadcast_to(T_model_cam[:3, 3], points.shape)
+    else:
+        index = exposure.index[part_of_image][rows[near], columns[near]]
+        points, eye = _in_model(exposure.poses[index], p_cam[near])
     return _Seen(counts[0], counts[1], points, part, eye)
+
+
+def _in_model(T_cam_model: FloatArray, p_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) in the model's frame, and where each is seen from, each with a pose (n, 4, 4)
+    of its own."""
+    R_model_cam, p = np.swapaxes(T_cam_model[:, :3, :3], 1, 2), T_cam_model[:, :3, 3]
+    eye = -np.einsum("nij,nj->ni", R_model_cam, p)
+    return np.einsum("nij,nj->ni", R_model_cam, p_cam) + eye, eye
 
 
 def _worth_looking_at(depth_m: DepthImage, shown: IntArray) -> ImagePart:

@@ -31,7 +31,7 @@ from pcnav.perception.surroundings import SurroundingsFinder
 from pcnav.perception.view_hypotheses import SearchReport, report_of, view_hypotheses
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
-from pcnav.target.row_motion import Readout
+from pcnav.target.row_motion import Exposure, Readout
 from pcnav.target.satellite import Target
 
 _INLIER_SIGMA = 3.0
@@ -325,6 +325,11 @@ class FrameReader:
         comparer.readout, comparer.row_readout_s = self.expected_motion, self.row_readout_s
         comparer.beams = frame.beams
         return comparer
+
+    def exposure(self, frame: Frame, T_cam_model: FloatArray) -> Exposure | None:
+        """Where a target that is expected to move so is when each pixel of a frame sees it, at a
+        pose (4, 4); None where all see it at once."""
+        return self.comparer(frame).exposure(T_cam_model)
 
     def is_doubted(
         self, frame: Frame, T_cam_model: FloatArray, pose_covariance: FloatArray

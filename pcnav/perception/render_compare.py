@@ -163,9 +163,9 @@ class RenderComparer:
 
     def _view(self, T_cam_model: FloatArray) -> RenderedDepth:
         """From a pose (4, 4), as far as it is seen."""
-        return self._as_seen(self._renderer.render(T_cam_model, self._exposure(T_cam_model)))
+        return self._as_seen(self._renderer.render(T_cam_model, self.exposure(T_cam_model)))
 
-    def _exposure(self, T_cam_model: FloatArray) -> Exposure | None:
+    def exposure(self, T_cam_model: FloatArray) -> Exposure | None:
         """When the pixels see a target at a pose (4, 4); None where all do at the frame's time."""
         beams, readout = self._beams_here(), self.readout
         if beams is not None:
@@ -287,7 +287,7 @@ class RenderComparer:
             pose_covariance: (6, 6) of its error, as `FaceEvidence` has it.
             is_beaten: whether no face is worth being measured, the frame being explained so.
         """
-        whole = self._renderer.render(T_cam_model, self._exposure(T_cam_model))
+        whole = self._renderer.render(T_cam_model, self.exposure(T_cam_model))
         return self._compared(depth_m, whole, T_cam_model, pose_covariance, is_beaten)
 
     def compare_with_itself(

@@ -70,10 +70,10 @@ class PartLearner:
             # Poses of a target that was taken for larger or smaller were bent as well.
             self._scale = mesh_scale
             self._begin()
-        # A frame that the target moves in bends its parts.
-        if not self._has_parts or self._reader.frames_take_time or not self._is_new(T_cam_model):
+        if not self._has_parts or not self._is_new(T_cam_model):
             return False
-        self._fit.add(view.frame, T_cam_model, self._reader.noise, mesh_scale)
+        exposure = self._reader.exposure(view.frame, T_cam_model)
+        self._fit.add(view.frame, T_cam_model, self._reader.noise, mesh_scale, exposure)
         if self._fit.frames < _MIN_FRAMES:
             return False
         fits = self._fit.parts(_FITS)

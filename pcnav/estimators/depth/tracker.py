@@ -61,6 +61,7 @@ from pcnav.recordings.sequence import (
 )
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
+from pcnav.target.row_motion import Exposure
 from pcnav.target.satellite import Target
 
 _log = logging.getLogger("pcnav")
@@ -135,6 +136,10 @@ class Tracker(Estimator):
     def mesh_scale(self) -> float:
         """By which the target is taken to be larger than its mesh."""
         return self._scale.factor
+
+    def exposure(self, frame: Frame, T_cam_model: FloatArray) -> Exposure | None:
+        """See `Estimator.exposure`."""
+        return self._reader.exposure(frame, T_cam_model)
 
     @property
     def changed_parts(self) -> tuple[str, ...]:

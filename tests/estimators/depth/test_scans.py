@@ -14,6 +14,7 @@ from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error
 from pcnav.estimators.depth.skewed_pose import unskewed
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.perception.mesh_scale import ScaleBelief
+from pcnav.perception.part_fit import MeshFit, PartVerdict
 from pcnav.perception.reading import FrameReader
 from pcnav.perception.twist_evidence import evidence_of_twist
 from pcnav.runs.status import Status
@@ -21,6 +22,7 @@ from pcnav.simulation.depth import Scene
 from pcnav.simulation.scans import FineMotion
 from pcnav.target.row_motion import Readout
 from pcnav.target.satellite import Target, load_target
+from tests.estimators.depth.test_part_learning import PANEL, shown
 
 SIGMA_M = 0.01
 
@@ -162,6 +164,39 @@ def test_a_rate_that_is_off_is_no_other_scale(boxsat: Target) -> None:
     assert factor(knows_times=True) == 1.0
     # It would be taken for one.
     assert abs(factor(knows_times=False) - 1.0) > 1e-3
+
+
+def parts_of_scans(boxsat: Target, seen: Target, pattern: str) -> tuple[Tracker, MeshFit]:
+    """A track of scans of a target, and the fit of all of its frames to boxsat's mesh."""
+    scene = scene_of(seen, 14, 128, pattern=pattern)
+    settings = scene.pipeline.perception, scene.pipeline.filter
+    tracker, fit = Tracker(*(boxsat, scene.info, *settings, 0)), MeshFit(boxsat)
+    for frame in scene:
+        estimate = tracker.step(frame)
+        if estimate.is_claimed:
+            pose = estimate.T_cam_target
+            assert pose is not None
+            fit.add(frame, pose, tracker.sensor_noise, 1.0, tracker.exposure(frame, pose))
+    return tracker, fit
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("pattern", ["raster", "rosette"])
+def test_parts_that_are_as_in_the_mesh_stay_so_in_scans(boxsat: Target, pattern: str) -> None:
+    tracker, fit = parts_of_scans(boxsat, boxsat, pattern)
+    assert tracker.changed_parts == ()
+    verdicts = {part.verdict for part in fit.parts()}
+    assert verdicts <= {PartVerdict.FITS, PartVerdict.HARDLY_SEEN}
+
+
+@pytest.mark.study
+def test_a_part_that_differs_is_found_in_scans(boxsat: Target, tmp_path: Path) -> None:
+    # A raster, whose outline the panel contradicts, takes long to start with.
+    shown(boxsat, 10.0).export(tmp_path / "turned.obj")
+    tracker, fit = parts_of_scans(boxsat, load_target(tmp_path / "turned.obj"), "rosette")
+    assert tracker.changed_parts == (PANEL,)
+    (turned,) = [part for part in fit.parts() if part.verdict is PartVerdict.TURNED]
+    assert turned.name == PANEL and abs(turned.turn_deg - 10.0) < 1.0
 
 
 @pytest.mark.study
