@@ -45,7 +45,7 @@ $(STAMP): pyproject.toml constraints.txt
 	    echo "setup 1/2: making $(VENV) with $$($$python --version)"; \
 	    $$python -m venv --clear $(VENV); \
 	fi; \
-	echo "setup 2/2: installing up to $$(grep -c '==' constraints.txt) pinned packages (300 MB to download, a minute or more the first time)"; \
+	echo "setup 2/2: installing up to $$(grep -c '==' constraints.txt) pinned packages (700 MB to download, a minute or more of processor time the first time)"; \
 	$(BIN)/python -m pip install --quiet --editable '.[all,dev,docs]'; \
 	touch $@; \
 	echo "setup done: $(BIN)/pcnav --help"
