@@ -11,7 +11,7 @@ import numpy as np
 
 from pcnav.batch.monte_carlo import Case, Run, runs_of
 from pcnav.core.arrays import FloatArray, joined
-from pcnav.core.statistics import MeanSquared, mean_squared, root_mean_square
+from pcnav.core.statistics import MeanSquared, mean, mean_squared, root_mean_square
 from pcnav.files.text_table import TextTable
 from pcnav.report.panels import panels_figure
 
@@ -69,14 +69,14 @@ class Claimed:
 
     @property
     def share_inside(self) -> float:
-        """Of the times at which some are locked, those with the mean NEES inside its bounds."""
-        return float(np.mean(self.whole.inside[self.whole.values > 0]))
+        """Of the times at which some are locked, those with the mean NEES inside its bounds; nan
+        where none ever is."""
+        return mean(self.whole.inside[self.whole.values > 0])
 
     @property
     def mean_nees(self) -> float:
         """Per degree of freedom, over all frames that are locked."""
-        known = self.whole.values > 0
-        return float(np.average(self.whole.mean[known], weights=self.whole.values[known]))
+        return mean((self.runs.nees / self.runs.size)[self.runs.locked])
 
     @property
     def attitude_deg(self) -> float:
@@ -89,11 +89,11 @@ class Claimed:
         over = self.runs.error[..., ATTITUDE.rows] / self.runs.sd[..., ATTITUDE.rows]
         return root_mean_square(over[self.runs.locked])
 
-    def at(self, part: float) -> MeanSquared:
-        """NEES at the last time up to a part of the run at which some are locked."""
-        known = np.flatnonzero(self.whole.values > 0)
+    def at(self, part: float) -> MeanSquared | None:
+        """NEES at the last time up to a part of the run at which some are locked; None if never."""
         end = part * float(self.runs.time_s[-1])
-        return self.whole[int(known[self.runs.time_s[known] <= end + 1e-9][-1])]
+        known = (self.whole.values > 0) & (self.runs.time_s <= end + 1e-9)
+        return self.whole[int(np.flatnonzero(known)[-1])] if known.any() else None
 
     def _degrees(self) -> FloatArray:
         """(runs, n) error of the attitude where locked, else nan."""

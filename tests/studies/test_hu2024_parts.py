@@ -11,6 +11,7 @@ from pcnav.dynamics import blocks
 from pcnav.estimators.principal_axes.feature_states import PA_MOTION_SIZE
 from pcnav.simulation.motion import rotate_torque_free
 from studies.hu2024 import paper
+from studies.hu2024.disturbed import Claimed, disturbed_table
 from studies.hu2024.errors import (
     ATTITUDE,
     QUANTITIES,
@@ -146,6 +147,22 @@ def test_a_start_and_a_gap_under_a_strong_torque_are_what_they_say():
     assert np.isfinite(per_degree[run.time_s > 10.0]).all()
     assert np.nanmean(per_degree[run.time_s < 11.0]) < 2.0
     assert np.nanmean(per_degree[run.time_s > 15.0]) < 2.0
+
+
+def test_what_is_claimed_counts_what_is_locked_alone(runs):
+    (found,) = [Claimed.of("some", runs["matched"])]
+    locked = runs["matched"].locked
+    assert 0.0 < found.share_locked == np.mean(locked) < 1.0
+    assert found.half_turns == 0
+    per_degree = (runs["matched"].nees / runs["matched"].size)[locked]
+    assert found.mean_nees == pytest.approx(per_degree.mean())
+    turned = replace(runs["matched"], error=runs["matched"].error + np.pi * np.eye(14)[0])
+    assert Claimed.of("some", turned).half_turns == 2
+    silent = Claimed.of("none", replace(runs["matched"], locked=np.zeros_like(locked)))
+    assert silent.half_turns == 0
+    row = disturbed_table([silent]).rows[0]
+    assert row[2] == "0%"
+    assert row[-4:-1] == ("-", "-", "-")
 
 
 def test_tables_of_the_filter(runs, monkeypatch):
