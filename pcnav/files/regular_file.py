@@ -4,8 +4,11 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from pcnav.core.errors import InputError
+
+_CHUNK = 1 << 20
 
 
 def require_regular(
@@ -34,9 +37,26 @@ def read_bytes(path: Path, max_bytes: int, what: str = "a readable file") -> byt
     require_regular(path, max_bytes, what)
     try:
         with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
+            content = _read(file, max_bytes)
     except OSError as error:
         raise InputError(path, "file", f"expected {what} ({error.strerror})") from error
     if len(content) > max_bytes:
         raise InputError(path, "file", f"expected at most {max_bytes:,} bytes")
     return content
+
+
+def _read(file: BinaryIO, max_bytes: int) -> bytes:
+    """All of a file, or more than so many bytes of it.
+
+    A buffer of as many bytes as are asked for is made first: so what is there is asked for.
+    """
+    left = max_bytes + 1
+    content = file.read(min(os.fstat(file.fileno()).st_size + 1, left))
+    if len(content) == left:
+        return content
+    # It has grown since, or tells no size.
+    more, left = [content], left - len(content)
+    while part := file.read(min(_CHUNK, left)):
+        more.append(part)
+        left -= len(part)
+    return b"".join(more) if len(more) > 1 else content

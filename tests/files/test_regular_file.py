@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -58,6 +59,22 @@ def test_a_device_and_what_grows_are_refused(tmp_path: Path) -> None:
     (tmp_path / "long").write_bytes(b"a" * 1001)
     with pytest.raises(InputError, match="at most 1,000 bytes, it has 1,001"):
         read_bytes(tmp_path / "long", 1000)
+
+
+def test_a_small_file_takes_little_memory_however_large_it_might_be(tmp_path: Path) -> None:
+    path = tmp_path / "small.pcd"
+    path.write_bytes(b"0123456789")
+    tracemalloc.start()
+    try:
+        assert read_bytes(path, 4_000_000_000) == b"0123456789"
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+    assert read_bytes(path, 10) == b"0123456789"
+    with pytest.raises(InputError, match="at most 9 bytes"):
+        read_bytes(path, 9)
+    # It tells no size, and has one.
+    assert read_bytes(Path("/proc/self/status"), 1_000_000).startswith(b"Name:")
 
 
 def test_a_message_is_one_printable_line_of_bounded_length() -> None:
