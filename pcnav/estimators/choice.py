@@ -33,7 +33,7 @@ _FOR_KIND = {
     RecordingKind.STEREO_TRACKS: "feature tracks",
 }
 _NO_MESH = {
-    RecordingKind.IMAGES: "images of one camera need none",
+    RecordingKind.IMAGES: "images of one camera, a video among them, are no depth and need none",
     RecordingKind.STEREO_TRACKS: "feature tracks need no mesh",
     RecordingKind.ATTITUDES: "attitudes need no mesh",
 }

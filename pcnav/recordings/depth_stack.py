@@ -169,8 +169,9 @@ class _Arrays:
         if name not in self._file.headers:
             return None
         found = self._file.whole(name)
-        if found.size != 1 or not float(found.ravel()[0]) > 0.0:
-            raise InputError(self._path, name, "expected one number above 0, mm per stored unit")
+        if found.size != 1 or not 0.0 < float(found.ravel()[0]) < np.inf:
+            expected = "expected one finite number above 0, mm per stored unit"
+            raise InputError(self._path, name, expected)
         return float(found.ravel()[0]) / 1000.0
 
 

@@ -189,8 +189,12 @@ def _times(folder: Path, count: int, facts: CameraFacts) -> FloatArray:
 
 
 def _open_video(path: Path) -> ImageSequence:
-    beside = path.with_suffix(".toml")
-    facts = read_camera_file(beside if beside.is_file() else path.parent / CAMERA_FILE)
+    own, shared = path.with_suffix(".toml"), path.parent / CAMERA_FILE
+    beside = own if own.is_file() else shared
+    if not beside.is_file():
+        expected = f"expected {own.name} or {shared.name} beside a video, with its camera"
+        raise InputError(path, "camera", f"{expected}: a video is images, and holds no depth")
+    facts = read_camera_file(beside)
     cv2 = opencv("reading videos")
     video = cv2.VideoCapture(str(path))
     try:

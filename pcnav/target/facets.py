@@ -259,7 +259,11 @@ def _joined(triangles: npt.NDArray[np.object_]) -> npt.NDArray[np.object_]:
     """
     if len(triangles) <= _FEW:
         return triangles
-    covered = shapely.coverage_union_all(triangles)
+    try:
+        covered = shapely.coverage_union_all(triangles)
+    except shapely.errors.GEOSException:
+        # Their edges cross.
+        return triangles
     stated = float(shapely.area(triangles).sum())
     whole = bool(shapely.is_valid(covered)) and abs(covered.area - stated) <= 1e-9 * stated
     return shapely.get_parts(covered) if whole else triangles

@@ -120,6 +120,13 @@ def test_a_video(tmp_path: Path) -> None:
         open_images(path)
 
 
+def test_a_video_without_a_camera_is_told_that_it_is_no_depth(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mp4"
+    path.write_bytes(b"no video")
+    with pytest.raises(InputError, match=r"expected flight\.toml or camera\.toml.*holds no depth"):
+        open_images(path)
+
+
 def test_distortion_is_taken_out(tmp_path: Path) -> None:
     pytest.importorskip("cv2", reason="the extra `images` is not installed")
     folder = folder_of(tmp_path / "seq", 1)

@@ -396,6 +396,7 @@ K = np.array([[20.0, 0.0, 3.5], [0.0, 21.0, 2.5], [0.0, 0.0, 1.0]])
     ("write", "words"),
     [
         (_npz(a=DEPTH, b=DEPTH), ("depth", "expected one array depth", "a (2, 6, 8)")),
+        (_npz(depth=DEPTH, K=K, depth_scale=np.array(np.inf)), ("depth_scale", "finite")),
         (_npz(depth=DEPTH, K=-K), ("K", "expected K (3, 3)")),
         (_npz(depth=DEPTH, K=K, time_s=np.zeros(3)), ("time_s", "expected 2 numbers")),
         (_npz(depth=DEPTH, K=K, time_s=np.array([0.0, 1e15])), ("time stamp", "seconds")),

@@ -248,3 +248,12 @@ def test_a_gentle_curve_cut_finely_is_no_flat_face():
     flat = trimesh.Trimesh(vertices * [1.0, 1.0, 0.0], faces, process=False)
     assert len(planar_faces(flat, 0.01)) == 1
     assert planar_faces(bent, 0.01) == ()
+
+
+def test_many_triangles_of_a_plane_that_cross_are_one_surface():
+    # A fine tessellation that was damaged: joined as a coverage they are none.
+    corners = np.random.default_rng(0).uniform(size=(300, 2))
+    vertices = np.column_stack([corners, np.zeros(300)])
+    sheet = trimesh.Trimesh(vertices, np.arange(300).reshape(-1, 3), process=False)
+    faces = planar_faces(sheet, 0.1)
+    assert faces and max(face.area_m2 for face in faces) <= 1.0
