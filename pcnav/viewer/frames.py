@@ -31,7 +31,7 @@ from pcnav.viewer.colouring import (
 )
 from pcnav.viewer.palette import BESIDE, PLAIN
 
-_MAX_KEPT_BYTES = 96_000_000
+_MAX_KEPT_BYTES = 64_000_000
 """Of frames in memory, those of one run together."""
 _MAX_RENDERERS = 4
 """A frame with many returns is shown by fewer of its pixels than its neighbour."""
@@ -208,18 +208,14 @@ class FrameStore:
         if whole.time_s != time_s:
             return None
         n_returns = int(np.count_nonzero(whole.depth_m > 0.0))
-        stride = max(1, int(np.ceil(np.sqrt(n_returns / max_points))))
+        stride = _stride(n_returns, max_points)
         frame = whole.strided(stride)
         rows, columns = np.divmod(np.flatnonzero(frame.depth_m > 0.0), frame.depth_m.shape[1])
         rays, depth_m = rays_at(frame, rows, columns), frame.depth_m[rows, columns]
         points = (rays * depth_m[:, None].astype(np.float64)).astype(np.float32)
         shown = (rows.astype(np.int16), columns.astype(np.int16))
         if pose is None:
-            # It brings Open3D, which most views never need and all would wait for.
-            from pcnav.perception.perceive import perceive
-
-            seen = perceive(whole, (), self._settings, self.sigma_m, self._seed)
-            labels = seen.image_labels[::stride, ::stride][shown].astype(np.int16)
+            labels = self._planes(whole, n_returns, stride * rows, stride * columns)
             return Shot(frame, stride, n_returns, shown, points, labels, None, None)
         T_cam_model = np.reshape(pose, (4, 4))
         model_m, faces = self._modelled(frame, rays, shown, T_cam_model, motion)
@@ -233,6 +229,19 @@ class FrameStore:
             residual_m.astype(np.float32),
             self._beside(points, T_cam_model),
         )
+
+    def _planes(self, whole: Frame, n_returns: int, rows: IntArray, columns: IntArray) -> Labels:
+        """(n,) planes that are found in a frame without an estimate, at some of its pixels.
+
+        They are looked for in no more returns than are drawn by default: all of a large image
+        would take seconds and most of a gigabyte.
+        """
+        # It brings Open3D, which most views never need and all would wait for.
+        from pcnav.perception.perceive import perceive
+
+        stride = _stride(n_returns, MAX_POINTS)
+        seen = perceive(whole.strided(stride), (), self._settings, self.sigma_m, self._seed)
+        return seen.image_labels[rows // stride, columns // stride].astype(np.int16)
 
     def _modelled(
         self,
@@ -277,6 +286,11 @@ class FrameStore:
                 self._renderers.clear()
             self._renderers[camera] = DepthRenderer(self._target.mesh, camera)
         return self._renderers[camera]
+
+
+def _stride(n_returns: int, most: int) -> int:
+    """Of so many returns, one in how many rows and columns leaves no more than so many."""
+    return max(1, int(np.ceil(np.sqrt(n_returns / most))))
 
 
 def rays_at(frame: Frame, rows: IntArray, columns: IntArray) -> FloatArray:

@@ -35,6 +35,8 @@ from pcnav.viewer.timeline import text_of, time_line
 _MAX_DRAWN_HZ = 30.0
 _TEXTS_HZ = 8.0
 _PICTURE_HZ = 2.0
+_TEXTS_EVERY, _PICTURE_EVERY = 3, 8
+"""Frames of a run that is played."""
 _ADDRESS_HZ = 1.0
 _PLOTS_LIVE_S = 2.0
 _IDLE_S = 0.1
@@ -45,16 +47,20 @@ _MAX_NUMBER = 1e12
 
 @dataclass
 class _Paced:
-    """Something that is done at most so often."""
+    """Something that is done at most so often, and at most every so many times that it is asked
+    for: a browser that is slow has not the time for it with each frame."""
 
     period_s: float
+    every: int = 1
     last_s: float = field(default=-np.inf)
+    asked: int = 0
 
     def is_due(self, now_s: float) -> bool:
         """Whether it is time; if so it counts as done."""
-        if now_s - self.last_s < self.period_s:
+        self.asked += 1
+        if now_s - self.last_s < self.period_s or self.asked < self.every:
             return False
-        self.last_s = now_s
+        self.last_s, self.asked = now_s, 0
         return True
 
 
@@ -80,7 +86,8 @@ class Session:
         self._prepared: int | None = None
         """The frame that is read ahead."""
         self._redraw = self._redraw_plots = False
-        self._picture, self._texts = _Paced(1.0 / _PICTURE_HZ), _Paced(1.0 / _TEXTS_HZ)
+        self._picture = _Paced(1.0 / _PICTURE_HZ, _PICTURE_EVERY)
+        self._texts = _Paced(1.0 / _TEXTS_HZ, _TEXTS_EVERY)
         self._plots_paced, self._addressed = _Paced(_PLOTS_LIVE_S), _Paced(1.0 / _ADDRESS_HZ)
         with drawing(client):
             self._page = Page(client.gui, self.hear)

@@ -97,6 +97,24 @@ def test_frames_without_an_estimate_show_planes_of_their_own(loaded: LoadedRun) 
         assert shot.colours(by, 0.1).shape[-1] == 3
 
 
+def test_planes_of_a_large_frame_are_found_in_some_of_its_returns(
+    loaded: LoadedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert loaded.frames is not None and loaded.target is not None
+    assert loaded.run.pipeline is not None
+    table, time_s = loaded.run.pipeline.perception, float(loaded.run.time_s[0])
+    whole = shot_of(loaded, 0)
+    assert whole is not None
+    monkeypatch.setattr(frames, "MAX_POINTS", len(whole.points) // 3)
+    store = FrameStore(loaded.frames.recording, loaded.target, table, 0)
+    found = store.get(0, time_s, None, 10**9)
+    assert found is not None and found.stride == 1 and found.planes.shape == whole.planes.shape
+    for plane in np.unique(whole.planes[whole.planes >= 0])[:2]:
+        labels, n = np.unique(found.planes[whole.planes == plane], return_counts=True)
+        # Numbers may differ, and at the rim a neighbour stands for a return.
+        assert n.max() > 0.7 * n.sum() and labels[n.argmax()] >= 0
+
+
 def test_flat_parts_of_the_mesh_are_told_apart(loaded: LoadedRun) -> None:
     assert loaded.target is not None
     mesh = loaded.target.mesh
