@@ -83,8 +83,10 @@ def view(
     if asked:
         _export(runs, asked, opening, overwrite, sequence)
         return
+    from pcnav.viewer.memory import give_back_large_arrays
     from pcnav.viewer.server import LocalServer, label_of
 
+    give_back_large_arrays()
     # First of all, so that the page loads in the browser while the run is read.
     server = LocalServer(host, port, label_of([run.resolve().name for run in runs]))
     tell_address(server, host, port)
