@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("small_gicp", reason="the peers are installed with the extra `peers`")
 
 from benchmarks.accuracy import Spread, score_case
+from benchmarks.following import Followed
 from benchmarks.history import append, comparison_table, entry_of, last_of_same, read
 from benchmarks.memory import PeakMemory, long_pipeline, measure_memory, memory_table
 from benchmarks.peers import METHODS, OURS, Method, Poses
@@ -21,6 +22,7 @@ from benchmarks.scenes import Case, load, record, shortened
 from benchmarks.speed import PER_FRAME, measure_throughput, throughput_table
 from benchmarks.steps import measure_steps, steps_table
 from benchmarks.stopwatch import Stopwatch
+from pcnav.runs.timing import AnswerTime, Timing
 from pcnav.simulation.motion import true_motion
 
 _FRAMES = 8
@@ -169,3 +171,14 @@ def test_scaling_runs_batches_in_a_process_of_their_own_and_judges_them(tmp_path
     assert list(scaling_memory_table(slow, quick).columns[3].cells) == ["-", "pass"]
     grown = BatchCost(240, 2, 50.0, 900.0)
     assert list(scaling_memory_table(slow, grown).columns[3].cells) == ["-", "fail"]
+
+
+def test_frames_wait_for_those_before_them() -> None:
+    # At 10 Hz: the first takes 250 ms, all others 60 ms.
+    rows = tuple(
+        Timing(0.1 * k, AnswerTime.IN_TIME, 0.01, 0.25 if k == 0 else 0.06) for k in range(6)
+    )
+    followed = Followed("a", 0.1, 10.0, rows, 0, None, same=True)
+    np.testing.assert_allclose(followed.alone_s, [0.25, 0.21, 0.17, 0.13, 0.09, 0.06])
+    assert followed.late(AnswerTime.LATE) == 0
+    assert followed.delays_s.tolist() == [0.01] * 6
