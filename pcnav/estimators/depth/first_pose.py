@@ -8,7 +8,7 @@ import numpy as np
 from pcnav.config.depth import Measurements
 from pcnav.core.arrays import FloatArray
 from pcnav.estimators.depth.pose_fit import SingleFramePose, fit_pose
-from pcnav.estimators.depth.pose_measurement import pose_error, poses_about
+from pcnav.estimators.depth.pose_measurement import pose_error
 from pcnav.estimators.depth.single_frame import refined_hypotheses, refitted
 from pcnav.estimators.depth.target_odds import CLEAR_LEAD, frame_odds, lead
 from pcnav.filtering.error_state import innovation_gate
@@ -43,27 +43,34 @@ def fit_first_pose(
     """Begin from a stated pose: fitted to the frame, and dropped where that contradicts it.
 
     It is contradicted where too little of the frame agrees, where the frame moves it further than
-    its spread allows, and where another pose of the same frame is clearly more likely.
+    its spread allows, and where another pose of the same frame is clearly more likely. A statement
+    from which no fit leads to the target chooses among the poses that a search finds.
     """
     pose = _fitted(stated.T_cam_model, stated, perceived, reader)
-    if not _agrees(pose) and reader.measured_by is not Measurements.RECTANGLES:
-        guesses = poses_about(stated.T_cam_model, np.diag(_deviations(stated, 0.0, 0.0) ** 2))
-        found = [pose, *(_fitted(guess, stated, perceived, reader) for guess in guesses)]
-        pose = max((each for each in found if each is not None), key=_odds, default=None)
+    near = stated.T_cam_model if pose is None else pose.T_cam_model
+    others = refined_hypotheses(perceived, reader, (near,))
+    if not _agrees(pose):
+        likely = [other for other in others if _is_within(stated, other)]
+        pose = max([*likely, *([pose] if pose else [])], key=_odds, default=None)
     if pose is None or np.isnan(pose.agreement.visible_ratio):
         return FirstPoseFit(None, "nothing of the target is seen from there")
     if not _agrees(pose):
         return FirstPoseFit(None, f"it explains {pose.agreement.visible_ratio:.0%} of the frame")
-    error = pose_error(stated.T_cam_model, pose.T_cam_model)
-    spread = np.diag(_deviations(stated, 0.0, 0.0) ** 2) + pose.covariance
-    squared = float(error @ np.linalg.solve(spread, error))
-    if squared > innovation_gate(_GATE_PROBABILITY, len(error)):
+    if not _is_within(stated, pose):
+        error = pose_error(stated.T_cam_model, pose.T_cam_model)
         shift, turn = np.linalg.norm(error[:3]), np.rad2deg(np.linalg.norm(error[3:]))
         return FirstPoseFit(None, f"the frame has it {shift:.3g} m and {turn:.2g} deg off")
-    others = refined_hypotheses(perceived, reader, (pose.T_cam_model,))
     if _lead(pose, others, perceived, reader) < -CLEAR_LEAD:
         return FirstPoseFit(None, "another pose explains the frame better")
     return FirstPoseFit(pose)
+
+
+def _is_within(stated: FirstPosePrior, pose: SingleFramePose) -> bool:
+    """Whether a pose of the frame is one that the statement allows."""
+    error = pose_error(stated.T_cam_model, pose.T_cam_model)
+    spread = np.diag(_deviations(stated, 0.0, 0.0) ** 2) + pose.covariance
+    squared = float(error @ np.linalg.solve(spread, error))
+    return squared <= innovation_gate(_GATE_PROBABILITY, len(error))
 
 
 def _odds(pose: SingleFramePose) -> float:
