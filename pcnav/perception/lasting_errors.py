@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.perception.correlated_ranges import face_field, steepness_of
 from pcnav.perception.face_errors import face_terms, known_beforehand
 from pcnav.perception.modality import POSE_SIZE, Evidence, SeenFrame
 from pcnav.perception.render_compare import Comparison
@@ -102,6 +103,30 @@ def lasting_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
     covariance += np.outer(mean, mean)
     if noise.outline_sd_px > 0.0:
         covariance += _of_outline(seen)
+    return covariance
+
+
+def unweighed_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
+    """(6 + k, 6 + k) as `lasting_part`, of errors of faces that ranges are not weighed by: nothing
+    of them is in the information that the frame was taken to have."""
+    seen, noise = comparison.seen, comparison.seen.noise
+    size = POSE_SIZE + noise.n_shared
+    covariance = np.zeros((size, size))
+    if not noise.has_unweighed_errors:
+        return covariance
+    sd = np.array([noise.unweighed_face_sd_m, *[noise.unweighed_face_tilt_sd_m] * 2])
+    residuals, places = seen.residuals, comparison.places(used)
+    for face, fit in seen.ranges.items():
+        if face not in places:
+            continue
+        chosen = residuals.agrees & (residuals.face == face)
+        H = residuals.jacobian[chosen]
+        field = face_field(residuals.u[chosen], residuals.v[chosen]) * sd * steepness_of(H)
+        by_field = np.zeros((len(sd), size))
+        by_field[:, :POSE_SIZE] = field.T @ H / fit.variance_m2
+        if noise.n_shared:
+            by_field[:, POSE_SIZE] = field.sum(axis=0) * noise.frame_unit_m / fit.variance_m2
+        covariance += by_field.T @ by_field
     return covariance
 
 

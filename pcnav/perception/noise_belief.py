@@ -68,10 +68,19 @@ class NoiseBelief:
         """The noise with what is believed of it."""
         for part in (self.level, self.outline, self.scatter):
             noise = part.applied(noise)
+        believed = self.faces.applied(noise)
+        weighed = believed.face_sd_m, believed.face_tilt_sd_m
+        unweighed = 0.0, 0.0
         if self.offsets.shows_exact_outline(noise):
-            noise = self.faces.applied(noise)
             noise = replace(noise, face_correlation=round(self.memory.correlation, 2))
         else:
             # With faces that err, the outline would hold the pose. A rough one errs by sides.
-            noise = replace(noise, face_sd_m=0.0, face_tilt_sd_m=0.0)
+            weighed, unweighed = unweighed, weighed
+        noise = replace(
+            noise,
+            face_sd_m=weighed[0],
+            face_tilt_sd_m=weighed[1],
+            unweighed_face_sd_m=unweighed[0],
+            unweighed_face_tilt_sd_m=unweighed[1],
+        )
         return self.offsets.applied(noise)

@@ -38,6 +38,11 @@ class SensorNoise:
     and frame."""
     face_tilt_sd_m: float = 0.0
     """That of each of its two tilts, at one standard deviation of its pixels."""
+    unweighed_face_sd_m: float = 0.0
+    """That of the offset of a face where the outline is no witness of it: ranges are weighed as if
+    there were none, or the outline would hold the pose, and what faces err by is considered."""
+    unweighed_face_tilt_sd_m: float = 0.0
+    """That of each of its two tilts, likewise."""
     face_correlation: float = 1.0
     """Of the errors of a face in successive frames."""
     frame_sd_m: float = 0.0
@@ -83,6 +88,11 @@ class SensorNoise:
     def has_face_errors(self) -> bool:
         """Whether the pixels of a face err in common."""
         return self.face_sd_m > 0.0 or self.face_tilt_sd_m > 0.0
+
+    @property
+    def has_unweighed_errors(self) -> bool:
+        """Whether the pixels of a face err in common by more than they are weighed by."""
+        return self.unweighed_face_sd_m > 0.0 or self.unweighed_face_tilt_sd_m > 0.0
 
     @property
     def face_variance_m2(self) -> float:

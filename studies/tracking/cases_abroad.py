@@ -257,6 +257,9 @@ CASES: Mapping[str, AbroadCase] = {
     "stated_triple": AbroadCase(_stated(3.0)),
     "unstated": AbroadCase(_set("noise", states_range_sigma=False)),
     "uneven": AbroadCase(_uneven, loses_information=True),
+    "uneven_rim": AbroadCase(
+        _all_of(_uneven, _set("noise", footprint="any")), loses_information=True
+    ),
     "multipath": AbroadCase(_set("noise", multipath_fraction=0.05), loses_information=True),
     "holes": AbroadCase(_holes, loses_information=True),
     "footprint_any": AbroadCase(_set("noise", footprint="any")),

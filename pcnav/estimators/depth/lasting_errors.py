@@ -8,7 +8,7 @@ the products of different frames.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pcnav.estimators.depth.calibration_errors import CalibrationErrors, SeenBy
 from pcnav.estimators.depth.influence import influence_of
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.pose_measurement import ObserverPose
-from pcnav.perception.lasting_errors import lasting_part
+from pcnav.perception.lasting_errors import lasting_part, unweighed_part
 from pcnav.perception.modality import POSE_SIZE
 
 
@@ -30,6 +30,17 @@ class Considered:
     """(n, n) covariance of its error beyond its own."""
     by_error: FloatArray
     """(n, k) covariance of its error with the errors of the last frame."""
+
+    @staticmethod
+    def begun(moved: FloatArray, correlation: float, frames: int) -> "Considered":
+        """Of a filter that a few frames began, each moved (n, k) by such errors."""
+        share = 1.0 / frames
+        lasting = correlation * (1.0 - share)
+        return Considered(lasting * moved @ moved.T, (lasting + share) * moved)
+
+    def with_own(self, moved: FloatArray) -> "Considered":
+        """With the variance of a frame that the filter did not count."""
+        return replace(self, added=self.added + moved @ moved.T)
 
     def predicted(self, transition: FloatArray) -> "Considered":
         """After a prediction by (n, n)."""
@@ -55,7 +66,7 @@ class LastingErrors:
         """``frames`` that the track began with."""
         self._frames = frames
         self._kalman: Kalman | None = None
-        self._considered = Considered(
+        self._weighed = self._unweighed = Considered(
             np.zeros((STATE_SIZE, STATE_SIZE)), np.zeros((STATE_SIZE, POSE_SIZE))
         )
         self._of_calibration = CalibrationErrors()
@@ -63,17 +74,22 @@ class LastingErrors:
     @property
     def covariance(self) -> FloatArray:
         """(20, 20) beyond the filter's own."""
-        return self._considered.added + self._of_calibration.covariance
+        return self._of_surface + self._of_calibration.covariance
 
     @property
     def budget(self) -> Mapping[str, FloatArray]:
         """(20, 20) of what it is made of, by name."""
-        return {"faces and outline": self._considered.added, **self._of_calibration.budget}
+        return {"faces and outline": self._of_surface, **self._of_calibration.budget}
+
+    @property
+    def _of_surface(self) -> FloatArray:
+        return self._weighed.added + self._unweighed.added
 
     def predict(self, kalman: Kalman) -> None:
         """Follow a filter that was just moved to the time of a frame."""
         if self._kalman is not None:
-            self._considered = self._considered.predicted(kalman.transition)
+            self._weighed = self._weighed.predicted(kalman.transition)
+            self._unweighed = self._unweighed.predicted(kalman.transition)
             self._of_calibration.predict(kalman.transition)
 
     def take_in(self, kalman: Kalman, observer: ObserverPose, seen: SeenBy) -> None:
@@ -87,23 +103,27 @@ class LastingErrors:
         self._frames += 1
         comparison, used = seen.comparison, seen.used
         noise, lever_m = comparison.seen.noise, 0.5 * comparison.seen.edges.diameter_m
-        lasts = noise.has_face_errors or noise.outline_sd_px > 0.0
+        lasts = noise.has_face_errors or noise.outline_sd_px > 0.0 or noise.has_unweighed_errors
         if not lasts and seen.calibration.is_exact and self._kalman is None:
             return
         is_first = kalman is not self._kalman
         influence = influence_of(kalman, observer, comparison, used, is_first=is_first)
         self._kalman = kalman
         self._of_calibration.take_in(influence, kalman, observer, seen, self._frames)
-        error = matrix_root(
-            influence.of_pose @ lasting_part(comparison, used) @ influence.of_pose.T, lever_m
+        weighed, unweighed = (
+            influence.by_evidence
+            @ matrix_root(influence.of_pose @ part @ influence.of_pose.T, lever_m)
+            for part in (lasting_part(comparison, used), unweighed_part(comparison, used))
         )
-        moved, correlation = influence.by_evidence @ error, noise.face_correlation
-        if not is_first:
-            self._considered = self._considered.updated(influence.kept, moved, correlation)
+        correlation = noise.face_correlation
+        if is_first:
+            self._weighed = Considered.begun(weighed, correlation, self._frames)
+            self._unweighed = Considered.begun(unweighed, correlation, self._frames)
+            self._unweighed = self._unweighed.with_own(unweighed / np.sqrt(self._frames))
             return
-        share = 1.0 / self._frames
-        lasting = correlation * (1.0 - share)
-        self._considered = Considered(lasting * moved @ moved.T, (lasting + share) * moved)
+        self._weighed = self._weighed.updated(influence.kept, weighed, correlation)
+        self._unweighed = self._unweighed.updated(influence.kept, unweighed, correlation)
+        self._unweighed = self._unweighed.with_own(unweighed)
 
 
 def matrix_root(covariance: FloatArray, lever_m: float) -> FloatArray:

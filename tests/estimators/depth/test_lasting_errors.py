@@ -13,10 +13,11 @@ H = np.array([[1.0, 0.0]])
 PRIOR = np.diag([1.0, 0.2])
 
 
-def gains() -> tuple[list[FloatArray], FloatArray]:
-    """Of a filter of place and speed that takes both noises for white, and its covariance."""
+def gains(counted: float = LASTING) -> tuple[list[FloatArray], FloatArray]:
+    """Of a filter of place and speed that takes both noises for white, and its covariance; or that
+    counts less of the one that lasts."""
     P, found = PRIOR, []
-    R = np.array([[WHITE**2 + LASTING**2]])
+    R = np.array([[WHITE**2 + counted**2]])
     for _ in range(FRAMES):
         P = F @ P @ F.T + Q
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
@@ -25,10 +26,10 @@ def gains() -> tuple[list[FloatArray], FloatArray]:
     return found, P
 
 
-def written_out(correlation: float) -> FloatArray:
+def written_out(correlation: float, counted: float = LASTING) -> FloatArray:
     """(2, 2) covariance of its error: linear in the start, the forces and the noise of all frames,
     each with its own covariance."""
-    found, _ = gains()
+    found, _ = gains(counted)
     by_start, by_force, by_noise = np.eye(2), np.zeros((2, 2 * FRAMES)), np.zeros((2, FRAMES))
     for k, K in enumerate(found):
         A = np.eye(2) - K @ H
@@ -52,6 +53,16 @@ def test_the_covariance_is_that_of_the_error_written_out(correlation: float) -> 
     if correlation == 1.0:
         # The filter alone would claim two thirds of it.
         assert np.sqrt(own[0, 0] + beside.added[0, 0]) > 1.5 * np.sqrt(own[0, 0])
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.7, 1.0])
+def test_errors_that_a_filter_does_not_count_are_added_in_full(correlation: float) -> None:
+    found, own = gains(counted=0.0)
+    beside = Considered(np.zeros((2, 2)), np.zeros((2, 1)))
+    for K in found:
+        beside = beside.predicted(F).updated(np.eye(2) - K @ H, LASTING * K, correlation)
+        beside = beside.with_own(LASTING * K)
+    assert own + beside.added == pytest.approx(written_out(correlation, counted=0.0), rel=1e-9)
 
 
 def test_the_root_of_a_covariance() -> None:

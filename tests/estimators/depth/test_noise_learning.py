@@ -103,6 +103,19 @@ def test_what_errors_that_last_make_of_a_pose_is_stated(target: Target, seed: in
     assert np.max(run.position_m[6:]) < SIGMA_M
 
 
+def test_errors_of_faces_are_owned_up_to_where_the_outline_is_no_witness_of_them(
+    target: Target,
+) -> None:
+    """Weighed by as noise of its pixels alone, a face would be known thirty times better than it
+    is."""
+    run = follow(simulated(target, footprint="any", **UNEVEN), target)
+    known = run.claims
+    known[:6] = False
+    assert np.count_nonzero(known) >= 6
+    assert 0.05 < np.mean(run.pose_nees[known]) / 6.0 < 3.0
+    assert np.median(run.position_m[known]) > 0.2 * SIGMA_M
+
+
 @pytest.mark.study
 def test_whether_errors_of_faces_last_is_learnt(target: Target) -> None:
     assert learnt(target, SIGMA_M, **LASTING).face_correlation > 0.8
