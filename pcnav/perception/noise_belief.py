@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from pcnav.perception.contour import ContourRuns
 from pcnav.perception.face_errors import FaceErrors
 from pcnav.perception.lasting_errors import FaceMemory
 from pcnav.perception.modality import Evidence
@@ -55,6 +58,9 @@ class NoiseBelief:
         faces = self.faces.with_frame(seen)
         facets_px2 = seen.noise.outline_sd_px**2 - noise.outline_sd_px**2
         ranges = faces.evidence(seen)
+        if faces.applied(seen.sensor_noise).has_face_errors and not noise.has_face_errors:
+            # Weighed as if faces did not err, what they err by would pass for the outline's.
+            together = ranges.with_also(_of_outline(seen.contour, noise))
         return replace(
             self,
             level=self.level.with_levels(face_levels(seen.residuals, noise)),
@@ -84,3 +90,12 @@ class NoiseBelief:
             unweighed_face_tilt_sd_m=unweighed[1],
         )
         return self.offsets.applied(noise)
+
+
+def _of_outline(runs: ContourRuns, noise: SensorNoise) -> Evidence:
+    """(6 + k) what an outline says, under the noise that it was measured under."""
+    H = runs.jacobian
+    if noise.n_shared:
+        shared = runs.shared * noise.outline_offset_sd_px
+        H = np.hstack([H, np.zeros((len(runs), 1)), shared])
+    return Evidence.of(runs.value, runs.variance, H)

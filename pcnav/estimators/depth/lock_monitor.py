@@ -80,7 +80,8 @@ class LockMonitor:
         if self._votes or self._lead <= CLEAR_LEAD:
             self._wait = min(self._wait, _MAX_WAIT_OPEN_FRAMES)
             return LockCheck.OPEN
-        self._lead = 0.0
+        # What was clear stays so while frames speak for it; one that speaks against it opens it.
+        self._lead = CLEAR_LEAD
         return LockCheck.CONFIRMED
 
     def lead_of(
