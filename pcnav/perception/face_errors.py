@@ -73,6 +73,17 @@ class FaceErrors:
         offset, tilt = (self._level(weights.sum(axis=axis)) for axis in (1, 0))
         return replace(noise, face_sd_m=offset, face_tilt_sd_m=tilt)
 
+    @property
+    def possible(self) -> tuple[float, float]:
+        """Root mean squares of offset and tilts, m, by all that is believed of them: levels that
+        frames make unlikely, but do not rule out, count as far as they are likely."""
+        some = self.log_likelihood - np.log(self.log_likelihood.size) + _PRIOR_ODDS
+        some[0, 0] = self.log_likelihood[0, 0]
+        weights = np.exp(some - logsumexp(some))
+        squares = (_LEVELS * self.lever_m) ** 2
+        offset, tilt = (float(np.sqrt(weights.sum(axis=axis) @ squares)) for axis in (1, 0))
+        return offset, tilt
+
     def evidence(self, seen: SeenFrame) -> Evidence:
         """What the ranges of a frame say (6 + k), its faces erring as is believed."""
         size = POSE_SIZE + seen.noise.n_shared

@@ -16,6 +16,7 @@ from pcnav.perception.correlated_ranges import face_field, steepness_of
 from pcnav.perception.face_errors import face_terms, known_beforehand
 from pcnav.perception.modality import POSE_SIZE, Evidence, SeenFrame
 from pcnav.perception.render_compare import Comparison
+from pcnav.perception.sensor_noise import SensorNoise
 
 _FACES_BEFOREHAND = 3.0
 """Faces in two successive frames whose errors last; so much is believed before any frame."""
@@ -106,14 +107,19 @@ def lasting_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
     return covariance
 
 
-def unweighed_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
-    """(6 + k, 6 + k) as `lasting_part`, of errors of faces that ranges are not weighed by: nothing
-    of them is in the information that the frame was taken to have."""
-    seen, noise = comparison.seen, comparison.seen.noise
-    size = POSE_SIZE + noise.n_shared
-    covariance = np.zeros((size, size))
+def unweighed_parts(
+    comparison: Comparison, used: Sequence[bool], noise: SensorNoise
+) -> tuple[FloatArray, FloatArray]:
+    """(6 + k, 6 + k) each as `lasting_part`, of errors of faces and of a frame that ranges are
+    not weighed by: nothing of them is in the information that the frame was taken to have.
+
+    ``noise`` says how large they are, as it is known by now.
+    """
+    seen, n_shared = comparison.seen, comparison.seen.noise.n_shared
+    size = POSE_SIZE + n_shared
+    of_faces, of_frame = np.zeros((size, size)), np.zeros(size)
     if not noise.has_unweighed_errors:
-        return covariance
+        return of_faces, np.outer(of_frame, of_frame)
     sd = np.array([noise.unweighed_face_sd_m, *[noise.unweighed_face_tilt_sd_m] * 2])
     residuals, places = seen.residuals, comparison.places(used)
     for face, fit in seen.ranges.items():
@@ -121,13 +127,15 @@ def unweighed_part(comparison: Comparison, used: Sequence[bool]) -> FloatArray:
             continue
         chosen = residuals.agrees & (residuals.face == face)
         H = residuals.jacobian[chosen]
-        field = face_field(residuals.u[chosen], residuals.v[chosen]) * sd * steepness_of(H)
+        field = face_field(residuals.u[chosen], residuals.v[chosen]) / fit.variance_m2
         by_field = np.zeros((len(sd), size))
-        by_field[:, :POSE_SIZE] = field.T @ H / fit.variance_m2
-        if noise.n_shared:
-            by_field[:, POSE_SIZE] = field.sum(axis=0) * noise.frame_unit_m / fit.variance_m2
-        covariance += by_field.T @ by_field
-    return covariance
+        by_field[:, :POSE_SIZE] = field.T @ H
+        if n_shared:
+            by_field[:, POSE_SIZE] = field.sum(axis=0) * seen.noise.frame_unit_m
+        of_frame += by_field[0] * noise.unweighed_frame_sd_m
+        by_field *= (sd * steepness_of(H))[:, None]
+        of_faces += by_field.T @ by_field
+    return of_faces, np.outer(of_frame, of_frame)
 
 
 def _of_outline(seen: SeenFrame) -> FloatArray:

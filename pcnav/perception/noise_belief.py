@@ -75,9 +75,10 @@ class NoiseBelief:
         for part in (self.level, self.outline, self.scatter):
             noise = part.applied(noise)
         believed = self.faces.applied(noise)
-        weighed = believed.face_sd_m, believed.face_tilt_sd_m
-        unweighed = 0.0, 0.0
-        if self.offsets.shows_exact_outline(noise):
+        weighed, unweighed = (believed.face_sd_m, believed.face_tilt_sd_m), (0.0, 0.0)
+        if not believed.has_face_errors:
+            unweighed = self.faces.possible
+        elif self.offsets.shows_exact_outline(noise):
             noise = replace(noise, face_correlation=round(self.memory.correlation, 2))
         else:
             # With faces that err, the outline would hold the pose. A rough one errs by sides.
@@ -89,7 +90,9 @@ class NoiseBelief:
             unweighed_face_sd_m=unweighed[0],
             unweighed_face_tilt_sd_m=unweighed[1],
         )
-        return self.offsets.applied(noise)
+        noise = self.offsets.applied(noise)
+        possible_m = 0.0 if noise.frame_sd_m > 0.0 else self.offsets.possible_m(noise)
+        return replace(noise, unweighed_frame_sd_m=possible_m)
 
 
 def _of_outline(runs: ContourRuns, noise: SensorNoise) -> Evidence:

@@ -39,10 +39,12 @@ class SensorNoise:
     face_tilt_sd_m: float = 0.0
     """That of each of its two tilts, at one standard deviation of its pixels."""
     unweighed_face_sd_m: float = 0.0
-    """That of the offset of a face where the outline is no witness of it: ranges are weighed as if
-    there were none, or the outline would hold the pose, and what faces err by is considered."""
+    """That of the offset of a face which ranges are not weighed by, but which is considered: where
+    the outline is no witness of it it would hold the pose, and few frames do not rule it out."""
     unweighed_face_tilt_sd_m: float = 0.0
     """That of each of its two tilts, likewise."""
+    unweighed_frame_sd_m: float = 0.0
+    """That of an offset of the whole frame which few frames do not rule out."""
     face_correlation: float = 1.0
     """Of the errors of a face in successive frames."""
     frame_sd_m: float = 0.0
@@ -91,8 +93,9 @@ class SensorNoise:
 
     @property
     def has_unweighed_errors(self) -> bool:
-        """Whether the pixels of a face err in common by more than they are weighed by."""
-        return self.unweighed_face_sd_m > 0.0 or self.unweighed_face_tilt_sd_m > 0.0
+        """Whether pixels may err in common by more than they are weighed by."""
+        of_faces = self.unweighed_face_sd_m, self.unweighed_face_tilt_sd_m
+        return any(sd > 0.0 for sd in (*of_faces, self.unweighed_frame_sd_m))
 
     @property
     def face_variance_m2(self) -> float:

@@ -95,11 +95,23 @@ class FrameErrors:
         known = not any(noise.outline_offset_sd_px[:2])
         return known or self.against_outline.shows_exact_outline
 
-    def applied(self, noise: SensorNoise) -> SensorNoise:
-        """The noise with what is believed of an offset of a frame."""
+    def possible_m(self, noise: SensorNoise) -> float:
+        """Root mean square of an offset of a frame, by all that is believed of it."""
+        log_likelihood = self._of_all(noise)
+        of_levels = log_likelihood[1:] - np.log(len(_LEVELS)) + _PRIOR_ODDS
+        total = logsumexp(np.append(of_levels, log_likelihood[0]))
+        return float(self.lever_m * np.sqrt(np.exp(of_levels - total) @ _LEVELS**2))
+
+    def _of_all(self, noise: SensorNoise) -> FloatArray:
+        """(1 + n,) log-likelihood of no offset and of each level, by all frames."""
         log_likelihood = self.log_likelihood + self._of_recent()
         if self.shows_exact_outline(noise):
             log_likelihood = log_likelihood + self.against_outline.log_likelihood
+        return log_likelihood
+
+    def applied(self, noise: SensorNoise) -> SensorNoise:
+        """The noise with what is believed of an offset of a frame."""
+        log_likelihood = self._of_all(noise)
         of_levels = log_likelihood[1:] - np.log(len(_LEVELS))
         if float(logsumexp(of_levels)) + _PRIOR_ODDS < log_likelihood[0]:
             return replace(noise, frame_sd_m=0.0)

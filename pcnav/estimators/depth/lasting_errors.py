@@ -18,8 +18,9 @@ from pcnav.estimators.depth.calibration_errors import CalibrationErrors, SeenBy
 from pcnav.estimators.depth.influence import influence_of
 from pcnav.estimators.depth.measuring import Kalman
 from pcnav.estimators.depth.pose_measurement import ObserverPose
-from pcnav.perception.lasting_errors import lasting_part, unweighed_part
+from pcnav.perception.lasting_errors import lasting_part, unweighed_parts
 from pcnav.perception.modality import POSE_SIZE
+from pcnav.perception.sensor_noise import SensorNoise
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,9 @@ class LastingErrors:
         """``frames`` that the track began with."""
         self._frames = frames
         self._kalman: Kalman | None = None
-        self._weighed = self._unweighed = Considered(
-            np.zeros((STATE_SIZE, STATE_SIZE)), np.zeros((STATE_SIZE, POSE_SIZE))
-        )
+        none = Considered(np.zeros((STATE_SIZE, STATE_SIZE)), np.zeros((STATE_SIZE, POSE_SIZE)))
+        self._parts: tuple[Considered, ...] = (none,) * 3
+        """Of what the filter counts in each frame, and of what it does not: of faces, of frames."""
         self._of_calibration = CalibrationErrors()
 
     @property
@@ -83,47 +84,51 @@ class LastingErrors:
 
     @property
     def _of_surface(self) -> FloatArray:
-        return self._weighed.added + self._unweighed.added
+        return np.asarray(sum(part.added for part in self._parts))
 
     def predict(self, kalman: Kalman) -> None:
         """Follow a filter that was just moved to the time of a frame."""
         if self._kalman is not None:
-            self._weighed = self._weighed.predicted(kalman.transition)
-            self._unweighed = self._unweighed.predicted(kalman.transition)
+            self._parts = tuple(part.predicted(kalman.transition) for part in self._parts)
             self._of_calibration.predict(kalman.transition)
 
-    def take_in(self, kalman: Kalman, observer: ObserverPose, seen: SeenBy) -> None:
+    def take_in(
+        self, kalman: Kalman, observer: ObserverPose, seen: SeenBy, known: SensorNoise
+    ) -> None:
         """Follow a filter that was just updated with a compared frame.
 
         Args:
             kalman: the filter; where it is another than before, it begins anew.
             observer: where the camera was.
             seen: the frame, and what of it was used.
+            known: of the sensor's noise by now.
         """
         self._frames += 1
         comparison, used = seen.comparison, seen.used
         noise, lever_m = comparison.seen.noise, 0.5 * comparison.seen.edges.diameter_m
-        lasts = noise.has_face_errors or noise.outline_sd_px > 0.0 or noise.has_unweighed_errors
+        lasts = noise.has_face_errors or noise.outline_sd_px > 0.0 or known.has_unweighed_errors
         if not lasts and seen.calibration.is_exact and self._kalman is None:
             return
         is_first = kalman is not self._kalman
         influence = influence_of(kalman, observer, comparison, used, is_first=is_first)
         self._kalman = kalman
         self._of_calibration.take_in(influence, kalman, observer, seen, self._frames)
-        weighed, unweighed = (
-            influence.by_evidence
-            @ matrix_root(influence.of_pose @ part @ influence.of_pose.T, lever_m)
-            for part in (lasting_part(comparison, used), unweighed_part(comparison, used))
-        )
-        correlation = noise.face_correlation
-        if is_first:
-            self._weighed = Considered.begun(weighed, correlation, self._frames)
-            self._unweighed = Considered.begun(unweighed, correlation, self._frames)
-            self._unweighed = self._unweighed.with_own(unweighed / np.sqrt(self._frames))
-            return
-        self._weighed = self._weighed.updated(influence.kept, weighed, correlation)
-        self._unweighed = self._unweighed.updated(influence.kept, unweighed, correlation)
-        self._unweighed = self._unweighed.with_own(unweighed)
+        surface = lasting_part(comparison, used)
+        of_evidence = surface, *unweighed_parts(comparison, used, known)
+        correlations = noise.face_correlation, known.face_correlation, 0.0
+        parts = []
+        for part, covariance, correlation, counted in zip(
+            self._parts, of_evidence, correlations, (True, False, False), strict=True
+        ):
+            of_pose = influence.of_pose @ covariance @ influence.of_pose.T
+            moved = influence.by_evidence @ matrix_root(of_pose, lever_m)
+            if is_first:
+                after = Considered.begun(moved, correlation, self._frames)
+                moved = moved / np.sqrt(self._frames)
+            else:
+                after = part.updated(influence.kept, moved, correlation)
+            parts.append(after if counted else after.with_own(moved))
+        self._parts = tuple(parts)
 
 
 def matrix_root(covariance: FloatArray, lever_m: float) -> FloatArray:

@@ -360,7 +360,7 @@ class Tracker(Estimator):
         """Follow what lasting errors make of a frame that was taken in."""
         assert view.comparison is not None, "it was compared"
         seen = SeenBy(view.frame.camera, self._scale.calibration, view.comparison, used)
-        track.lasting.take_in(track.motion.kalman, observer, seen)
+        track.lasting.take_in(track.motion.kalman, observer, seen, self._noise.noise)
 
     def _go_on(
         self, frame: Frame, observer: ObserverPose, track: Track, updated: Updated
