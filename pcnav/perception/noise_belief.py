@@ -15,6 +15,10 @@ from pcnav.perception.render_compare import Comparison
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.shared_levels import FrameErrors
 
+_FEW_FRAMES = 5
+"""As long as so few have been learnt from, what they do not rule out may be; afterwards what they
+do not show is taken not to be."""
+
 
 @dataclass(frozen=True)
 class NoiseBelief:
@@ -76,8 +80,9 @@ class NoiseBelief:
             noise = part.applied(noise)
         believed = self.faces.applied(noise)
         weighed, unweighed = (believed.face_sd_m, believed.face_tilt_sd_m), (0.0, 0.0)
+        few = self.frames < _FEW_FRAMES
         if not believed.has_face_errors:
-            unweighed = self.faces.possible
+            unweighed = self.faces.possible if few else unweighed
         elif self.offsets.shows_exact_outline(noise):
             noise = replace(noise, face_correlation=round(self.memory.correlation, 2))
         else:
@@ -91,8 +96,9 @@ class NoiseBelief:
             unweighed_face_tilt_sd_m=unweighed[1],
         )
         noise = self.offsets.applied(noise)
-        possible_m = 0.0 if noise.frame_sd_m > 0.0 else self.offsets.possible_m(noise)
-        return replace(noise, unweighed_frame_sd_m=possible_m)
+        if few and noise.frame_sd_m == 0.0:
+            return replace(noise, unweighed_frame_sd_m=self.offsets.possible_m(noise))
+        return replace(noise, unweighed_frame_sd_m=0.0)
 
 
 def _of_outline(runs: ContourRuns, noise: SensorNoise) -> Evidence:

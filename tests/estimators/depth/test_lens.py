@@ -83,7 +83,8 @@ def test_a_known_lens_costs_no_accuracy(
     # Two runs of eight frames: their own scatter is a third.
     assert position < 1.8 * plain[0]
     assert attitude < 1.8 * plain[1]
-    assert 0.8 < nis < 1.25
+    # Likewise: of some hundred degrees of freedom.
+    assert 0.7 < nis < 1.3
 
 
 def test_rows_read_out_in_turn_cost_no_accuracy(boxsat: Target) -> None:
