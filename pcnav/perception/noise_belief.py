@@ -16,8 +16,8 @@ from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.shared_levels import FrameErrors
 
 _FEW_FRAMES = 5
-"""As long as so few have been learnt from, what they do not rule out may be; afterwards what they
-do not show is taken not to be."""
+"""As long as so few have been learnt from, what they do not rule out may be. Afterwards what frames
+do not show is taken not to be, as where none can be learnt from."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class NoiseBelief:
             noise = part.applied(noise)
         believed = self.faces.applied(noise)
         weighed, unweighed = (believed.face_sd_m, believed.face_tilt_sd_m), (0.0, 0.0)
-        few = self.frames < _FEW_FRAMES
+        few = 0 < self.frames < _FEW_FRAMES
         if not believed.has_face_errors:
             unweighed = self.faces.possible if few else unweighed
         elif self.offsets.shows_exact_outline(noise):
