@@ -186,7 +186,7 @@ class Acquisition:
         self._reader.expect_motion(last)
         if self._refined and best is not None:
             doubt = _DOUBT_WITHOUT_RATE if len(best.observations) == 1 else 1.0
-            found = compared_poses(predicted, frame, self._reader, doubt)
+            found = compared_poses(predicted, frame, self._reader, doubt, are_motions=True)
             followed = best_first(found)
             if self._reader.frames_take_time:
                 followed = unskewed(followed, frame, self._reader)

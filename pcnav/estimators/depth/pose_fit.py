@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -77,9 +78,12 @@ def fit_pose(
     guess, pose = T_cam_model, T_cam_model
     spread = covariance if spread is None else spread
     fit: SingleFramePose | None = None
-    for k in range(_MAX_PASSES):
-        # What is doubted more explains more: a pose that is beaten now will be later.
-        comparison = comparer.compare(depth_m, pose, spread, is_beaten if k else never)
+    before: Agreement | None = None
+    for _ in range(_MAX_PASSES):
+        # The first is of a guess: how much a pass gains is known after it.
+        hopeless = never if before is None else partial(_is_hopeless, is_beaten, before)
+        comparison = comparer.compare(depth_m, pose, spread, hopeless)
+        before = comparison.agreement
         if not comparison.faces:
             return None if fit is None else replace(fit, agreement=comparison.agreement)
         faces = agreeing(comparison.faces, spread, comparer.lever_m)
@@ -104,6 +108,13 @@ def fit_pose(
             break
         spread = posterior + step_doubt(step)
     return fit
+
+
+def _is_hopeless(is_beaten: Callable[[Agreement], bool], before: Agreement, now: Agreement) -> bool:
+    """Whether a pose would be beaten even if it gained as much again as in its last pass: one that
+    is still on its way explains less than it will."""
+    gained = max(now.support - before.support, 0)
+    return is_beaten(replace(now, agree=now.agree + gained))
 
 
 def step_doubt(step: FloatArray) -> FloatArray:

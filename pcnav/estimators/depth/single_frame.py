@@ -32,7 +32,7 @@ from pcnav.perception.association import MeasuredFace
 from pcnav.perception.perceive import PerceivedFrame
 from pcnav.perception.pose_hypotheses import PoseHypothesis
 from pcnav.perception.reading import FrameReader, Trust, View
-from pcnav.perception.render_compare import RenderComparer
+from pcnav.perception.render_compare import RenderComparer, never
 from pcnav.perception.view_hypotheses import SearchReport, evidence_weights
 from pcnav.recordings.sequence import Frame
 
@@ -198,12 +198,16 @@ def compared_poses(
     doubt: float = 1.0,
     sigma_m: float | None = None,
     known: Sequence[SingleFramePose] = (),
+    *,
+    are_motions: bool = False,
 ) -> list[SingleFramePose]:
     """The poses that comparing a frame with its rendered view gives, from hypotheses (4, 4) each.
 
     Hypotheses that a few coarse passes bring to one place are one. ``doubt`` is how far they may be
     off, in terms of those that rectangles propose; ``sigma_m`` the noise, where the reader knows it
-    less well; ``known`` are poses of the frame that are not to be found again.
+    less well; ``known`` are poses of the frame that are not to be found again. Where the hypotheses
+    ``are_motions`` that explained frames before, the coarse grid only says where each leads: its
+    few pixels would drop the right one where a wrong one happens to be fitted better.
     """
     if not hypotheses:
         return []
@@ -229,7 +233,7 @@ def compared_poses(
         fit = fit_pose(
             *(frame.depth_m, T_cam_model, np.diag(sd**2), rough),
             goes_on=is_another,
-            is_beaten=partial(_is_beaten, beating),
+            is_beaten=never if are_motions else partial(_is_beaten, beating),
         )
         if fit is None:
             # Of a small target the coarse grid leaves nothing to compare.
@@ -237,7 +241,9 @@ def compared_poses(
         if fit is not None and is_another(fit.T_cam_model):
             coarse.append(fit)
             beating.append(fit.agreement)
-    left = best_first(fit for fit in coarse if not _is_beaten(beating, fit.agreement))
+    left = best_first(
+        fit for fit in coarse if are_motions or not _is_beaten(beating, fit.agreement)
+    )
     return _refined(left, frame, comparer, np.diag(sd**2), known)
 
 
