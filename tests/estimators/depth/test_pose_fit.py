@@ -133,8 +133,30 @@ def test_a_beaten_pose_is_given_up_after_a_pass_and_says_what_it_explains(
     first = fit_pose(frame, off, WIDE, comparer, goes_on=lambda _: False)
     assert first is not None
     np.testing.assert_array_equal(fit.T_cam_model, first.T_cam_model)
-    assert asked == [fit.agreement]
-    assert fit.agreement.agree > first.agreement.agree
+    gained = fit.agreement.support - first.agreement.support
+    assert gained > 0
+    # As if the next pass gained as much.
+    assert asked == [replace(fit.agreement, agree=fit.agreement.agree + gained)]
+
+
+def test_a_pose_that_still_gains_is_not_given_up(target: Target, comparer: RenderComparer) -> None:
+    truth = random_pose(np.random.default_rng(5))
+    frame = frame_at(target, truth)
+    off = moved_pose(truth, np.array([0.1, -0.1, 0.1, 0.02, -0.02, 0.02]))
+    alone = fit_pose(frame, off, WIDE, comparer)
+    assert alone is not None
+    # Every pass but the last is behind a pose that explains as much as the right one will.
+    best = alone.agreement.support
+    passes: list[int] = []
+
+    def is_beaten(agreement: Agreement) -> bool:
+        passes.append(agreement.support)
+        return agreement.support < best
+
+    fit = fit_pose(frame, off, WIDE, comparer, is_beaten=is_beaten)
+    assert fit is not None
+    np.testing.assert_array_equal(fit.T_cam_model, alone.T_cam_model)
+    assert fit.converged and passes
 
 
 def test_the_guess_is_a_prior(target: Target, comparer: RenderComparer) -> None:
