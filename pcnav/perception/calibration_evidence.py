@@ -44,8 +44,5 @@ def _of_outline(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
     used = np.isin(of_face, list(faces))
     if WITHOUT_RANGES in faces:
         used |= ~np.isin(of_face, list(seen.ranges))
-    H = runs.jacobian
-    if noise.has_shared_errors:
-        shared = runs.shared * noise.outline_offset_sd_px
-        H = np.hstack([H, np.zeros((len(runs), 1)), shared])
+    H = runs.by_pose_and_shared(noise)
     return np.asarray((H[used] / runs.variance[used, None]).T @ runs.by_fields[used])

@@ -72,6 +72,14 @@ class ContourRuns:
     def __len__(self) -> int:
         return len(self.value)
 
+    def by_pose_and_shared(self, noise: SensorNoise) -> FloatArray:
+        """(n, 6 + k) derivatives by the pose and by the errors that a frame shares, each of one
+        deviation; an offset of the ranges moves no outline."""
+        if not noise.has_shared_errors:
+            return self.jacobian
+        shared = self.shared * noise.outline_offset_sd_px
+        return np.hstack([self.jacobian, np.zeros((len(self), 1)), shared])
+
 
 def contour_runs(
     edges: MeshEdges,

@@ -63,11 +63,7 @@ def _ranges(seen: SeenFrame) -> Callable[[int], Evidence]:
 def _outline(seen: SeenFrame) -> Callable[[int], Evidence]:
     runs = seen.contour
     run_face = seen.face_of_triangle[runs.triangle]
-    jacobian = runs.jacobian
-    if seen.noise.has_shared_errors:
-        no_offset = np.zeros((len(runs), 1))
-        shared = runs.shared * seen.noise.outline_offset_sd_px
-        jacobian = np.hstack([jacobian, no_offset, shared])
+    jacobian = runs.by_pose_and_shared(seen.noise)
     compared = np.isin(run_face, list(seen.ranges))
 
     def of_face(face: int) -> Evidence:

@@ -140,9 +140,6 @@ def unweighed_parts(
 
 def _of_outline(seen: SeenFrame) -> FloatArray:
     runs, noise = seen.contour, seen.noise
-    H = runs.jacobian
-    if noise.n_shared:
-        shared = runs.shared * noise.outline_offset_sd_px
-        H = np.hstack([H, np.zeros((len(runs), 1)), shared])
+    H = runs.by_pose_and_shared(noise)
     weight = noise.outline_sd_px * np.sqrt(runs.by_scatter) / runs.variance
     return np.asarray((H * weight[:, None]).T @ (H * weight[:, None]))

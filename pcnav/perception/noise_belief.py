@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pcnav.perception.contour import ContourRuns
 from pcnav.perception.face_errors import FaceErrors
 from pcnav.perception.lasting_errors import FaceMemory
@@ -103,8 +101,4 @@ class NoiseBelief:
 
 def _of_outline(runs: ContourRuns, noise: SensorNoise) -> Evidence:
     """(6 + k) what an outline says, under the noise that it was measured under."""
-    H = runs.jacobian
-    if noise.n_shared:
-        shared = runs.shared * noise.outline_offset_sd_px
-        H = np.hstack([H, np.zeros((len(runs), 1)), shared])
-    return Evidence.of(runs.value, runs.variance, H)
+    return Evidence.of(runs.value, runs.variance, runs.by_pose_and_shared(noise))

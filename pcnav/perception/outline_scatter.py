@@ -42,10 +42,7 @@ class OutlineScatter:
 
         ``facets_px2``: variance by the facets of a round mesh, which is not the sensor's.
         """
-        H, size = runs.jacobian, len(ranges.vector)
-        if noise.has_shared_errors:
-            shared = runs.shared * noise.outline_offset_sd_px
-            H = np.hstack([H, np.zeros((len(runs), 1)), shared])
+        H, size = runs.by_pose_and_shared(noise), len(ranges.vector)
         if len(runs) <= size:
             return self
         known = ranges.information + np.diag(known_beforehand(size, self.lever_m, noise))

@@ -45,8 +45,5 @@ def _of_outline(seen: SeenFrame, place: int, size: int) -> FloatArray:
     of_face = seen.face_of_triangle[runs.triangle]
     without = place == WITHOUT_RANGES
     used = ~np.isin(of_face, list(seen.ranges)) if without else of_face == place
-    H = runs.jacobian
-    if noise.has_shared_errors:
-        shared = runs.shared * noise.outline_offset_sd_px
-        H = np.hstack([H, np.zeros((len(runs), 1)), shared])
+    H = runs.by_pose_and_shared(noise)
     return np.asarray((H[used] / runs.variance[used, None]).T @ runs.by_twist[used])
