@@ -7,7 +7,7 @@ import numpy as np
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Initialised
 from pcnav.estimators.depth.measuring import pose_of, predicted_pose
-from pcnav.estimators.depth.pose_measurement import ObserverPose
+from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance
 from pcnav.estimators.depth.track import Track
 from pcnav.estimators.depth.views import FrameView
 from pcnav.filtering.error_state import UpdateResult
@@ -19,8 +19,14 @@ from pcnav.target.satellite import Target
 
 def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
     """Whether the pose is known in all directions but those of which the target shows no trace: of
-    two faces and no edge it is not."""
-    pose, covariance = predicted_pose(track.motion.kalman, observer)
+    two faces and no edge it is not.
+
+    All counts that is stated of it. A mass that was only told moves the state and not the pose.
+    """
+    kalman = track.motion.kalman
+    pose, covariance = predicted_pose(kalman, observer)
+    considered = pose_covariance(kalman.state, track.considered_covariance, observer)
+    covariance = covariance + considered
     if target.roundness is not None:
         without_turns = target.roundness.without_turns(pose[:3, :3])
         covariance = without_turns @ covariance @ without_turns.T
@@ -65,11 +71,10 @@ def answer_of_frame(
     if track is None:
         return estimate
     kalman, seen = track.motion.kalman, view.T_cam_seen
-    covariance = track.motion.reported_covariance + track.lasting.covariance
     return replace(
         estimate,
         values=kalman.state.values,
-        covariance=ratio_covariance(kalman.state, covariance),
+        covariance=ratio_covariance(kalman.state, track.stated_covariance),
         T_cam_target=pose_of(kalman, observer) if seen is None else seen,
     )
 

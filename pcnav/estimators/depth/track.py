@@ -1,9 +1,11 @@
 """What is kept of a target that is being followed, and what it is worth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from pcnav.core.arrays import FloatArray
+from pcnav.estimators.depth.astray import Astray
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lasting_errors import LastingErrors
@@ -30,6 +32,8 @@ class Track:
     blind_frames: int = 0
     refuted_frames: int = 0
     was_wrong: bool = False
+    astray: Astray = field(default_factory=Astray)
+    """What the frames since the last one that was taken in contradict."""
 
     @property
     def is_single(self) -> bool:
@@ -43,3 +47,14 @@ class Track:
         if self.open_question or not self.odds.is_clear:
             return Status.COASTING
         return Status.AMBIGUOUS if self.symmetric else Status.LOCKED
+
+    @property
+    def considered_covariance(self) -> FloatArray:
+        """(20, 20) of the state beside what the filter knows of: errors that last from frame to
+        frame, those of the calibration among them, and a motion that has failed."""
+        return np.asarray(self.lasting.covariance + self.astray.covariance)
+
+    @property
+    def stated_covariance(self) -> FloatArray:
+        """(20, 20) of the state, whatever makes it: the one that is reported."""
+        return np.asarray(self.motion.reported_covariance + self.considered_covariance)

@@ -21,6 +21,7 @@ from pcnav.estimators.depth.answers import (
     rectangles_used,
     usual_at_start,
 )
+from pcnav.estimators.depth.astray import Astray
 from pcnav.estimators.depth.calibration_errors import SeenBy
 from pcnav.estimators.depth.camera_noise import CameraNoise
 from pcnav.estimators.depth.evidence import Evidence
@@ -206,7 +207,8 @@ class Tracker(Estimator):
         motion, lasting = copy.deepcopy((track.motion, track.lasting))
         motion.predict(frame.time_s)
         lasting.predict(motion.kalman)
-        self._track = replace(track, motion=motion, lasting=lasting)
+        astray = track.astray.predicted(motion.kalman.transition)
+        self._track = replace(track, motion=motion, lasting=lasting, astray=astray)
         try:
             status = Status.LOST if motion.is_lost else Status.COASTING
             return self._estimate(view, None, status, observer)
@@ -304,8 +306,10 @@ class Tracker(Estimator):
     def _follow(
         self, frame: Frame, observer: ObserverPose, track: Track
     ) -> tuple[Estimate, FrameView]:
+        step_s = frame.time_s - track.motion.time_s
         track.motion.predict(frame.time_s)
         track.lasting.predict(track.motion.kalman)
+        track.astray = track.astray.predicted(track.motion.kalman.transition)
         if track.motion.is_lost:
             view = silent_view(frame)
             estimate = self._estimate(view, None, Status.LOST, observer)
@@ -329,6 +333,8 @@ class Tracker(Estimator):
                 self._learn(track, observer, updated.view, updated.result)
         else:
             updated, status = self._search(recovery, track, updated)
+            if not updated.is_good:
+                self._go_astray(track, updated.view, step_s)
         estimate = self._estimate(updated.view, updated.result, status, observer)
         if status is Status.LOST:
             self._lose(track)
@@ -413,13 +419,19 @@ class Tracker(Estimator):
         gave_up = outcome is LockCheck.REJECTED or track.blind_frames > _MAX_BLIND_FRAMES
         return updated, Status.LOST if gave_up else Status.COASTING
 
+    def _go_astray(self, track: Track, view: FrameView, step_s: float) -> None:
+        """Take in that the target is not where its motion leads."""
+        agreement = None if view.comparison is None else view.comparison.agreement
+        mean_motion = self._info.mean_motion_rad_s
+        track.astray = track.astray.after(agreement, mean_motion, step_s, self._target.diameter_m)
+
     def _recovery(self, frame: Frame, observer: ObserverPose, track: Track) -> Recovery:
         gate = self._filtering.gate_probability
         return Recovery(self._reader, frame, observer, self._update, gate, track.evidence)
 
     def _take_in(self, frame: Frame, track: Track, updated: Updated) -> None:
         assert updated.result is not None, "the update was good"
-        track.blind_frames = 0
+        track.blind_frames, track.astray = 0, Astray()
         track.evidence.add(updated.view.inlier_ratio, updated.result)
         comparison = updated.view.comparison
         if comparison is not None:

@@ -52,3 +52,14 @@ def test_a_camera_that_is_off_has_deviations_that_say_so(boxsat: Target, seed: i
     # Half of these is what a recording is taken for that says nothing.
     assert np.median(nees(boxsat, seed, None)) < 4.0 * 22.5 / 6.0
     assert np.median(nees(boxsat, seed, EXACT)) > 500.0
+
+
+def test_no_pose_is_claimed_that_a_stated_calibration_leaves_open(boxsat: Target) -> None:
+    """Noise and motion are known as well as ever: what is only considered counts as much."""
+    shorter = PIPELINE.scenario.model_copy(update={"frames": 8})
+    scene = Scene.showing(boxsat, PIPELINE.model_copy(update={"scenario": shorter}))
+    for sd_m, is_claimed in ((0.02, True), (0.2 * boxsat.diameter_m, False)):
+        told = Calibration(0.0, 0.0, sd_m, 0.0, 0.0, 0.0)
+        found = follow(ToldSo(scene.pipeline, scene.motion, scene.mesh, told=told), boxsat)
+        assert found.claims.any() == is_claimed
+        assert np.linalg.norm(found.errors.p_cam_m[-1]) < 0.01

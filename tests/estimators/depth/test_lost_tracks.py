@@ -68,6 +68,22 @@ def test_a_wrong_attitude_is_not_called_locked(
     assert Status.LOCKED not in wrong
 
 
+def test_frames_that_contradict_the_motion_widen_what_is_stated(
+    jumped: list[tuple[Estimate, float]],
+) -> None:
+    def sd(estimate: Estimate) -> float:
+        assert estimate.covariance is not None
+        return float(np.sqrt(np.linalg.eigvalsh(estimate.covariance[9:12, 9:12])[-1]))
+
+    astray = [(sd(e), error) for e, error in jumped if error > np.deg2rad(30.0)]
+    assert len(astray) >= 2
+    # Two deviations hold a jump of 56 degrees, of which the frame before knew nothing.
+    assert all(error < 2.0 * deviation for deviation, error in astray)
+    assert astray[1][0] > astray[0][0] > 100.0 * sd(jumped[JUMP - 1][0])
+    again = [sd(e) for e, error in jumped[JUMP:] if error < np.deg2rad(0.5)]
+    assert max(again) < np.deg2rad(0.5)
+
+
 # A wrong lock: the attitude tracked is another one than the target's, which turns as it did.
 
 
