@@ -278,8 +278,10 @@ def run_into(
         else:
             from pcnav.cli.view import tell_address
             from pcnav.viewer.live import run_live
+            from pcnav.viewer.memory import give_back_large_arrays
             from pcnav.viewer.server import LOOPBACK
 
+            give_back_large_arrays()
             summary, server = run_live(
                 work, view_port, lambda served: tell_address(served, LOOPBACK, view_port)
             )
