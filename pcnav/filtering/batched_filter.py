@@ -116,6 +116,8 @@ class BatchedUpdate:
     """(B,)"""
     converged: BoolArray
     """(B,)"""
+    gate: float
+    """What the ``nis`` of a measurement stays below that a state would accept by itself."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +224,7 @@ class BatchedFilter(Generic[S]):
             noise_squares=np.sum(innovation * weighed, axis=1),
             iterations=gain.iterations,
             converged=gain.converged,
+            gate=innovation_gate(self._gate_probability, size),
         )
 
     def _iterate(

@@ -18,6 +18,7 @@ from pcnav.dynamics.blocks import (
     Layout,
 )
 from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.runs.feature_outcomes import FeatureOutcomes
 from pcnav.runs.records import RectangleRecord
 from pcnav.runs.status import CLAIMED
 
@@ -46,6 +47,8 @@ class FeatureUse:
     """By its gate: wrong matches."""
     points: Mapping[int, FeaturePoint] = field(default_factory=dict)
     """All those estimated after the frame, seen in it or not."""
+    outcomes: FeatureOutcomes | None = None
+    """Rows of feature_outcomes.csv; None for none."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -201,6 +204,8 @@ class Output:
     has_nis: bool = True
     has_records: bool = False
     has_features: bool = False
+    """Whether points are estimated."""
+    has_feature_outcomes: bool = False
     follows_signs: bool = False
     """Whether the sign of each quaternion follows the one before, so that none of them jumps."""
 

@@ -8,6 +8,7 @@ RAW_COVARIANCES_FILE = "covariances.partial"
 MEASUREMENTS_FILE = "measurements.csv"
 FEATURES_FILE = "features.csv"
 POINTS_FILE = "points.csv"
+FEATURE_OUTCOMES_FILE = "feature_outcomes.csv"
 SEGMENTS_FILE = "segments.csv"
 SUMMARY_FILE = "summary.json"
 """What the run found; always there, see `pcnav.evaluation.answer.model`."""
@@ -22,7 +23,8 @@ TIMING_FILE = "timing.csv"
 """When frames that were followed as they arrived were answered."""
 RESULT_FILES = (
     *(STATES_FILE, POSES_FILE, COVARIANCES_FILE, RAW_COVARIANCES_FILE, MEASUREMENTS_FILE),
-    *(FEATURES_FILE, POINTS_FILE, SEGMENTS_FILE, SUMMARY_FILE, METRICS_FILE, KNOWLEDGE_FILE),
+    *(FEATURES_FILE, POINTS_FILE, FEATURE_OUTCOMES_FILE, SEGMENTS_FILE, SUMMARY_FILE),
+    *(METRICS_FILE, KNOWLEDGE_FILE),
     *(MESH_FIT_FILE, REPORT_FILE, SKIPPED_FRAMES_FILE, PIPELINE_FILE, TIMING_FILE),
 )
 """All that a result folder may hold."""

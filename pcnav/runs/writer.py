@@ -25,11 +25,13 @@ from pcnav.core.spatial import xyzw_from_rotation
 from pcnav.dynamics.blocks import ATTITUDE, Block
 from pcnav.files.new_folder import Place, new_place
 from pcnav.runs.estimate import Estimate, FeaturePoint, FeatureUse, Note, Output
+from pcnav.runs.feature_outcomes import FEATURE_OUTCOME_COLUMNS
 from pcnav.runs.nis_window import NisWindow
 from pcnav.runs.records import MEASUREMENT_COLUMNS, pose_fields, rows_of
 from pcnav.runs.result_files import (
     COVARIANCES_FILE,
     FEATURE_COLUMNS,
+    FEATURE_OUTCOMES_FILE,
     FEATURES_FILE,
     MEASUREMENTS_FILE,
     POINT_COLUMNS,
@@ -160,6 +162,8 @@ class _Tables:
             self._records = self._table(MEASUREMENTS_FILE, MEASUREMENT_COLUMNS)
         if output.has_features:
             self._point_rows = self._table(POINTS_FILE, POINT_COLUMNS)
+        if output.has_feature_outcomes:
+            self._outcomes = self._table(FEATURE_OUTCOMES_FILE, FEATURE_OUTCOME_COLUMNS)
         if output.has_poses:
             self._poses = self._text(POSES_FILE)
         raw = (folder / RAW_COVARIANCES_FILE).open("wb")
@@ -193,6 +197,9 @@ class _Tables:
             self._records.writerows(rows_of(estimate.records))
         if self._output.has_features:
             self._add_features(float(estimate.time_s), estimate.features)
+        outcomes = estimate.features.outcomes
+        if self._output.has_feature_outcomes and outcomes is not None:
+            self._outcomes.writerows(outcomes.rows(float(estimate.time_s)))
         if estimate.T_cam_target is not None and self._output.has_poses:
             pose = [float(estimate.time_s), *pose_fields(estimate.T_cam_target)]
             self._poses.write(" ".join(map(repr, pose)) + "\n")

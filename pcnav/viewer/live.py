@@ -10,6 +10,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.dynamics.blocks import Layout
 from pcnav.runs.collector import RunCollector
 from pcnav.runs.estimate import Estimate, Output
+from pcnav.runs.feature_outcomes import FeatureOutcomes
 from pcnav.runs.records import RectangleRecord
 from pcnav.viewer.app import serve
 from pcnav.viewer.loaded_run import STORED_COVARIANCES, LoadedRun, Snapshot
@@ -28,6 +29,7 @@ class LiveView:
         self._port, self._on_served = port, on_served
         self._frames: RunCollector | None = None
         self._records: dict[float, tuple[RectangleRecord, ...]] = {}
+        self._outcomes: dict[float, FeatureOutcomes] = {}
         self._lock = threading.Lock()
         self.server: LocalServer | None = None
         """There from the first frame on."""
@@ -46,6 +48,8 @@ class LiveView:
         with self._lock:
             self._frames.add(estimate)
             self._records[estimate.time_s] = estimate.records
+            if estimate.features.outcomes is not None:
+                self._outcomes[estimate.time_s] = estimate.features.outcomes
         self._served()
 
     def snapshot(self) -> Snapshot:
@@ -56,7 +60,11 @@ class LiveView:
                 return newest
             covariances = {block.name: frames.covariance_of(block) for block in frames.kept.blocks}
             loaded = replace(
-                newest.runs[0], run=frames.run(), records=self._records, covariances=covariances
+                newest.runs[0],
+                run=frames.run(),
+                records=self._records,
+                outcomes=self._outcomes,
+                covariances=covariances,
             )
             self._newest = Snapshot((loaded,), len(frames), is_live=True)
             return self._newest

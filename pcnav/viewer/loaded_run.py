@@ -12,6 +12,7 @@ from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, Bloc
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.errors import Errors, match_times
+from pcnav.runs.feature_outcomes import FeatureOutcomes
 from pcnav.runs.records import RectangleRecord
 from pcnav.runs.run import FeatureTable, Run
 from pcnav.runs.status import CLAIMED
@@ -70,7 +71,9 @@ class LoadedRun:
     """(m, 3) estimated points of a target without a model, body axes, m."""
 
     features: FeatureTable | None = None
-    """What became of the points that were tracked."""
+    """How often the points that were tracked were used."""
+    outcomes: Mapping[float, FeatureOutcomes] = field(default_factory=dict)
+    """By time, what became of the features seen."""
     tracked: TrackedImages | None = None
     """What a camera saw; None of runs on depth frames."""
 
@@ -81,6 +84,15 @@ class LoadedRun:
     def name(self) -> str:
         """What it is called."""
         return self.run.name
+
+    def outcomes_at(self, frame: int) -> FeatureOutcomes | None:
+        """Of the features of a frame; None where it is not told."""
+        return self.outcomes.get(float(self.run.time_s[frame]))
+
+    def frame_outcome(self, frame: int) -> str:
+        """What the estimator says became of a frame; empty of one that says nothing."""
+        words = self.run.words.get("outcome")
+        return "" if words is None else words[frame]
 
     @property
     def trajectory(self) -> Trajectory:

@@ -20,6 +20,7 @@ from pcnav.recordings.opening import format_of, open_sequence
 from pcnav.recordings.recording import RecordingKind, truth_folder
 from pcnav.recordings.stereo_tracks import read_stereo_tracks
 from pcnav.recordings.truth import read_truth, truth_of
+from pcnav.runs.feature_outcomes import read_feature_outcomes
 from pcnav.runs.reader import read_features, read_records, read_run
 from pcnav.runs.records import RectangleRecord
 from pcnav.runs.result_files import KNOWLEDGE_FILE, MEASUREMENTS_FILE, PIPELINE_FILE
@@ -64,6 +65,7 @@ def load_run(folder: Path, sequence: Path | None = None) -> LoadedRun:
         notes=loaded.notes if run.is_finished else (unfinished, *loaded.notes),
         covariances=stored,
         features=features,
+        outcomes=read_feature_outcomes(folder),
         points_body=None if points is None else points[np.isfinite(points).all(axis=1)],
     )
 

@@ -190,14 +190,12 @@ def frame_picture(
     """(height, width, 3) the depth image about the target, segments coloured, rectangles drawn."""
     camera = shot.frame.camera
     rows, columns = (each.astype(np.intp) for each in shot.shown)
+    top, left, height, width = _about_target(shot)
     colours: npt.NDArray[np.floating] = np.broadcast_to(
         shot.colours(by, scale_m), shot.points.shape
     ).astype(np.float32)
     if not shot.shows_residuals(by):
         colours = colours * range_shades(shot.points)[:, None]
-    own = np.ones(len(rows), dtype=np.bool_) if shot.beside is None else ~shot.beside
-    own = own if own.any() else ~own
-    top, left, height, width = _window(rows[own], columns[own], shot.frame.depth_m.shape)
     rows, columns = rows - top, columns - left
     inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     part = np.full((height, width, 3), _EMPTY, dtype=np.uint8)
@@ -215,6 +213,24 @@ def frame_picture(
         colour = ACCEPTED_COLOUR if record.outcome == ACCEPTED else REJECTED_COLOUR
         pen.line([*map(tuple, pixels)], fill=colour, width=2)
     return np.asarray(image)
+
+
+def ray_through(shot: Shot, place: FloatArray) -> FloatArray:
+    """(3,) unit direction, camera frame, of a place (2,) in the `frame_picture`, right and down of
+    its corner, its sides 1 long."""
+    top, left, height, width = _about_target(shot)
+    camera = shot.frame.camera
+    column, row = place * [width, height] + [left - 0.5, top - 0.5]
+    ray = np.array([(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, 1.0])
+    return np.asarray(ray / np.linalg.norm(ray))
+
+
+def _about_target(shot: Shot) -> tuple[int, int, int, int]:
+    """Top, left, height and width of what is drawn of a frame."""
+    rows, columns = (each.astype(np.intp) for each in shot.shown)
+    own = np.ones(len(rows), dtype=np.bool_) if shot.beside is None else ~shot.beside
+    own = own if own.any() else ~own
+    return _window(rows[own], columns[own], shot.frame.depth_m.shape)
 
 
 def _window(rows: IntArray, columns: IntArray, shape: tuple[int, ...]) -> tuple[int, int, int, int]:

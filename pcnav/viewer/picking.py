@@ -6,6 +6,7 @@ import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
 from pcnav.runs.records import ACCEPTED, RectangleRecord
+from pcnav.viewer.card import Card, Rows
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.loaded_run import LoadedRun
 
@@ -13,7 +14,6 @@ _REACH = 3.0
 """A return is under the pointer within so many distances of neighbouring returns."""
 _DEPTH = 4.0
 """... and as many times deeper than the nearest of these as a steep surface makes it."""
-Rows = list[list[str]]
 _AXIS_WORDS = {
     "x": "along its width",
     "y": "along its length",
@@ -32,14 +32,6 @@ class Ray:
     """(3,) m."""
     direction: FloatArray
     """(3,) of unit length."""
-
-
-@dataclass(frozen=True)
-class Card:
-    """What is known of something that was picked."""
-
-    title: str
-    rows: Rows
 
 
 def picked_point(shot: Shot, ray: Ray) -> int | None:

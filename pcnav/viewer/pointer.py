@@ -5,12 +5,13 @@ import viser
 
 from pcnav.core.arrays import FloatArray
 from pcnav.runs.records import RectangleRecord
+from pcnav.viewer.card import Card
+from pcnav.viewer.features_told import feature_card
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.page import Page
 from pcnav.viewer.palette import MASS_CENTRE
 from pcnav.viewer.picking import (
-    Card,
     Ray,
     picked_point,
     picked_rectangle,
@@ -53,15 +54,12 @@ class Pointer:
 
     def pick(
         self,
-        event: viser.SceneClickEvent,
+        ray: Ray,
         loaded: LoadedRun,
         shot: Shot | None,
         records: tuple[RectangleRecord, ...],
     ) -> None:
-        """What was clicked at."""
-        direction = np.array(event.ray_direction, dtype=np.float64)
-        ray = Ray(np.array(event.ray_origin, dtype=np.float64), direction)
-        ray = Ray(ray.origin, direction / np.linalg.norm(direction))
+        """What lies along a ray."""
         point = None if shot is None else picked_point(shot, ray)
         if self._measures:
             self._measure(None if shot is None or point is None else shot.points[point])
@@ -75,6 +73,20 @@ class Pointer:
                 card = Card(card.title, [*card.rows, *own.rows])
         elif shot is not None and point is not None:
             card = point_card(loaded, shot, point)
+        with drawing(self._client):
+            self._tell(card)
+
+    def pick_in_image(self, place: FloatArray, loaded: LoadedRun, frame: int) -> None:
+        """Why a track was used or not: at a place (2,) of the picture, its sides 1 long."""
+        tracked, outcomes = loaded.tracked, loaded.outcomes_at(frame)
+        if tracked is None or outcomes is None:
+            return
+        pose = loaded.pose(frame) if loaded.trajectory.T_cam_target is not None else None
+        time_s = float(loaded.run.time_s[frame])
+        number = tracked.feature_at(place, time_s, loaded.features, pose)
+        known = number is not None and number in outcomes.feature
+        told = loaded.frame_outcome(frame)
+        card = feature_card(outcomes, number, told) if number is not None and known else _NOTHING
         with drawing(self._client):
             self._tell(card)
 

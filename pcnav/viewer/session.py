@@ -25,7 +25,8 @@ from pcnav.viewer.layers import RunLayers, read_ahead, shot_of
 from pcnav.viewer.loaded_run import LoadedRun, Snapshot, Source, all_events
 from pcnav.viewer.page import Page
 from pcnav.viewer.palette import RUNS
-from pcnav.viewer.panels import legend_html
+from pcnav.viewer.panels import legend_html, ray_through
+from pcnav.viewer.picking import Ray
 from pcnav.viewer.pointer import Pointer
 from pcnav.viewer.server import drawing, has_shown_all
 from pcnav.viewer.side_panel import SidePanel
@@ -224,6 +225,8 @@ class Session:
             self.open(read_address(message["state"]))
         elif kind == "closed":
             self._pointer.clear()
+        elif kind == "image":
+            self._pick_in_image(message)
         elif at is None or not len(self._first):
             return
         elif kind == "seek":
@@ -253,8 +256,23 @@ class Session:
         self.go_to(frame)
 
     def _pick(self, event: viser.SceneClickEvent) -> None:
+        direction = np.array(event.ray_direction, dtype=np.float64)
+        direction /= np.linalg.norm(direction)
+        self._pick_along(Ray(np.array(event.ray_origin, dtype=np.float64), direction))
+
+    def _pick_along(self, ray: Ray) -> None:
         records = self._first.records_at(self.shown_frame) if len(self._first) else ()
-        self._pointer.pick(event, self._first, self._shot, records)
+        self._pointer.pick(ray, self._first, self._shot, records)
+
+    def _pick_in_image(self, message: dict[str, Any]) -> None:
+        place = [number_of({"index": message.get(axis)}) for axis in "xy"]
+        if None in place or not len(self._first):
+            return
+        at = np.array(place, dtype=np.float64)
+        if self._shot is not None:
+            self._pick_along(Ray(np.zeros(3), ray_through(self._shot, at)))
+            return
+        self._pointer.pick_in_image(at, self._first, self.shown_frame)
 
     def _bind_keys(self) -> None:
         controls, last = self._controls, 10**9

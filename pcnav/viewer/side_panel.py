@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import viser
 
+from pcnav.runs.feature_outcomes import FeatureOutcomes
 from pcnav.viewer.controls import set_value
+from pcnav.viewer.features_told import counts_text, features_html
 from pcnav.viewer.frames import Shot
 from pcnav.viewer.knowledge import knowledge_html
 from pcnav.viewer.loaded_run import LoadedRun
@@ -23,12 +25,6 @@ from pcnav.viewer.plots import choices, plots_of
 from pcnav.viewer.render_options import RenderOptions
 
 _WIDTH_PX = 430
-_TRACKS_LEGEND = (
-    "<div style='font-size:12px;padding:0 10px'>"
-    f"tracks over 12 frames: {coloured('●', ACCEPTED_COLOUR)} used, "
-    f"{coloured('●', REJECTED_COLOUR)} mostly rejected, {coloured('●', SENSOR)} not told; "
-    f"{coloured('+', MASS_CENTRE)} where the final points of the estimate should be</div>"
-)
 
 
 class SidePanel:
@@ -41,7 +37,7 @@ class SidePanel:
         with panel.add_tab("Image and plots"):
             nothing = np.zeros((8, 8, 3), dtype=np.uint8)
             self._image = gui.add_image(nothing, format="png", visible=False)
-            self._legend = gui.add_html(_TRACKS_LEGEND, visible=False)
+            self._legend = gui.add_html("", visible=False)
             self._choice = gui.add_dropdown("plots", choices(runs))
             gui.add_html(PLOTS_HTML)
             self._key = gui.add_html("")
@@ -84,15 +80,35 @@ class SidePanel:
         for k, (loaded, facts) in enumerate(zip(runs, self._facts, strict=True)):
             at = frame if k == 0 else loaded.nearest_frame(float(first.run.time_s[frame]))
             facts.content = "" if at is None else facts_html(loaded, at, options.magnified)
+        outcomes = first.outcomes_at(frame)
         if first.target is not None:
             self._measurements.content = measurements_html(records)
+        elif outcomes is not None:
+            self._measurements.content = features_html(outcomes, first.frame_outcome(frame))
         if shot is not None and first.frames is not None:
             scale_m = options.residual_scale_m or first.frames.scale_m
             self._image.image = frame_picture(shot, records, options.colour_by, scale_m)
         elif first.tracked is not None:
             pose = first.pose(frame) if first.trajectory.T_cam_target is not None else None
             time_s = float(first.run.time_s[frame])
-            self._image.image = first.tracked.picture(time_s, first.features, pose)
+            self._image.image = first.tracked.picture(time_s, first.features, pose, outcomes)
+            self._legend.content = _tracks_legend(outcomes, has_points=pose is not None)
         has_picture = shot is not None or first.tracked is not None
         self._image.visible = has_picture
         self._legend.visible = shot is None and has_picture
+
+
+def _tracks_legend(outcomes: FeatureOutcomes | None, *, has_points: bool) -> str:
+    """What the colours of tracks mean, and how many there are of each."""
+    used, rejected, seen = (
+        coloured("●", colour) for colour in (ACCEPTED_COLOUR, REJECTED_COLOUR, SENSOR)
+    )
+    if outcomes is None:
+        text = f"tracks over 12 frames: {used} used, {rejected} mostly rejected, {seen} not told"
+    else:
+        words = zip((used, rejected, seen), counts_text(outcomes).split(", "), strict=True)
+        text = f"tracks over 12 frames: {', '.join(f'{dot} {word}' for dot, word in words)}"
+        text += "; click at one for the reason"
+    if has_points:
+        text += f"; {coloured('+', MASS_CENTRE)} where the final points of the estimate should be"
+    return f"<div style='font-size:12px;padding:0 10px'>{text}</div>"

@@ -16,13 +16,17 @@ from pcnav.recordings.images import ImageSequence, is_image_sequence, open_image
 from pcnav.recordings.monocular_tracks import is_monocular_recording, read_monocular_tracks
 from pcnav.recordings.stereo_tracks import read_stereo_tracks
 from pcnav.recordings.tracks import TrackFrame
+from pcnav.runs.feature_outcomes import FeatureOutcomes
 from pcnav.runs.run import FeatureTable
+from pcnav.viewer.features_told import colour_of
 from pcnav.viewer.palette import ACCEPTED_COLOUR, MASS_CENTRE, REJECTED_COLOUR, SENSOR, Rgb
 
 _WIDTH_PX, _HEIGHT_PX = 800, 457
 _EMPTY: Rgb = (14, 16, 24)
 _TAIL_FRAMES = 12
 _DOT_PX, _CROSS_PX = 4, 6
+_REACH_PX = 16.0
+"""What is clicked at lies no farther away."""
 _BORDER, _MIN_WINDOW_PX = 1.6, 24.0
 """What is enlarged is shown with as much again beside it, and never by less of its image."""
 
@@ -44,15 +48,17 @@ class TrackedImages:
         return {frame.time_s: k for k, frame in enumerate(self.frames)}
 
     def picture(
-        self, time_s: float, features: FeatureTable | None, T_cam_body: FloatArray | None
+        self,
+        time_s: float,
+        features: FeatureTable | None,
+        T_cam_body: FloatArray | None,
+        outcomes: FeatureOutcomes | None = None,
     ) -> npt.NDArray[np.uint8]:
         """(height, width, 3) the image at a time: tracks with where they came from, in the colour
-        of what became of them, and crosses where the estimated points should be seen."""
-        at, colours = self._rows.get(time_s), outcomes(features)
-        expected = np.zeros((0, 2))
-        if features is not None and T_cam_body is not None:
-            expected = self._projected(features.p_body, T_cam_body)
-        seen = np.zeros((0, 2)) if at is None else self.frames[at].pixels[:, :2]
+        of what became of them then (of most frames, where that is not told), and crosses where
+        the estimated points should be seen."""
+        at, colours = self._rows.get(time_s), _colours(features, outcomes)
+        seen, expected = self._marks(time_s, features, T_cam_body)
         scale, corner = self._window(np.vstack([seen, expected]))
         picture = self._background(time_s, scale, corner)
         pen = ImageDraw.Draw(picture)
@@ -71,6 +77,34 @@ class TrackedImages:
             told = f"{width} x {height} px of {self.size_px[0]} x {self.size_px[1]}"
             pen.text((10, 8), told, fill=SENSOR, font_size=20)
         return np.asarray(picture)
+
+    def feature_at(
+        self,
+        place: FloatArray,
+        time_s: float,
+        features: FeatureTable | None,
+        T_cam_body: FloatArray | None,
+    ) -> int | None:
+        """Number of the track at a place (2,) of the `picture`, its sides 1 long; None for none."""
+        at = self._rows.get(time_s)
+        if at is None or not len(self.frames[at].features):
+            return None
+        seen, expected = self._marks(time_s, features, T_cam_body)
+        scale, corner = self._window(np.vstack([seen, expected]))
+        off = corner + scale * seen - place * np.array([_WIDTH_PX, _HEIGHT_PX])
+        away = np.linalg.norm(off, axis=1)
+        nearest = int(np.argmin(away))
+        return int(self.frames[at].features[nearest]) if away[nearest] <= _REACH_PX else None
+
+    def _marks(
+        self, time_s: float, features: FeatureTable | None, T_cam_body: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, 2) pixels of the tracks and (m, 2) of the points as estimated."""
+        at, expected = self._rows.get(time_s), np.zeros((0, 2))
+        if features is not None and T_cam_body is not None:
+            expected = self._projected(features.p_body, T_cam_body)
+        seen = np.zeros((0, 2)) if at is None else self.frames[at].pixels[:, :2]
+        return seen, expected
 
     def _window(self, pixels: FloatArray) -> tuple[float, FloatArray]:
         """Scale and corner (2,) of the image in the picture: all of it, or what holds some pixels
@@ -127,8 +161,11 @@ class TrackedImages:
             return None
 
 
-def outcomes(features: FeatureTable | None) -> dict[int, Rgb]:
-    """A colour by feature: accepted, or rejected in more frames than not."""
+def _colours(features: FeatureTable | None, outcomes: FeatureOutcomes | None) -> dict[int, Rgb]:
+    """By feature: of what became of it, else whether it is rejected in more frames than not."""
+    if outcomes is not None:
+        pairs = zip(outcomes.feature.tolist(), outcomes.outcome, strict=True)
+        return {number: colour_of(outcome) for number, outcome in pairs}
     if features is None:
         return {}
     mostly = features.frames_rejected > 0.5 * np.maximum(features.frames_seen, 1)

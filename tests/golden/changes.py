@@ -54,6 +54,7 @@ EXPLAINED: Mapping[str, Explained] = {
     ),
     "*/states.csv*/window_nis*": Explained("every estimator has it now", relative=math.inf),
     "*/points.csv*": Explained("estimated points frame by frame", relative=math.inf),
+    "*/feature_outcomes.csv*": Explained("what became of each feature", relative=math.inf),
     "*/segments.csv*": Explained("where body axes were begun anew", relative=math.inf),
     "applsci2022/*/covariances.npz.csv*": Explained("every estimator has them", relative=math.inf),
     "images/result/covariances.npz.csv*": Explained("as above", relative=math.inf),

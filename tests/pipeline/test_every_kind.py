@@ -14,19 +14,22 @@ from pcnav.estimators.registry import ESTIMATORS
 from pcnav.files.manifest import MANIFEST_FILE
 from pcnav.pipeline import run
 from pcnav.runs.estimate import Estimate
+from pcnav.runs.feature_outcomes import GATED, INLIER, is_rejected, read_feature_outcomes
 from pcnav.runs.reader import read_run
+from pcnav.runs.records import ACCEPTED
+from pcnav.runs.result_files import FEATURE_OUTCOMES_FILE
 from pcnav.simulation.simulate import simulate
 from tests.pipeline.made import CASES, Made, put
 
 ALWAYS = {"covariances.npz", "metrics.json", "pipeline.toml", "report.html", "states.csv"} | {
     *("summary.json", MANIFEST_FILE)
 }
-STEREO = {"features.csv", "points.csv", "poses.tum"}
+STEREO = {"feature_outcomes.csv", "features.csv", "points.csv", "poses.tum"}
 FILES = {
     "depth": {"knowledge.csv", "measurements.csv", "mesh_fit.csv", "poses.tum"},
     "inertia_bank": STEREO,
     "principal_axes": STEREO,
-    "image_motion": {"segments.csv"},
+    "image_motion": {"feature_outcomes.csv", "segments.csv"},
     "attitude_inertia": set(),
 }
 MOTION = {"r_hill_m", "v_hill_m_s", "attitude_deg", "omega_body_deg_s", "inertia_ratios"}
@@ -78,6 +81,25 @@ def test_the_folder_is_whole_and_every_frame_reported_once(name: str, made: Made
     assert found.status == tuple(estimate.status for estimate, _, _ in made.reported)
     assert found.has_estimate.any() and found.estimator == name
     assert made.summary.metrics.frames == frames
+
+
+def test_what_became_of_features_is_what_the_states_count(name: str, made: Made) -> None:
+    outcomes = read_feature_outcomes(made.result)
+    assert bool(outcomes) is (FEATURE_OUTCOMES_FILE in FILES[name])
+    notes, times = read_run(made.result).notes, made.summary.metrics.frames
+    for k, (time_s, told) in enumerate(outcomes.items()):
+        words = told.outcome
+        rejected = sum(map(is_rejected, words))
+        if name == "image_motion":
+            counted = len(words), words.count(ACCEPTED) + words.count(INLIER)
+            assert counted == (notes["features"][k], notes["agreeing"][k]), time_s
+        else:
+            assert rejected == notes["n_rejected"][k], time_s
+        judged = np.isfinite(told.squared_distance) & np.isfinite(told.gate)
+        within = told.squared_distance <= told.gate
+        assert within[judged & np.array([word == ACCEPTED for word in words])].all()
+        assert not within[judged & np.array([word == GATED for word in words])].any()
+    assert not outcomes or len(outcomes) == times
 
 
 def test_metrics_have_every_quantity(name: str, made: Made) -> None:

@@ -186,6 +186,11 @@ def test_what_was_seen_meanwhile_is_what_is_stored(seen: Seen) -> None:
     assert set(live.covariances) == set(stored.covariances)
     for name, P in live.covariances.items():
         assert np.array_equal(P, stored.covariances[name], equal_nan=True)
+    known_then = {time_s: each for time_s, each in live.outcomes.items() if len(each.feature)}
+    assert known_then.keys() == stored.outcomes.keys()
+    for time_s, each in stored.outcomes.items():
+        assert each.outcome == known_then[time_s].outcome
+        assert np.array_equal(each.feature, known_then[time_s].feature)
     # The file holds attitudes as quaternions.
     np.testing.assert_allclose(live.T_cam_model, stored.T_cam_model, atol=1e-9)
     for block in live.trajectory.layout.blocks:

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from pcnav.recordings.tracks import TrackFrame
+from pcnav.runs.feature_outcomes import GATED, TRACKED, FeatureOutcomes
+from pcnav.runs.records import ACCEPTED
 from pcnav.runs.run import FeatureTable
+from pcnav.viewer.features_told import feature_card, features_html
 from pcnav.viewer.palette import ACCEPTED_COLOUR, MASS_CENTRE, REJECTED_COLOUR, SENSOR
 from pcnav.viewer.tracks_picture import TrackedImages
 
@@ -81,3 +84,44 @@ def test_an_enlarged_image_lies_below_its_tracks() -> None:
     np.testing.assert_allclose(columns.mean(), corner[0] + scale * 202.0, atol=1.0 * scale)
     np.testing.assert_allclose(rows.mean(), corner[1] + scale * 102.0, atol=1.0 * scale)
     np.testing.assert_allclose(len(rows), 16 * scale**2, rtol=0.3)
+
+
+def test_tracks_of_a_frame_have_the_colour_of_what_became_of_them_there() -> None:
+    """Whatever became of them in most frames; a click finds them, and says why."""
+    pixels = {1: (100.0, 50.0), 2: (300.0, 50.0), 3: (100.0, 180.0)}
+    frame = TrackFrame(2.0, np.eye(3), np.array(list(pixels)), np.array(list(pixels.values())))
+    seen = TrackedImages((400, 228), (400.0, 400.0), (200.0, 114.0), (frame,))
+    always_used = FeatureTable(
+        np.array([1, 2, 3]),
+        np.full((3, 3), np.nan),
+        np.ones((3, 3)),
+        np.full(3, 9),
+        np.zeros(3, int),
+    )
+    told = FeatureOutcomes(
+        *(np.array([1, 2, 3]), (GATED, ACCEPTED, TRACKED), np.array([31.4, 0.5, np.nan]), 9.0)
+    )
+    picture = seen.picture(2.0, always_used, None, told)
+    for colour, number in ((REJECTED_COLOUR, 1), (ACCEPTED_COLOUR, 2), (SENSOR, 3)):
+        place = centre_of(picture, colour)
+        np.testing.assert_allclose(place, 2.0 * np.array(pixels[number]), atol=1)
+        share = (place + np.array([5.0, -4.0])) / [picture.shape[1], picture.shape[0]]
+        assert seen.feature_at(share, 2.0, always_used, None) == number
+    assert seen.feature_at(np.array([0.5, 0.5]), 2.0, always_used, None) is None
+    assert seen.feature_at(np.array([0.25, 0.2]), 3.0, always_used, None) is None
+    card = feature_card(told, 1, "measured")
+    assert card.title == "feature 1 (rejected)"
+    assert ["squared distance", "31.4, beyond the gate of 9"] in card.rows
+    assert ["frame", "measured"] in card.rows
+    assert ["squared distance", "it was not compared"] in feature_card(told, 3, "").rows
+
+
+def test_the_list_of_features_begins_with_those_rejected_and_the_farthest_of_them() -> None:
+    outcome = (ACCEPTED, GATED, TRACKED, GATED, ACCEPTED)
+    squared = np.array([1.25, 31.5, np.nan, 77.5, 2.5])
+    told = FeatureOutcomes(np.array([1, 2, 3, 4, 5]), outcome, squared, 9.0)
+    html = features_html(told, "measured")
+    assert "frame: measured; 2 used, 2 rejected, 1 seen only" in html
+    places = [html.index(text) for text in ("77.5 / 9", "31.5 / 9", "2.5 / 9", "1.25 / 9")]
+    assert places == sorted(places)
+    assert html.rindex(TRACKED) > places[-1]

@@ -1,5 +1,7 @@
 """Rotation and inertia of a free body, frame by frame: from recorded attitudes, or from images."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pcnav.config.attitude_inertia import AttitudeInertiaTable
@@ -16,11 +18,11 @@ from pcnav.estimators.attitude_inertia.rotation_model import (
     carry,
 )
 from pcnav.estimators.image_motion.chain import ImageMotionChain
-from pcnav.estimators.image_motion.estimator import outcome_in_words
+from pcnav.estimators.image_motion.outcomes import feature_outcomes, outcome_in_words
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.recordings.attitudes import MeasuredAttitude
 from pcnav.recordings.tracks import TrackFrame
-from pcnav.runs.estimate import Estimate, Note, Output
+from pcnav.runs.estimate import Estimate, FeatureUse, Note, Output
 from pcnav.runs.status import Status
 
 _MEASURED_SD = "sd_measured_rad"
@@ -57,7 +59,7 @@ class RecordedAttitudes(Estimator):
 class ChainedAttitudes(Estimator):
     """The attitudes of a chain of images, whose whole arc is fitted as it grows."""
 
-    output = Output(ROTATION_LAYOUT, notes=(_MEASURED_SD, "outcome"))
+    output = Output(ROTATION_LAYOUT, notes=(_MEASURED_SD, "outcome"), has_feature_outcomes=True)
 
     def __init__(self, given: Given) -> None:
         about, self._settings = given.about, given.pipeline.image_motion
@@ -70,13 +72,15 @@ class ChainedAttitudes(Estimator):
         found = self._fits.step(seen)
         state = None if found is None else (found.state, found.covariance)
         noise = seen.covariance if seen.reference is not None else None
-        return _answer(
+        answer = _answer(
             seen.time_s,
             state,
             noise,
             words={"outcome": outcome_in_words(seen.outcome, self._settings)},
             new_axes=self._fits.axes[-1][1] if len(self._fits.axes) > begun else None,
         )
+        outcomes = feature_outcomes(seen, frame.features)
+        return replace(answer, features=FeatureUse(outcomes=outcomes))
 
 
 def _answer(

@@ -1,16 +1,18 @@
 """What an estimator on stereo tracks answers, whatever its own state."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from pcnav.core.arrays import FloatArray
+from pcnav.core.arrays import FloatArray, IntArray
 from pcnav.core.spatial import make_transform
 from pcnav.dynamics.blocks import ATTITUDE, MOTION_LAYOUT, POSITION, RATE, RATIOS, VELOCITY
 from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.recordings.tracks import TrackFrame
 from pcnav.runs.estimate import Estimate, FeaturePoint, FeatureUse, Output
+from pcnav.runs.feature_outcomes import GATED, REFUSED, TRACKED, FeatureOutcomes
+from pcnav.runs.records import ACCEPTED
 
 _COUNTS = ("n_features", "n_used", "n_rejected")
 
@@ -42,11 +44,25 @@ class Used:
     rejected: tuple[int, ...] = ()
     nis: float = float("nan")
     nis_dof: int = 0
+    squared: Mapping[int, float] = field(default_factory=dict)
+    """From the prediction, over the covariance of the innovation, of those that were asked for."""
+    gate: float = float("nan")
+    """What it stays below of those used."""
+
+    def outcomes(self, seen: IntArray) -> FeatureOutcomes:
+        """Of all features (n,) of the frame."""
+        words = dict.fromkeys(self.used, ACCEPTED)
+        words |= {name: GATED if name in self.squared else REFUSED for name in self.rejected}
+        names = seen.tolist()
+        squared = np.array([self.squared.get(name, np.nan) for name in names])
+        outcome = tuple(words.get(name, TRACKED) for name in names)
+        return FeatureOutcomes(seen, outcome, squared, self.gate)
 
 
 def stereo_output(notes: tuple[str, ...]) -> Output:
     """Of an estimator with notes of its own."""
-    return Output(MOTION_LAYOUT, notes=(*_COUNTS, *notes), has_features=True)
+    notes = (*_COUNTS, *notes)
+    return Output(MOTION_LAYOUT, notes=notes, has_features=True, has_feature_outcomes=True)
 
 
 def stereo_estimate(
@@ -81,5 +97,8 @@ def stereo_estimate(
         nis=of.nis,
         nis_dof=of.nis_dof,
         notes={**counts, **(notes or {})},
-        features=FeatureUse(seen, of.used, of.rejected, {} if motion is None else motion.points),
+        features=FeatureUse(
+            *(seen, of.used, of.rejected, {} if motion is None else motion.points),
+            of.outcomes(frame.features),
+        ),
     )

@@ -10,7 +10,7 @@ order and exact in it: two relative rotations that share a frame share its noise
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -96,6 +96,8 @@ class ChainFrame:
     """To the reference."""
     link: ChainLink | None = None
     """To the reference, where the frame has an attitude."""
+    matched: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """(n,) features that it has in common with the reference, those of ``relative``."""
 
     @property
     def R_cam_body(self) -> FloatArray | None:
@@ -228,6 +230,7 @@ class ImageMotionChain:
             *(frame.time_s, relative.outcome, self._segment, reference.number),
             *(relative.matches, int(relative.agreeing.sum()), frame.R_cam_world),
             relative=relative,
+            matched=features,
         )
         if relative.motion is None or relative.gain is None:
             return result, reference

@@ -9,34 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcnav.config.image_motion import ImageMotionTable
+from pcnav.core.arrays import IntArray
 from pcnav.dynamics.blocks import ATTITUDE, ATTITUDE_LAYOUT, RATE
 from pcnav.estimators.image_motion.chain import ChainFrame, ImageMotionChain
+from pcnav.estimators.image_motion.outcomes import feature_outcomes, outcome_in_words
 from pcnav.estimators.image_motion.rates import smoothed
 from pcnav.estimators.image_motion.relative import Outcome
 from pcnav.estimators.interface import Estimator, Given
 from pcnav.recordings.tracks import TrackFrame
-from pcnav.runs.estimate import Estimate, Output
+from pcnav.runs.estimate import Estimate, FeatureUse, Output
 from pcnav.runs.status import Status
-
-_WORDS = {
-    Outcome.MEASURED: "measured",
-    Outcome.FIRST: "first frame of a segment",
-    Outcome.NO_CONSENSUS: "most matches agree with no one motion",
-    Outcome.NO_MOTION: "nothing moved in the image",
-    Outcome.NO_PARALLAX: "a turn of the camera alone explains the matches",
-    Outcome.PLANAR: "points of one plane explain the matches",
-    Outcome.AMBIGUOUS: "two motions explain the matches alike",
-    Outcome.UNEXPECTED: "far from what the rate promises",
-    Outcome.IMPRECISE: "the turn is too uncertain",
-}
-
-
-def outcome_in_words(outcome: Outcome, settings: ImageMotionTable) -> str:
-    """What became of a frame."""
-    if outcome is Outcome.FEW_MATCHES:
-        return f"fewer than {settings.min_matches} matches"
-    return _WORDS[outcome]
 
 
 class ImageMotionEstimator(Estimator):
@@ -47,6 +29,7 @@ class ImageMotionEstimator(Estimator):
         without_sd=(RATE,),
         notes=("outcome", "segment", "reference", "features", "matches", "agreeing"),
         has_nis=False,
+        has_feature_outcomes=True,
         follows_signs=True,
     )
 
@@ -59,7 +42,7 @@ class ImageMotionEstimator(Estimator):
 
     def step(self, frame: TrackFrame, /) -> Estimate:
         """See `Estimator`. Raises `InputError` for the robust solver without its library."""
-        answer = self._answer(self._chain.step(frame), len(frame.features))
+        answer = self._answer(self._chain.step(frame), frame.features)
         self._answers.append(answer)
         return answer
 
@@ -78,7 +61,7 @@ class ImageMotionEstimator(Estimator):
                 answers[k] = replace(answers[k], values={**answers[k].values, RATE.name: rate})
         return answers
 
-    def _answer(self, frame: ChainFrame, features: int) -> Estimate:
+    def _answer(self, frame: ChainFrame, seen: IntArray) -> Estimate:
         known = frame.R_world_body is not None and frame.covariance is not None
         is_first = frame.outcome is Outcome.FIRST
         return Estimate(
@@ -90,10 +73,11 @@ class ImageMotionEstimator(Estimator):
                 "outcome": outcome_in_words(frame.outcome, self._settings),
                 "segment": frame.segment,
                 "reference": frame.reference,
-                "features": features,
+                "features": len(seen),
                 "matches": frame.matches,
                 "agreeing": frame.agreeing,
             },
+            features=FeatureUse(outcomes=feature_outcomes(frame, seen)),
             new_axes=frame.R_world_body if is_first else None,
         )
 

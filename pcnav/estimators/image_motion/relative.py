@@ -1,6 +1,6 @@
 """The motion between two frames from their matches: measured, or the reason why it is not."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -79,6 +79,11 @@ class RelativeMotion:
     candidates: tuple[Candidate, ...] = field(default=())
     """What the matches allow, best first; with `AMBIGUOUS` and the degenerate outcomes these are
     all that can be said."""
+    squared: FloatArray | None = None
+    """(n,) distance of each match to its epipolar line, squared, over the variance of a coordinate;
+    None where there was no motion to compare them with."""
+    gate: float = np.nan
+    """What ``squared`` of an agreeing match stays below; nan without a gate."""
 
     @property
     def covariance(self) -> FloatArray | None:
@@ -117,25 +122,31 @@ def measure(
     found = _fitted(first, second, sigma, settings, expected)
     if found is None:
         return RelativeMotion(Outcome.NO_CONSENSUS, count, none)
-    candidates, agreeing = found
+    candidates, agreeing, squared = found
+    judged = replace(
+        RelativeMotion(Outcome.NO_CONSENSUS, count, agreeing, candidates=candidates),
+        squared=squared,
+        gate=float(settings.inlier_gate_sigma**2),
+    )
     a, b = first[agreeing], second[agreeing]
     most = np.deg2rad(settings.max_turn_deg)
     if out_of_plane_angle(candidates[0].R_second_first, a, b) > most:
-        return RelativeMotion(Outcome.NO_CONSENSUS, count, agreeing, candidates=candidates)
+        return judged
     simpler = _simpler(a, b, sigma)
     if simpler is not None:
-        return RelativeMotion(simpler[0], count, agreeing, candidates=simpler[1])
+        return replace(judged, outcome=simpler[0], candidates=simpler[1])
     gain = motion_gain(candidates[0].R_second_first, candidates[0].direction, a, b, sigma)
     candidates = _distinct(candidates, gain, settings, expected)
+    judged = replace(judged, candidates=candidates)
     if len(candidates) > 1:
-        return RelativeMotion(Outcome.AMBIGUOUS, count, agreeing, candidates=candidates)
+        return replace(judged, outcome=Outcome.AMBIGUOUS)
     best = candidates[0]
     gain = motion_gain(best.R_second_first, best.direction, a, b, sigma)
     worst = float(np.sqrt(np.linalg.eigvalsh(gain.covariance)[-1]))
     turned = out_of_plane_angle(best.R_second_first, a, b)
     if worst > np.deg2rad(settings.max_sd_deg) or turned < settings.min_significance * worst:
-        return RelativeMotion(Outcome.IMPRECISE, count, agreeing, None, None, candidates)
-    return RelativeMotion(Outcome.MEASURED, count, agreeing, best, gain, candidates)
+        return replace(judged, outcome=Outcome.IMPRECISE)
+    return replace(judged, outcome=Outcome.MEASURED, motion=best, gain=gain)
 
 
 def _by_eight_points(first: FloatArray, second: FloatArray, sigma: float) -> RelativeMotion:
@@ -146,7 +157,9 @@ def _by_eight_points(first: FloatArray, second: FloatArray, sigma: float) -> Rel
     found = Candidate(R, t, float(errors @ errors))
     gain = motion_gain(R, t, first, second, sigma)
     everything = np.ones(len(first), dtype=np.bool_)
-    return RelativeMotion(Outcome.MEASURED, len(first), everything, found, gain, (found,))
+    return RelativeMotion(
+        *(Outcome.MEASURED, len(first), everything, found, gain, (found,)), squared=errors**2
+    )
 
 
 def _fitted(
@@ -155,14 +168,16 @@ def _fitted(
     sigma: float,
     settings: ImageMotionTable,
     expected: Expected | None,
-) -> tuple[tuple[Candidate, ...], BoolArray] | None:
-    """Least-squares motions, best first, and the matches that agree; None without consensus."""
+) -> tuple[tuple[Candidate, ...], BoolArray, FloatArray] | None:
+    """Least-squares motions, best first, the matches that agree, and the squared distances, over
+    their variance, that they were judged by; None without consensus."""
     gate = settings.inlier_gate_sigma
     E, agreeing = consensus(first, second, gate * sigma)
     fewest = max(settings.min_matches, int(np.ceil(settings.min_agreeing * len(first))))
     if agreeing.sum() < settings.min_matches:
         return None
     candidates: tuple[Candidate, ...] = ()
+    errors = np.zeros(0)
     starts = [pose_of(E, first[agreeing], second[agreeing])[0]]
     if expected is not None:
         starts.append(expected.R_second_first)
@@ -179,7 +194,7 @@ def _fitted(
         if np.array_equal(now, agreeing):
             break
         agreeing, starts = now, [each.R_second_first for each in candidates]
-    return candidates, agreeing
+    return candidates, agreeing, (errors / sigma) ** 2
 
 
 def _minima(

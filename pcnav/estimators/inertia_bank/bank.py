@@ -154,6 +154,10 @@ class InertiaBank:
         """(R, h) probabilities of the hypotheses."""
         return normalised(self.log_posterior)
 
+    def plausible(self) -> BoolArray:
+        """(R, h) hypotheses that may be true: a point that one of them explains is taken in."""
+        return np.asarray(self.weights() >= _PLAUSIBLE)
+
     def predict(self, time_s: float) -> None:
         """Move all filters to a time."""
         if time_s != self.time_s:
@@ -214,8 +218,7 @@ class InertiaBank:
         A point that any plausible hypothesis explains is no wrong match.
         """
         by_run = accepted.reshape(self._runs, self._h, -1)
-        plausible = self.weights() >= _PLAUSIBLE
-        agreed = np.any(by_run & plausible[..., None], axis=1, keepdims=True)
+        agreed = np.any(by_run & self.plausible()[..., None], axis=1, keepdims=True)
         return np.broadcast_to(agreed, by_run.shape).reshape(accepted.shape)
 
     def add(self, positions: FloatArray, noise: FloatArray) -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcnav.config.inertia_bank import BankEstimate, InertiaBankTable, inertia_matrix
-from pcnav.core.arrays import FloatArray, IntArray, picked
+from pcnav.core.arrays import BoolArray, FloatArray, IntArray, picked
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import rotation_from_xyzw
 from pcnav.core.stereo import StereoRig
@@ -60,6 +60,7 @@ class InertiaBankEstimator(Estimator):
         R_rig_hill = frame.R_cam_world @ self._orbit.R_hill_world(frame.time_s).T
         if self._bank is None:
             return self._acquire(frame, R_rig_hill)
+        plausible = self._bank.plausible()[0]
         result, seen = self._update(self._bank, frame, R_rig_hill)
         accepted = result.accepted[0] if result is not None else np.zeros(0, dtype=np.bool_)
         used = tuple(f for f, ok in zip(seen, accepted, strict=True) if ok)
@@ -67,10 +68,11 @@ class InertiaBankEstimator(Estimator):
         self._book = self._book.noted(frame.time_s, used, rejected)
         if self._book.frames_refused >= self._table.max_rejections:
             self._bank, self._book = None, FeatureBook()
-            lost = Used(rejected=rejected)
+            lost = replace(_judged(result, seen, plausible), rejected=rejected)
             return stereo_estimate(frame, self._orbit, Status.LOST, of=lost)
         self._forget_and_add(self._bank, frame, R_rig_hill)
-        return self._answer(self._bank, frame, result, used, rejected)
+        taken = replace(_judged(result, seen, plausible), used=used, rejected=rejected)
+        return self._answer(self._bank, frame, result, taken)
 
     def _check(self, frame: TrackFrame) -> None:
         check_frame(frame, self._time_s)
@@ -91,7 +93,7 @@ class InertiaBankEstimator(Estimator):
         self._bank.add(positions[:, :count], noise[:, :count])
         features = tuple(int(f) for f in frame.features[:count])
         self._book = FeatureBook().added(frame.time_s, features)
-        return self._answer(self._bank, frame, None, features, ())
+        return self._answer(self._bank, frame, None, Used(features))
 
     def _update(
         self, bank: InertiaBank, frame: TrackFrame, R_rig_hill: FloatArray
@@ -130,8 +132,7 @@ class InertiaBankEstimator(Estimator):
         bank: InertiaBank,
         frame: TrackFrame,
         result: BatchedUpdate | None,
-        used: tuple[int, ...],
-        rejected: tuple[int, ...],
+        taken: Used,
     ) -> Estimate:
         weights = bank.weights()[0]
         best = int(np.argmax(weights))
@@ -151,14 +152,14 @@ class InertiaBankEstimator(Estimator):
         if self._table.estimate is BankEstimate.MAP and not is_decided:
             motion = _with_doubt(motion, weights, self._ratios)
         notes = {f"weight_{k + 1}": float(weight) for k, weight in enumerate(weights)}
-        nis = float("nan") if result is None or not used else float(result.joint_nis[best])
+        nis = float("nan") if result is None or not taken.used else float(result.joint_nis[best])
         dof = 0 if result is None else int(result.joint_dof[best])
         return stereo_estimate(
             frame,
             self._orbit,
-            status if used else Status.COASTING,
+            status if taken.used else Status.COASTING,
             motion,
-            Used(used, rejected, nis, dof),
+            replace(taken, nis=nis, nis_dof=dof),
             {"hypothesis": float(best + 1), **notes},
         )
 
@@ -185,6 +186,14 @@ class InertiaBankEstimator(Estimator):
             covariance=covariance[np.ix_(rows, rows)],
             points=points,
         )
+
+
+def _judged(result: BatchedUpdate | None, seen: tuple[int, ...], plausible: BoolArray) -> Used:
+    """Distances and gate of the points seen: of the plausible hypothesis (h,) that is nearest."""
+    if result is None or not plausible.any():
+        return Used()
+    nearest = np.fmin.reduce(result.nis[plausible], axis=0)
+    return Used(squared=dict(zip(seen, nearest.tolist(), strict=True)), gate=result.gate)
 
 
 def _with_doubt(motion: Motion, weights: FloatArray, ratios: FloatArray) -> Motion:

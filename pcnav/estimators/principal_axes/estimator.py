@@ -85,7 +85,7 @@ class PrincipalAxesEstimator(Estimator):
         taken = self._follower.take(seen) if len(seen.features) else Taken()
         if self._follower.is_lost:
             self._follower, self._arc = None, []
-            lost = Used(rejected=taken.rejected)
+            lost = Used(rejected=taken.rejected, squared=taken.squared, gate=taken.gate)
             return stereo_estimate(frame, self._orbit, Status.LOST, of=lost)
         return self._answer(self._follower, frame, taken)
 
@@ -124,7 +124,7 @@ class PrincipalAxesEstimator(Estimator):
             self._orbit,
             status,
             reported_motion(state, covariance, follower.features),
-            Used(taken.used, taken.rejected, nis, dof),
+            Used(taken.used, taken.rejected, nis, dof, taken.squared, taken.gate),
             certainty.notes(),
         )
 

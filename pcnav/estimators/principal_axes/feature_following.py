@@ -1,7 +1,7 @@
 """Following the features of a target with the filter of its principal axes (Hu 2024, section 4)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,6 +58,13 @@ class Taken:
     result: UpdateResult | None = None
     used: tuple[int, ...] = ()
     rejected: tuple[int, ...] = ()
+    squared: Mapping[int, float] = field(default_factory=dict)
+    """See `pcnav.estimators.features.answer.Used`."""
+
+    @property
+    def gate(self) -> float:
+        """Of the features, which are measured first; nan where none was."""
+        return self.result.gates[0] if self.result is not None and self.result.gates else np.nan
 
 
 @dataclass(frozen=True)
@@ -219,6 +226,7 @@ class FeatureFollower:
             result,
             tuple(name for name in names if passed[name]),
             (*(name for name in names if not passed[name]), *refused),
+            dict(zip(names, result.nis, strict=False)),
         )
 
     def _smoothed_over_gap(

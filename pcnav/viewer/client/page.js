@@ -4,6 +4,7 @@
   if (window.pcnav) window.pcnav.close();
 
   const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
+  const IMAGE = '[role="tabpanel"]:has(.pcnav-plots) img:not([src="data:,"])';
   const data = {}, versions = {};
   const ends = [];
   let pointer = [200, 200];
@@ -89,7 +90,7 @@
       #pcnav-card td, #pcnav-help td { padding-right: 12px; vertical-align: top; }
       #pcnav-card td:first-child, #pcnav-help td:first-child { opacity: .7; white-space: nowrap; }
       /* Image and plots at once on a low screen, too. */
-      [role="tabpanel"]:has(.pcnav-plots) img:not([src="data:,"]) { max-height: 27vh; object-fit: contain; }
+      ${IMAGE} { max-height: 27vh; object-fit: contain; cursor: crosshair; }
       .pcnav-plots canvas { display: block; width: 100%; cursor: crosshair; }`;
   };
 
@@ -396,6 +397,16 @@
     const pressed = event.target.closest && event.target.closest("button");
     if (pressed) setTimeout(() => pressed.blur(), 0);
   }, true);
+  on(document, "click", (event) => {
+    if (!event.target.matches || !event.target.matches(IMAGE)) return;
+    const { left, top: above, width, height } = event.target.getBoundingClientRect();
+    const { naturalWidth: w, naturalHeight: h } = event.target;
+    // Where it is lower than its panel is wide, it stands in the middle.
+    const scale = Math.min(width / w, height / h);
+    const x = ((event.clientX - left - width / 2) / scale + w / 2) / w;
+    const y = ((event.clientY - above - height / 2) / scale + h / 2) / h;
+    if (x >= 0 && x <= 1 && y >= 0 && y <= 1) say({ do: "image", x, y });
+  });
   on(document, "keydown", (event) => {
     if (/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) return;
     if (event.key === "?") toggleHelp();
