@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
+from pcnav.evaluation.doubted import doubted
 from pcnav.evaluation.size_check import size_doubt
 from pcnav.files.text_table import number
 from pcnav.perception.sensor_noise import SensorNoise
@@ -83,7 +84,7 @@ def diagnosis(run: Run, facts: Facts) -> Diagnosis:
     claimed = claimed_frames(run)
     if not claimed.any():
         return Diagnosis(False, (nothing_found(run, facts),))
-    warnings = (*lost(run, claimed, facts), *of_another_size(facts))
+    warnings = (*lost(run, claimed, facts), *of_another_size(facts), *doubted(run, claimed))
     return Diagnosis(True, warnings, (*facts.remarks, *misstated(run, claimed, facts)))
 
 

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
+from pcnav.perception.calibration_doubt import N_OFFSETS, CalibrationDoubt, calibration_doubt
 from pcnav.perception.calibration_fields import FIELD_NAMES, by_fields
 from pcnav.perception.modality import POSE_SIZE, SeenFrame
 from pcnav.perception.sensor_noise import OUTLINE_PRIOR_SD_PX
 
-_N_OFFSETS, _N_FIELDS = 4, len(FIELD_NAMES)
-_SIZE = _N_OFFSETS + _N_FIELDS
+_N_FIELDS = len(FIELD_NAMES)
+_SIZE = N_OFFSETS + _N_FIELDS
 _LOOSE = 0.05
 """A pose found is off by less than this share of the target, or rad; the motion during a frame that
 takes time, by less than that in a second."""
@@ -88,11 +89,17 @@ class ScaleBelief:
         told = self._told(calibration_sd)[1]
         return float(self.sd * np.sqrt(told / (told + self.sd**2)))
 
+    def doubt(self, calibration_sd: FloatArray) -> CalibrationDoubt | None:
+        """The error of the calibration that explains best what its deviations (6,) leave
+        unexplained; None of few frames."""
+        if self.frames < _MIN_FRAMES:
+            return None
+        together = min(self.frames, _MAX_COMMON)
+        return calibration_doubt(self.information, self.vector, together, calibration_sd)
+
     def _told(self, calibration_sd: FloatArray) -> tuple[float, float]:
         """The scale and its variance by the frames alone, where other errors may be so large."""
-        sd = np.concatenate(
-            [np.ones(_N_OFFSETS), np.maximum(calibration_sd[:-1], _NONE), [self.sd]]
-        )
+        sd = np.concatenate([np.ones(N_OFFSETS), np.maximum(calibration_sd[:-1], _NONE), [self.sd]])
         covariance = np.linalg.inv(self.information + np.diag(sd**-2.0))
         scale, variance = float((covariance @ self.vector)[-1]), float(covariance[-1, -1])
         told = 1.0 / max(1.0 / variance - self.sd**-2.0, 1e-12)
@@ -125,7 +132,7 @@ def _of_ranges(seen: SeenFrame, faces: Collection[int]) -> FloatArray:
         [
             jacobian,
             by_twist,
-            np.zeros((len(jacobian), _N_OFFSETS)),
+            np.zeros((len(jacobian), N_OFFSETS)),
             by_fields(jacobian, p_cam, seen.doubt.T_cam_model),
             residuals.residual_m[chosen],
         ]

@@ -15,6 +15,7 @@ from pcnav.report.envelope import Spans
 from pcnav.report.figures import CATEGORIES, LINE, add_legend, drawing, new_figure, style_axes
 from pcnav.report.page import Piece
 from pcnav.report.panels import Curve, Panel, Scale, draw_panel
+from pcnav.runs.doubts import COLUMN, TOLD, Doubt, doubts_in
 from pcnav.runs.nis_window import NIS_WINDOW_FRAMES, NisWindow
 from pcnav.runs.run import Run
 
@@ -51,6 +52,7 @@ def status_and_evidence(content: ReportContent) -> list[Piece]:
         beside.append(_ambiguity(content.answer.symmetry))
     if any(run.words.get("motion", ())):
         beside.append(_motion(run))
+    beside += _doubts(run)
     return [(figure, tuple(beside))]
 
 
@@ -127,6 +129,15 @@ def _changes(run: Run, frames: list[int]) -> TextTable:
     }
     rows = tuple(zip(*columns.values(), strict=True))
     return TextTable("", "", tuple(columns), rows, text_columns=2)
+
+
+def _doubts(run: Run) -> list[str]:
+    """What spoke against the estimate, and in how many of the frames."""
+    counts = Counter(doubt for field in run.words.get(COLUMN, ()) for doubt in doubts_in(field))
+    if not counts:
+        return []
+    told = [f"{doubt} ({TOLD[doubt]}) in {counts[doubt]}" for doubt in Doubt if counts[doubt]]
+    return [f"Doubts raised, by number of frames: {'; '.join(told)}."]
 
 
 def _ambiguity(symmetry: str) -> str:

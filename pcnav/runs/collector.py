@@ -11,7 +11,7 @@ from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import FloatArray
 from pcnav.dynamics.blocks import ATTITUDE, Block, Layout
 from pcnav.dynamics.trajectory import Trajectory
-from pcnav.runs.estimate import Estimate, Output
+from pcnav.runs.estimate import OWN_WORDS, Estimate, Output
 from pcnav.runs.nis_window import NisWindow
 from pcnav.runs.run import Run, Segment
 
@@ -40,7 +40,9 @@ class RunCollector:
         layout, size = output.layout, self.kept.size
         rows = [np.arange(layout.size)[layout.slice_of(block)] for block in self.kept.blocks]
         self._kept_rows = np.concatenate([np.zeros(0, dtype=np.intp), *rows])
-        names = ("time_s", "nis", "nis_dof", "window_nis", *output.notes)
+        self._words: dict[str, list[str]] = {w: [] for w in output.notes if w in OWN_WORDS}
+        self._numbers = tuple(name for name in output.notes if name not in OWN_WORDS)
+        names = ("time_s", "nis", "nis_dof", "window_nis", *self._numbers)
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(names, ())
         shapes |= {b.name: (3, 3) if b is ATTITUDE else (b.size,) for b in output.blocks}
         shapes |= {"sd": (layout.size,), "covariance": (size, size), "T_cam_target": (4, 4)}
@@ -62,9 +64,11 @@ class RunCollector:
         row["time_s"], row["nis"], row["nis_dof"] = estimate.time_s, estimate.nis, estimate.nis_dof
         window = self._window.follow(estimate.has_estimate, estimate.nis, estimate.nis_dof)
         row["window_nis"] = window if estimate.window_nis is None else estimate.window_nis
-        for name in self._output.notes:
+        for name in self._numbers:
             note = estimate.notes.get(name)
             row[name] = note if isinstance(note, float | int) else np.nan
+        for name, words in self._words.items():
+            words.append(str(estimate.notes.get(name) or ""))
         for name, values in estimate.values.items():
             row[name] = values
         if P is not None:
@@ -99,7 +103,8 @@ class RunCollector:
             nis=rows["nis"],
             nis_dof=np.nan_to_num(rows["nis_dof"]).astype(np.intp),
             window_nis=rows["window_nis"],
-            notes={name: rows[name] for name in output.notes},
+            notes={name: rows[name] for name in self._numbers},
+            words={name: tuple(words) for name, words in self._words.items()},
             segments=tuple(self._segments),
             is_finished=False,
         )

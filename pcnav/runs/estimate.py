@@ -18,10 +18,13 @@ from pcnav.dynamics.blocks import (
     Layout,
 )
 from pcnav.dynamics.rigid_body import inertia_from_ratios
+from pcnav.runs.doubts import COLUMN as DOUBTS
 from pcnav.runs.feature_outcomes import FeatureOutcomes
 from pcnav.runs.records import RectangleRecord
 from pcnav.runs.status import CLAIMED
 
+OWN_WORDS = ("outcome", "motion", DOUBTS)
+"""Columns of an estimator's own that hold words."""
 Note = float | int | str | None
 """A number or a word of an estimator's own; None for no value."""
 

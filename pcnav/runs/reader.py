@@ -29,7 +29,7 @@ from pcnav.dynamics.trajectory import Trajectory
 from pcnav.files.csv_table import CsvTable, read_csv, read_header
 from pcnav.files.npy_header import read_npy_header
 from pcnav.files.regular_file import require_regular
-from pcnav.runs.estimate import Output
+from pcnav.runs.estimate import OWN_WORDS, Output
 from pcnav.runs.nis_window import window_nis
 from pcnav.runs.places import located
 from pcnav.runs.records import (
@@ -68,8 +68,6 @@ _DAMAGED_ARCHIVE = (
     zipfile.BadZipFile,
     NotImplementedError,
 )
-_OWN_WORDS = ("outcome", "motion")
-"""Columns of an estimator's own that hold words."""
 _RENAMED = {"explained": "inlier_ratio"}
 """Columns as they were called up to release 0.1."""
 _TOLD_BY = {
@@ -96,7 +94,7 @@ def read_run(folder: Path | str, *, with_covariance: bool = False) -> Run:
     path = folder / STATES_FILE
     header = read_header(path)
     output = _output_of(path, header)
-    texts = ("status", *(name for name in header if name in _OWN_WORDS))
+    texts = ("status", *(name for name in header if name in OWN_WORDS))
     table = read_csv(path, header or ("time_s", "status"), texts, growing=not is_finished)
     run = _with_poses(folder, _run_of(folder, table, output, is_finished))
     if with_covariance and is_finished:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from pcnav.dynamics.blocks import POSITION
+from pcnav.runs.doubts import COLUMN, TOLD, doubts_in
 from pcnav.runs.status import CLAIMED
 from pcnav.viewer.assessment import SIGMA_BOUND, error_over_sigma, inlier_ratio, nis_over_bound
 from pcnav.viewer.loaded_run import LoadedRun
@@ -42,7 +43,17 @@ def items_of(loaded: LoadedRun, frame: int) -> list[Item]:
     if np.isfinite(nis).any():
         told = "none" if np.isnan(nis[frame]) else f"{nis[frame]:.2f} × 95 % bound"
         items.append({"label": "NIS", "value": told, "bad": bool(nis[frame] > 1.0)})
-    return items + _error(loaded, frame, claimed=status in CLAIMED)
+    return [*items, *_doubts(loaded, frame), *_error(loaded, frame, claimed=status in CLAIMED)]
+
+
+def _doubts(loaded: LoadedRun, frame: int) -> list[Item]:
+    """What speaks against the estimate, by the run itself."""
+    fields = loaded.run.words.get(COLUMN, ())
+    raised = doubts_in(fields[frame]) if frame < len(fields) else ()
+    if not raised:
+        return []
+    title = "; ".join(TOLD[doubt] for doubt in raised)
+    return [{"label": "doubts", "value": ", ".join(raised), "title": title, "bad": True}]
 
 
 def _error(loaded: LoadedRun, frame: int, *, claimed: bool) -> list[Item]:

@@ -133,3 +133,12 @@ def test_the_kinds_of_motion_and_their_changes_are_told(content: ReportContent) 
     assert "torque free in 84.5%, kinematic in 15.5%" in told
     when = [number(run.time_s[k]) for k in (20, 29)]
     assert f"to kinematic at {when[0]} s (frame 20), to torque free at {when[1]} s" in told
+
+
+@pytest.mark.usefixtures("quick_drawings")
+def test_doubts_are_counted(content: ReportContent) -> None:
+    fields = ("",) * 40 + ("nis tilt",) * 15 + ("nis",) * 5
+    told = beside(replace(content, run=replace(content.run, words={"doubts": fields})))[-1]
+    assert isinstance(told, str)
+    assert "nis (innovations larger than stated) in 20; tilt (" in told
+    assert told.endswith("in 15.")

@@ -170,6 +170,17 @@ def test_a_wrong_lock_does_not_look_right(loaded: LoadedRun) -> None:
     assert ratio is not None and int(np.nanargmax(ratio)) == LAST
 
 
+def test_doubts_of_a_frame_stand_in_the_bar(loaded: LoadedRun) -> None:
+    fields = ("",) * LAST + ("nis rim",)
+    told = replace(loaded, run=replace(loaded.run, words={"doubts": fields}))
+    items = {i.get("label", ""): i for i in status_of_frame((told,), LAST)["rows"][0]}
+    assert items["doubts"]["value"] == "nis, rim"
+    assert items["doubts"]["bad"]
+    assert "step at the rim" in items["doubts"]["title"]
+    before = status_of_frame((told,), LAST - 1)["rows"][0]
+    assert all(item.get("label") != "doubts" for item in before)
+
+
 def test_what_is_left_out_and_what_lies_beside_is_said(loaded: LoadedRun) -> None:
     whole, thin = shot_of(loaded, LAST), shot_of(loaded, LAST, 300)
     assert whole is not None and thin is not None

@@ -6,6 +6,7 @@ import numpy as np
 
 from pcnav.dynamics.state import ratio_covariance
 from pcnav.estimators.depth.acquisition import Initialised
+from pcnav.estimators.depth.doubts import FrameDoubts
 from pcnav.estimators.depth.measuring import pose_of, predicted_pose
 from pcnav.estimators.depth.pose_measurement import ObserverPose, pose_covariance
 from pcnav.estimators.depth.track import Track
@@ -44,6 +45,7 @@ def answer_of_frame(
     result: UpdateResult | None,
     status: Status,
     observer: ObserverPose,
+    doubts: FrameDoubts,
 ) -> Estimate:
     """The estimate after a frame.
 
@@ -53,6 +55,7 @@ def answer_of_frame(
         result: what the filter made of it; None where it was not updated.
         status: what the estimate is worth.
         observer: where the camera was.
+        doubts: what speaks against it.
     """
     accepted = (True,) * len(view.measurements) if result is None else result.accepted
     estimate = Estimate(
@@ -65,6 +68,7 @@ def answer_of_frame(
             "inlier_ratio": view.inlier_ratio,
             "n_rectangles": sum(accepted[face] for face in view.face_of_record),
             "motion": None if track is None else str(track.motion.name),
+            **doubts.notes,
         },
         records=view.outcomes(accepted, result),
     )

@@ -66,16 +66,30 @@ class Evidence:
         return self._innovations.per_degree
 
     @property
+    def explains_little(self) -> bool:
+        """Whether the last frame is explained less than was usual, or little of the last ones."""
+        if self._fell:
+            return True
+        little = float(np.mean(self._inlier_ratios or (1.0,))) < _LOW_INLIER_RATIO
+        return self._is_whole and little
+
+    @property
+    def errs(self) -> bool:
+        """Whether the innovations of the last frames are larger than they could be by chance."""
+        nis, dof = self._innovations.nis, self._innovations.dof
+        if not self._is_whole or not dof:
+            return False
+        return bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof))
+
+    @property
     def is_doubtful(self) -> bool:
         """Whether the track is to be checked: its inlier ratio is too low, or its innovations too
         large."""
-        if self._fell:
-            return True
-        if len(self._inlier_ratios) < _WINDOW_FRAMES:
-            return False
-        nis, dof = self._innovations.nis, self._innovations.dof
-        errs = bool(nis > chi_square.upper_quantile(_NIS_PROBABILITY, dof)) if dof else False
-        return errs or float(np.mean(self._inlier_ratios)) < _LOW_INLIER_RATIO
+        return self.explains_little or self.errs
+
+    @property
+    def _is_whole(self) -> bool:
+        return len(self._inlier_ratios) >= _WINDOW_FRAMES
 
 
 def _accepted(result: UpdateResult) -> float:

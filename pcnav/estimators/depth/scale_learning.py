@@ -4,6 +4,7 @@ import logging
 from dataclasses import replace
 
 from pcnav.estimators.depth.views import FrameView
+from pcnav.perception.calibration_doubt import CalibrationDoubt
 from pcnav.perception.mesh_scale import ScaleBelief
 from pcnav.perception.reading import FrameReader
 from pcnav.recordings.calibration import NOT_STATED, Calibration
@@ -21,6 +22,8 @@ class ScaleLearner:
         """How well all else is known, and the size of the target now."""
         self.factor = 1.0
         """By which the target is taken to be larger now."""
+        self.doubt: CalibrationDoubt | None = None
+        """What the last frames contradict most of the calibration; None before they tell."""
 
     def learn(self, view: FrameView, accepted: tuple[bool, ...]) -> bool:
         """Take in a frame that a track was updated with; whether it has changed the size."""
@@ -30,6 +33,7 @@ class ScaleLearner:
         lever_m, used = 0.5 * self._reader.diameter_m, comparison.places(accepted)
         self._belief = self._belief.with_frame(comparison.seen, used, lever_m)
         others_sd = self.calibration.of_image(view.frame.camera)
+        self.doubt = self._belief.doubt(others_sd) or self.doubt
         # What a recording does not state may be off, but is no reason to think that it is: where
         # ranges and outline contradict each other, frames would be followed by neither.
         change = self._belief.factor(others_sd if self._is_stated else 0.0 * others_sd)

@@ -24,6 +24,7 @@ from pcnav.estimators.depth.answers import (
 from pcnav.estimators.depth.astray import Astray
 from pcnav.estimators.depth.calibration_errors import SeenBy
 from pcnav.estimators.depth.camera_noise import CameraNoise
+from pcnav.estimators.depth.doubts import FrameDoubts
 from pcnav.estimators.depth.evidence import Evidence
 from pcnav.estimators.depth.following import FollowedMotion
 from pcnav.estimators.depth.lasting_errors import LastingErrors
@@ -60,6 +61,7 @@ from pcnav.recordings.sequence import (
     SequenceInfo,
     stated_or_default_sigma,
 )
+from pcnav.runs.doubts import COLUMN, RIM_COLUMN, TILT_COLUMN
 from pcnav.runs.estimate import Estimate, Output
 from pcnav.runs.status import Status
 from pcnav.target.row_motion import Exposure
@@ -82,7 +84,9 @@ class Tracker(Estimator):
     """
 
     output = Output(
-        MASS_CENTRE_LAYOUT, notes=("inlier_ratio", "n_rectangles", "motion"), has_records=True
+        MASS_CENTRE_LAYOUT,
+        notes=("inlier_ratio", "n_rectangles", "motion", COLUMN, TILT_COLUMN, RIM_COLUMN),
+        has_records=True,
     )
     min_frames = MIN_FRAMES
 
@@ -154,8 +158,11 @@ class Tracker(Estimator):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What it said while it ran: that the frames contradict what was stated of the mass."""
-        return tuple(self._remarks)
+        """What it said while it ran: that the frames contradict what was stated of the mass, or of
+        the calibration."""
+        doubt = self._scale.doubt
+        against = (doubt.said,) if doubt is not None and doubt.is_clear else ()
+        return (*self._remarks, *against)
 
     @property
     def budget(self) -> Mapping[str, FloatArray]:
@@ -480,12 +487,15 @@ class Tracker(Estimator):
         self, view: FrameView, result: UpdateResult | None, status: Status, observer: ObserverPose
     ) -> Estimate:
         track = self._track
+        is_contradicted = track is not None and track.motion.contradicted is not None
+        noise, calibration = self._noise.noise, self._scale.doubt
+        doubts = FrameDoubts.of(track, is_contradicted, calibration, noise)
         claims = track is not None and status in (Status.LOCKED, Status.AMBIGUOUS)
         if track is None or not claims:
-            return answer_of_frame(track, view, result, status, observer)
+            return answer_of_frame(track, view, result, status, observer, doubts)
         if not is_known(track, self._target, observer):
             status = Status.COASTING
         else:
             own = {"noise, motion and prior": track.motion.reported_covariance}
             self._last_claim = track.motion.kalman.state, {**own, **track.lasting.budget}
-        return answer_of_frame(track, view, result, status, observer)
+        return answer_of_frame(track, view, result, status, observer, doubts)
