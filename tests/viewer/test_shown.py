@@ -1,5 +1,6 @@
 """What the page shows is so: nothing drawn where there is nothing, nothing hidden or praised."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from pcnav.core import chi_square
+from pcnav.dynamics.blocks import POSITION, RATIOS
 from pcnav.runs.reader import read_records
 from pcnav.runs.records import ACCEPTED, AXES
 from pcnav.runs.result_files import MEASUREMENTS_FILE
@@ -284,6 +286,35 @@ def test_all_states_are_told_with_who_knows_them(loaded: LoadedRun) -> None:
     combinations = [name for name in loaded.verdicts if " " in name]
     assert all(name in told for name in combinations)
     assert told.count("■ data") + told.count("□ prior") == len(loaded.verdicts)
+
+
+def test_what_is_known_fits_its_panel(loaded: LoadedRun) -> None:
+    """In lines of which all but the first cell stay whole; units stand above them, once."""
+    told = knowledge_html(loaded)
+    for block in loaded.trajectory.layout.blocks:
+        unit = "" if block.shown_unit == "1" else f", {block.shown_unit}"
+        assert told.count(f">{block.title}{unit}</th>") == 1
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in told.split("<tr>")]
+    lengths = [sum(len(re.sub("<.*?>", "", cell)) for cell in row[1:]) for row in rows if row]
+    # Of 400 pixels, digits are 8 wide and gaps 6.
+    assert lengths and max(lengths) <= 40
+    # A value has the digits that its deviation leaves it, and is right to them.
+    frame = int(np.flatnonzero(loaded.run.has_estimate)[-1])
+    value, sd = loaded.trajectory[POSITION][frame][0], loaded.sd(POSITION, frame)[0]
+    shown, deviation = rows[[row[:1] for row in rows].index(["x"])][1:3]
+    assert abs(float(shown) - value) <= 0.06 * sd
+    assert float(deviation) == pytest.approx(sd, rel=0.06)
+
+
+def test_what_is_held_is_not_said_to_be_known(loaded: LoadedRun) -> None:
+    """A principal axis has no product of inertia: zero, and no deviation of it either."""
+    trajectory = loaded.trajectory
+    assert trajectory.sd is not None
+    sd = trajectory.sd.copy()
+    sd[:, trajectory.layout.slice_of(RATIOS)] = [1e-3, 1e-3, 0.0, 0.0, 0.0]
+    held = replace(loaded, run=replace(loaded.run, trajectory=replace(trajectory, sd=sd)))
+    assert knowledge_html(loaded).count("held") == 0
+    assert knowledge_html(held).count("held") == 3
 
 
 def test_an_address_brings_back_what_it_was_made_of() -> None:
