@@ -28,6 +28,7 @@ from pcnav.perception.returns import window_of_returns
 from pcnav.perception.sampled_views import SampledViews, sample_views
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surroundings import SurroundingsFinder
+from pcnav.perception.unseen import Unseen
 from pcnav.perception.view_hypotheses import SearchReport, report_of, view_hypotheses
 from pcnav.recordings.sequence import Frame
 from pcnav.target.rendering import RenderedDepth
@@ -321,7 +322,7 @@ class FrameReader:
                 measured=self._measured,
             )
         comparer = self._comparers[frame.camera]
-        comparer.unseen = frame.unseen
+        comparer.unseen = Unseen.of(frame)
         comparer.readout, comparer.row_readout_s = self.expected_motion, self.row_readout_s
         comparer.beams = frame.beams
         return comparer
@@ -392,8 +393,9 @@ class FrameReader:
         return View(perceived, faces, unused, ratio)
 
     def _agreement(self, frame: Frame, rendered: RenderedDepth, tolerance_m: float) -> Agreement:
-        if frame.unseen is not None:
-            rendered = rendered.without(frame.unseen)
+        unseen = Unseen.of(frame)
+        if unseen is not None:
+            rendered = rendered.without(unseen.beside(rendered, tolerance_m))
         find = partial(self._surroundings.of, frame.depth_m, frame.camera, self._sigma_in(frame))
         return judged(frame.depth_m, rendered, tolerance_m, find)[0]
 

@@ -31,6 +31,7 @@ from pcnav.perception.scans import exposure_of_scan, outline_of_scan, strided_be
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.surface_pixels import FEW_PIXELS, SurfacePixels, surface_pixels
 from pcnav.perception.surroundings import Surroundings, SurroundingsFinder
+from pcnav.perception.unseen import Unseen
 from pcnav.target.parts import has_several_bodies
 from pcnav.target.rendering import DepthRenderer, RenderedDepth
 from pcnav.target.row_motion import Exposure, Readout, row_times
@@ -100,7 +101,7 @@ class RenderComparer:
         self.row_readout_s = 0.0
         """From the exposure of the first row of an image to that of its last."""
         self._surroundings = SurroundingsFinder(target.diameter_m)
-        self._unseen: BoolArray | None = None
+        self._unseen: Unseen | None = None
         self.beams: Beams | None = None
         """Of the scan compared next; None of an image."""
 
@@ -151,19 +152,15 @@ class RenderComparer:
             comparer.noise = noise
 
     @property
-    def unseen(self) -> BoolArray | None:
-        """(height, width) pixels of the frames compared next of which nothing is known."""
+    def unseen(self) -> Unseen | None:
+        """What is not known of the frames compared next."""
         return self._unseen
 
     @unseen.setter
-    def unseen(self, unseen: BoolArray | None) -> None:
+    def unseen(self, unseen: Unseen | None) -> None:
         self._unseen = unseen
         for comparer in self._coarser.values():
             comparer.unseen = unseen
-
-    def _view(self, T_cam_model: FloatArray) -> RenderedDepth:
-        """From a pose (4, 4), as far as it is seen."""
-        return self._as_seen(self._renderer.render(T_cam_model, self.exposure(T_cam_model)))
 
     def exposure(self, T_cam_model: FloatArray) -> Exposure | None:
         """When the pixels see a target at a pose (4, 4); None where all do at the frame's time."""
@@ -190,12 +187,11 @@ class RenderComparer:
         rows = (pixels.pixels[0] + rendered.window[0].start) * self._stride
         return np.asarray(row_times(self.row_readout_s, self.camera.height)[rows])
 
-    def _as_seen(self, rendered: RenderedDepth) -> RenderedDepth:
-        unseen = self._unseen_here()
-        return rendered if unseen is None else rendered.without(unseen)
-
-    def _unseen_here(self) -> BoolArray | None:
-        return None if self._unseen is None else self._unseen[:: self._stride, :: self._stride]
+    def _unseen_beside(self, rendered: RenderedDepth, tolerance_m: float) -> BoolArray | None:
+        """(height, width) of the grid compared on."""
+        if self._unseen is None:
+            return None
+        return self._unseen.strided(self._stride).beside(rendered, tolerance_m)
 
     def with_noise(self, noise: SensorNoise | float) -> "RenderComparer":
         """The same for frames of other noise."""
@@ -213,7 +209,8 @@ class RenderComparer:
 
     def score(self, depth_m: DepthImage, T_cam_model: FloatArray, tolerance_m: float) -> Agreement:
         """How well the target at a pose (4, 4) explains a frame, by depths this close."""
-        rendered = self._view(T_cam_model)
+        rendered = self._renderer.render(T_cam_model, self.exposure(T_cam_model))
+        rendered = rendered.without(self._unseen_beside(rendered, tolerance_m))
         return self._judged(depth_m, rendered, tolerance_m)[0]
 
     def _judged(
@@ -308,13 +305,14 @@ class RenderComparer:
     ) -> Comparison:
         """A frame with a view."""
         beams = self._beams_here()
-        rendered = self._as_seen(whole)
         noise = self._noise_beside_facets(T_cam_model)
         whole_m, depth_m = depth_m, depth_m[:: self._stride, :: self._stride]
         # What depends on the noise roughly takes that at the target's range.
         typical_m = noise.sigma_at(float(np.linalg.norm(T_cam_model[:3, 3])))
         # What a face or a frame shares moves its returns off the view as well.
         total_m = float(np.hypot(typical_m, noise.shared_sd_m))
+        unseen = self._unseen_beside(whole, self._loosest(total_m))
+        rendered = whole.without(unseen)
         without_turns = self._without_turns(T_cam_model)
         doubt = PoseDoubt(T_cam_model, pose_covariance, total_m, without_turns)
         # A crease by less than the pose is doubted does not matter yet; of a curved mesh, whose
@@ -336,9 +334,7 @@ class RenderComparer:
         loosest = min(tolerance, self._loosest(total_m))
         explained, surroundings = self._judged(whole_m, rendered, loosest)
         reach = contour_reach(doubt_px)
-        outline = outline_frame(
-            *(depth_m, rendered, surroundings, tolerance, reach, self._unseen_here())
-        )
+        outline = outline_frame(*(depth_m, rendered, surroundings, tolerance, reach, unseen))
         if beams is not None:
             outline = outline_of_scan(beams, rendered.camera, depth_m, outline)
         if surroundings is not None:

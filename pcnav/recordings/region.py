@@ -73,8 +73,9 @@ class Region:
 def restricted(frame: Frame, region: Region) -> Frame:
     """A frame in which only a region may hold returns.
 
-    Outside the mask, beyond the far gate and at the background its depth is 0: nothing is there.
-    Pixels outside the box and nearer than the near gate are `unseen`. Raises `InputError` for a
+    Beyond the far gate and at the background its depth is 0: nothing is there. So it is outside the
+    mask, but what returned there is kept as `masked_m`. Pixels outside the box and nearer than the
+    near gate are `unseen`. Raises `InputError` for a
     mask or background of another size, and for a box outside the image.
     """
     if region.is_everything:
@@ -88,12 +89,16 @@ def restricted(frame: Frame, region: Region) -> Frame:
         depth_m[range_m > region.max_range_m] = 0.0
     if region.background is not None:
         depth_m[region.background.holds(depth_m)] = 0.0
+    masked_m = frame.masked_m
     if region.mask is not None:
+        left_out = np.where(region.mask, np.float32(0.0), depth_m)
+        masked_m = left_out if masked_m is None else np.maximum(masked_m, left_out)
         depth_m[~region.mask] = 0.0
     if frame.unseen is not None:
         unseen |= frame.unseen
     depth_m[unseen] = 0.0
-    return replace(frame, depth_m=depth_m, unseen=unseen if unseen.any() else None)
+    unseen_or_none = unseen if unseen.any() else None
+    return replace(frame, depth_m=depth_m, unseen=unseen_or_none, masked_m=masked_m)
 
 
 def _outside(camera: PinholeCamera, box_px: tuple[int, int, int, int] | None) -> BoolArray:

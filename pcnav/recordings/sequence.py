@@ -63,6 +63,10 @@ class Frame:
     unseen: BoolArray | None = None
     """(height, width) pixels of which nothing is known, not even that nothing is there: outside a
     region of interest, or nearer than the near gate. None where there is no such pixel."""
+    masked_m: DepthImage | None = None
+    """(height, width) z-depth, m, of what a mask left out of the frame, 0 elsewhere. Where that is
+    nearer than the target it hides it, and where the target goes on in it the mask is too small.
+    None where nothing was left out."""
     beams: Beams | None = None
     """Of a scan, whose image ``depth_m`` is: where and when its pixels look. None of an image."""
 
@@ -90,7 +94,7 @@ class Frame:
         """A scan laid over a camera's pixels; of those without a beam nothing is known."""
         beams = scan.on(camera)
         unseen = None if beams.is_seen.all() else ~beams.is_seen
-        return Frame(index, time_s, beams.image, camera, T_cam_world, unseen, beams)
+        return Frame(index, time_s, beams.image, camera, T_cam_world, unseen, beams=beams)
 
     def __repr__(self) -> str:
         returns = self.depth_m[self.depth_m > 0.0]
@@ -105,12 +109,16 @@ class Frame:
         if stride == 1:
             return self
         depth_m = np.ascontiguousarray(self.depth_m[::stride, ::stride])
-        unseen = None
-        if self.unseen is not None:
-            unseen = np.ascontiguousarray(self.unseen[::stride, ::stride])
-        camera = self.camera.strided(stride)
+        unseen, masked_m = self.unseen, self.masked_m
+        if unseen is not None:
+            unseen = np.ascontiguousarray(unseen[::stride, ::stride])
+        if masked_m is not None:
+            masked_m = np.ascontiguousarray(masked_m[::stride, ::stride])
         beams = None if self.beams is None else self.beams.strided(stride)
-        return replace(self, depth_m=depth_m, camera=camera, unseen=unseen, beams=beams)
+        return Frame(
+            *(self.index, self.time_s, depth_m, self.camera.strided(stride), self.T_cam_world),
+            *(unseen, masked_m, beams),
+        )
 
 
 class InitialPrior(FirstPoseTable):

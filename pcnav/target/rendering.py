@@ -63,8 +63,10 @@ class RenderedDepth:
             return np.asarray(self.inverse_depth_planes[triangle])
         return self.moving.at(triangle, self.moving.exposure.index[pixels])
 
-    def without(self, pixels: BoolArray) -> "RenderedDepth":
-        """The same with nothing shown at pixels (height, width)."""
+    def without(self, pixels: BoolArray | None) -> "RenderedDepth":
+        """The same with nothing shown at pixels (height, width); None for no pixel."""
+        if pixels is None:
+            return self
         depth_m = np.where(pixels, np.float32(0.0), self.depth_m)
         return replace(self, depth_m=depth_m, triangle=np.where(pixels, -1, self.triangle))
 

@@ -14,6 +14,7 @@ from pcnav.core.arrays import DepthImage, FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays, range_per_depth
 from pcnav.core.spatial import exp_rotation, make_transform
 from pcnav.perception.render_compare import Comparison, RenderComparer
+from pcnav.perception.unseen import Unseen
 from pcnav.simulation.noise import add_sensor_faults
 from pcnav.target.rendering import DepthRenderer
 from pcnav.target.satellite import Target
@@ -391,7 +392,7 @@ def test_what_is_unseen_speaks_neither_for_nor_against_a_pose(
         whole = comparer.compare(frame, T, PRIOR).agreement.inlier_ratio
         frame[unseen] = 0.0
         cut = comparer.compare(frame, T, PRIOR).agreement.inlier_ratio
-        comparer.unseen = unseen
+        comparer.unseen = Unseen(unseen, None)
         comparison = comparer.compare(frame, T, PRIOR)
         ratios.append((whole, cut, comparison.agreement.inlier_ratio))
         information, vector = total(comparison)

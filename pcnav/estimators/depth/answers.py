@@ -22,11 +22,12 @@ def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
     """Whether the pose is known in all directions but those of which the target shows no trace: of
     two faces and no edge it is not.
 
-    All counts that is stated of it. A mass that was only told moves the state and not the pose.
+    All counts that is stated of it in the camera. A mass that was only told moves the state and not
+    the pose.
     """
     kalman = track.motion.kalman
     pose, covariance = predicted_pose(kalman, observer)
-    considered = pose_covariance(kalman.state, track.considered_covariance, observer)
+    considered = pose_covariance(kalman.state, track.considered_in_camera, observer)
     covariance = covariance + considered
     if target.roundness is not None:
         without_turns = target.roundness.without_turns(pose[:3, :3])

@@ -24,7 +24,8 @@ from pcnav.perception.modality import POSE_SIZE
 from pcnav.perception.render_compare import Comparison
 from pcnav.recordings.calibration import Calibration
 
-_NAMES = (*FIELD_NAMES, "time offset", *("camera mount",) * POSE_SIZE)
+_MOUNT = "camera mount"
+_NAMES = (*FIELD_NAMES, "time offset", *(_MOUNT,) * POSE_SIZE)
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,13 @@ class CalibrationErrors:
     def covariance(self) -> FloatArray:
         """(20, 20) of all of them."""
         return np.asarray(self._by_error @ self._by_error.T + self._of_stamps)
+
+    @property
+    def in_camera(self) -> FloatArray:
+        """(20, 20) of those that move the target in the camera: where the camera sits on the chaser
+        moves both alike."""
+        by_error = self._by_error[:, [name != _MOUNT for name in _NAMES]]
+        return np.asarray(by_error @ by_error.T + self._of_stamps)
 
     @property
     def budget(self) -> Mapping[str, FloatArray]:

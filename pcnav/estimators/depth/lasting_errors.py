@@ -78,6 +78,11 @@ class LastingErrors:
         return self._of_surface + self._of_calibration.covariance
 
     @property
+    def in_camera(self) -> FloatArray:
+        """(20, 20) of it that concerns where the target is in the camera."""
+        return self._of_surface + self._of_calibration.in_camera
+
+    @property
     def budget(self) -> Mapping[str, FloatArray]:
         """(20, 20) of what it is made of, by name."""
         return {"faces and outline": self._of_surface, **self._of_calibration.budget}

@@ -55,6 +55,11 @@ class Track:
         return np.asarray(self.lasting.covariance + self.astray.covariance)
 
     @property
+    def considered_in_camera(self) -> FloatArray:
+        """(20, 20) of it that concerns where the target is in the camera."""
+        return np.asarray(self.lasting.in_camera + self.astray.covariance)
+
+    @property
     def stated_covariance(self) -> FloatArray:
         """(20, 20) of the state, whatever makes it: the one that is reported."""
         return np.asarray(self.motion.reported_covariance + self.considered_covariance)

@@ -23,6 +23,7 @@ from pcnav.estimators.peers.icp import disturbed
 from pcnav.estimators.registry import make_estimator
 from pcnav.pipeline import run
 from pcnav.recordings.opening import open_sequence
+from pcnav.recordings.region import Region, restricted
 from pcnav.recordings.sequence import FirstPosePrior, Frame, Sequence
 from pcnav.runs.estimate import Estimate
 from pcnav.target.satellite import Target, load_target
@@ -145,10 +146,9 @@ def tracked(cube: Cube, frames: Iterable[Frame]) -> Scores:
 
 
 def masked(cube: Cube, indices: Iterable[int]) -> Iterable[Frame]:
-    """Frames without what is said to show something else."""
+    """Frames restricted to what is said to show the cube."""
     for index in indices:
-        frame = cube.frames.frame(index)
-        yield replace(frame, depth_m=np.where(cube.mask(index), frame.depth_m, np.float32(0.0)))
+        yield restricted(cube.frames.frame(index), Region(mask=cube.mask(index)))
 
 
 def test_the_reference_is_what_its_frames_show(cube: Cube) -> None:
@@ -197,6 +197,19 @@ def test_masked_frames_are_followed_without_a_first_pose(cube: Cube) -> None:
     position_m, attitude_deg = found.percentile(90)
     assert position_m < 0.004
     assert attitude_deg < 1.5
+
+
+def test_masks_that_stay_behind_do_not_lose_the_cube(cube: Cube) -> None:
+    """In frames 67 to 72 it is lifted and the masks stay where it stood: of what they leave out
+    there is said to be nothing, or half a cube."""
+    estimator = make_estimator("depth", Given(Pipeline(), cube.frames.info, cube.target))
+    estimates = [estimator.step(frame) for frame in masked(cube, range(60, 78))]
+    assert all(estimate.status in CLAIMED for estimate in estimates[4:])
+    for index in (73, 74, 76, 77):
+        T = estimates[index - 60].T_cam_target
+        assert T is not None
+        position_m, attitude_deg = errors(T, cube.T_cam_model[index])
+        assert position_m < 0.005 and attitude_deg < 2.0
 
 
 def cut_free(cube: Cube, indices: Iterable[int]) -> Iterable[Frame]:
