@@ -24,9 +24,20 @@ def nis_over_bound(loaded: LoadedRun) -> FloatArray:
 
 
 def inlier_ratio(loaded: LoadedRun) -> FloatArray | None:
-    """(n,) share of the returns that the estimate explains; None of a run that has none."""
-    ratio = loaded.run.notes.get("inlier_ratio")
+    """(n,) share of what was compared with the estimate that agrees with it: of returns, or of
+    features; None of a run that tells none."""
+    notes = loaded.run.notes
+    ratio = notes.get("inlier_ratio")
+    if ratio is None and {"agreeing", "matches"} <= set(notes):
+        ratio = _share(notes["agreeing"], notes["matches"])
+    elif ratio is None and {"n_used", "n_rejected"} <= set(notes):
+        ratio = _share(notes["n_used"], notes["n_used"] + notes["n_rejected"])
     return ratio if ratio is not None and np.isfinite(ratio).any() else None
+
+
+def _share(part: FloatArray, of: FloatArray) -> FloatArray:
+    """Of counts (n,); nan of none."""
+    return np.asarray(np.divide(part, of, out=np.full(len(part), np.nan), where=of > 0.0))
 
 
 def error_over_sigma(loaded: LoadedRun) -> FloatArray | None:

@@ -1,5 +1,6 @@
 """The camera of one browser: where it looks from, what it follows, how it fits what there is."""
 
+import time
 from enum import StrEnum
 
 import numpy as np
@@ -16,6 +17,9 @@ from pcnav.viewer.server import UP, drawing
 
 _MAX_WIDENING = 2.5
 """Other things are fitted into the picture up to so many times the target's own size."""
+
+
+_MOVES_WITHIN_S = 5.0
 
 
 class Viewpoint(StrEnum):
@@ -45,12 +49,26 @@ class Viewfinder:
         self._client = client
         self._followed: FloatArray | None = None
         """The target's place that the camera was last carried along to."""
+        self._placed: tuple[tuple[float, ...], float] | None = None
+        """Where the page was told to look from, and when, until it does."""
 
     @property
     def state(self) -> tuple[float, ...]:
-        """Place (3), what it looks at (3), field of view."""
+        """Place (3), what it looks at (3), field of view.
+
+        A page that was told where to look from says for a while where it looked from before: until
+        it has moved, or had the time to, it is where it was told.
+        """
         camera = self._client.camera
-        return (*camera.position.tolist(), *camera.look_at.tolist(), float(camera.fov))
+        told = (*camera.position.tolist(), *camera.look_at.tolist(), float(camera.fov))
+        if self._placed is None:
+            return told
+        placed, since_s = self._placed
+        has_moved = np.allclose(told, placed, rtol=1e-3, atol=1e-3)
+        if has_moved or time.monotonic() - since_s > _MOVES_WITHIN_S:
+            self._placed = None
+            return told
+        return placed
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """(n, 2) where the browser sees points (n, 3); nan behind it."""
@@ -94,6 +112,8 @@ class Viewfinder:
 
     def _place(self, position: FloatArray, look_at: FloatArray, fov_rad: float) -> None:
         handle = self._client.camera
+        state = (*map(float, position), *map(float, look_at), float(fov_rad))
+        self._placed = state, time.monotonic()
         with drawing(self._client):
             handle.up_direction = UP
             handle.fov = fov_rad

@@ -3,18 +3,21 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import MappingProxyType
 
 import numpy as np
 
 from pcnav.core.arrays import IntArray
 from pcnav.core.spatial import exp_rotation, rotation_angle
 from pcnav.dynamics.blocks import ATTITUDE, RATE
+from pcnav.runs.feature_outcomes import FeatureOutcomes, is_rejected
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.run import Run
 from pcnav.runs.status import CLAIMED, Status
 
 _FLIP_RAD = np.radians(20.0)
 """An attitude that turns by more than this beyond what its rate says has flipped."""
+_MAX_NAMED = 6
 _MAX_RATE_STEP_RAD = np.radians(60.0)
 """Over a longer turn between two frames a rate does not tell the attitude."""
 
@@ -41,15 +44,22 @@ class Event:
     """Of which of the runs that are shown."""
 
 
-def events_of(run: Run, records: Mapping[float, tuple[RectangleRecord, ...]]) -> tuple[Event, ...]:
+def events_of(
+    run: Run,
+    records: Mapping[float, tuple[RectangleRecord, ...]],
+    outcomes: Mapping[float, FeatureOutcomes] = MappingProxyType({}),
+) -> tuple[Event, ...]:
     """All events of a run in the order of time.
 
     A status that begins to follow the target is a lock, one that ends it or gives the target up a
     loss, any other change a status. A flip is a jump
     of the attitude between two estimates that the rate does not explain. A rejection is a named
     rectangle that was not accepted; frames in a row that reject it for one reason are one event.
+    Features that are rejected in one frame for one reason, and were not in the frame before, are
+    one, too.
     """
     found = [*_status_changes(run), *_flips(run), *_rejections(run, records)]
+    found += _feature_rejections(run, outcomes)
     return tuple(sorted(found, key=lambda event: event.frame))
 
 
@@ -85,12 +95,14 @@ def neighbour(
 
 def _status_changes(run: Run) -> list[Event]:
     found, before, ever = [], "", False
+    reasons = run.words.get("outcome", ())
     for k, status in enumerate(run.status):
         followed, was_followed = status in CLAIMED, before in CLAIMED
         if followed and not was_followed:
             found.append(Event(k, Kind.LOCK, f"{'found again' if ever else 'found'}: {status}"))
         elif was_followed and not followed:
-            found.append(Event(k, Kind.LOSS, f"no longer followed: {status}"))
+            why = f" ({reasons[k]})" if reasons else ""
+            found.append(Event(k, Kind.LOSS, f"no longer followed: {status}{why}"))
         elif status == Status.LOST and before not in ("", status):
             found.append(Event(k, Kind.LOSS, f"given up after {before}: {status}"))
         elif before not in ("", status):
@@ -127,5 +139,24 @@ def _rejections(run: Run, records: Mapping[float, tuple[RectangleRecord, ...]]) 
         found += [
             Event(k, Kind.REJECTED, f"{name}: {reason}") for name, reason in sorted(rejected - last)
         ]
+        last = rejected
+    return found
+
+
+def _feature_rejections(run: Run, outcomes: Mapping[float, FeatureOutcomes]) -> list[Event]:
+    found: list[Event] = []
+    last: dict[int, str] = {}
+    for k, time_s in enumerate(run.time_s.tolist()):
+        told, rejected = outcomes.get(time_s), dict[int, str]()
+        if told is not None:
+            pairs = zip(told.feature.tolist(), told.outcome, strict=True)
+            rejected = {number: outcome for number, outcome in pairs if is_rejected(outcome)}
+        new = {number: why for number, why in rejected.items() if last.get(number) != why}
+        for why in sorted(set(new.values())):
+            names = [str(number) for number, reason in new.items() if reason == why]
+            more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+            of_what = "feature" if len(names) == 1 else "features"
+            text = f"{of_what} {', '.join(names[:_MAX_NAMED])}{more}: {why}"
+            found.append(Event(k, Kind.REJECTED, text))
         last = rejected
     return found

@@ -102,7 +102,7 @@ class LoadedRun:
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """What happened, in the order of time."""
-        return events_of(self.run, self.records)
+        return events_of(self.run, self.records, self.outcomes)
 
     @cached_property
     def T_cam_model(self) -> FloatArray:

@@ -31,6 +31,10 @@ _PICTURE_PX = 800
 _ASPECT = 1.75
 """Width over height: image and plots have to fit a panel together."""
 _EMPTY: Rgb = (14, 16, 24)
+_AXIS_SHORT = {
+    **{"x": "x", "y": "y", "z": "z"},
+    **{"theta_x": "turn x", "theta_y": "turn y", "theta_z": "turn z"},
+}
 _STYLE = "font-size:12px;line-height:1.45;padding:2px 10px"
 
 
@@ -47,7 +51,8 @@ def facts_html(loaded: LoadedRun, frame: int, magnified: float | None) -> str:
     if run.has_estimate[frame]:
         rows = _estimate_rows(loaded, frame)
         drawn = magnified or loaded.magnification(frame)
-        rows.append(("each ±", "1σ, as stated"))
+        if any("±" in told for _, told in rows):
+            rows.append(("each ±", "1σ, as stated"))
         if loaded.has(ATTITUDE):
             rows.append(("3σ drawn", "true size" if drawn == 1.0 else f"{drawn:g} × larger"))
     cells = "".join(
@@ -75,7 +80,7 @@ def _estimate_rows(loaded: LoadedRun, frame: int) -> list[tuple[str, str]]:
         doubt = f"{1e3 * norm(loaded.sd(POSITION, frame)):.2f} mm"
         rows.append(("range", f"{norm(values[POSITION]):.3f} m ± {doubt}"))
     elif loaded.trajectory.T_cam_target is not None:
-        rows.append(("range", f"{norm(loaded.centre(frame)):.3f} m"))
+        rows.append(("range of the model's origin", f"{norm(loaded.centre(frame)):.3f} m"))
     if loaded.has(ATTITUDE):
         doubt = f"{np.rad2deg(norm(loaded.sd(ATTITUDE, frame))):.4f}"
         rows.append(("attitude", f"± {doubt} deg"))
@@ -110,19 +115,22 @@ def measurements_html(records: tuple[RectangleRecord, ...]) -> str:
         if np.isfinite(record.squared_distance):
             distance = f"{record.squared_distance:.3g} / {record.gate:.3g}"
         rows.append(
-            f"<tr><td style='color:{colour}'>{'✓' if used else '✗'}</td>"
-            f"<td>{escape(record.rectangle or 'unrecognised')}</td>"
-            f"<td style='white-space:nowrap'>{record.length_m:.2f} × {record.width_m:.2f}</td>"
+            f"<tr style='vertical-align:top'><td style='color:{colour}'>{'✓' if used else '✗'}</td>"
+            "<td style='overflow-wrap:anywhere'>"
+            f"{escape(record.rectangle or 'unrecognised')}"
+            "<div style='opacity:.75;white-space:nowrap'>"
+            f"{record.length_m:.2f} × {record.width_m:.2f} m</div></td>"
             f"<td>{doubt}</td><td style='white-space:nowrap'>{distance}</td>"
-            f"<td>{escape(record.worst_axis) or '-'}</td>"
+            f"<td>{_AXIS_SHORT.get(record.worst_axis, '-')}</td>"
             f"<td style='color:{colour}'>{escape(record.outcome)}</td></tr>"
         )
-    names = ("", "rectangle", "size, m", "σ range, mm", "d² / gate", "worst axis", "outcome")
+    names = ("", "rectangle", "σ, mm", "d² / gate", "worst", "outcome")
     head = "".join(
         f"<th style='text-align:left;font-weight:400;opacity:.75'>{name}</th>" for name in names
     )
+    # Reasons are broken into lines: what tells why must not lie beyond the panel's edge.
     return (
-        f"<div style='{_STYLE}'><table style='border-spacing:8px 0;margin-left:-8px'>"
+        f"<div style='{_STYLE}'><table style='border-spacing:6px 1px;margin-left:-6px'>"
         f"<tr>{head}</tr>{''.join(rows)}</table></div>"
     )
 

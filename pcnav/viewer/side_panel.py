@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from pcnav.runs.feature_outcomes import FeatureOutcomes
@@ -35,8 +36,8 @@ class SidePanel:
     ) -> None:
         panel = gui.add_panel()
         with panel.add_tab("Image and plots"):
-            nothing = np.zeros((8, 8, 3), dtype=np.uint8)
-            self._image = gui.add_image(nothing, format="png", visible=False)
+            self._picture: npt.NDArray[np.uint8] = np.zeros((8, 8, 3), dtype=np.uint8)
+            self._image = gui.add_image(self._picture, format="png", visible=False)
             self._legend = gui.add_html("", visible=False)
             self._choice = gui.add_dropdown("plots", choices(runs))
             gui.add_html(PLOTS_HTML)
@@ -87,15 +88,20 @@ class SidePanel:
             self._measurements.content = features_html(outcomes, first.frame_outcome(frame))
         if shot is not None and first.frames is not None:
             scale_m = options.residual_scale_m or first.frames.scale_m
-            self._image.image = frame_picture(shot, records, options.colour_by, scale_m)
+            self._show_picture(frame_picture(shot, records, options.colour_by, scale_m))
         elif first.tracked is not None:
             pose = first.pose(frame) if first.trajectory.T_cam_target is not None else None
             time_s = float(first.run.time_s[frame])
-            self._image.image = first.tracked.picture(time_s, first.features, pose, outcomes)
+            self._show_picture(first.tracked.picture(time_s, first.features, pose, outcomes))
             self._legend.content = _tracks_legend(outcomes, has_points=pose is not None)
         has_picture = shot is not None or first.tracked is not None
         self._image.visible = has_picture
         self._legend.visible = shot is None and has_picture
+
+    def _show_picture(self, picture: npt.NDArray[np.uint8]) -> None:
+        # A page that is sent the same again throws away what it is still loading, and complains.
+        if not np.array_equal(picture, self._picture):
+            self._image.image = self._picture = picture
 
 
 def _tracks_legend(outcomes: FeatureOutcomes | None, *, has_points: bool) -> str:

@@ -37,7 +37,9 @@ def items_of(loaded: LoadedRun, frame: int) -> list[Item]:
     inliers = inlier_ratio(loaded)
     if inliers is not None:
         told = "none" if np.isnan(inliers[frame]) else f"{100.0 * inliers[frame]:.0f} %"
-        title = "share of the returns on the target's outline that the estimate explains"
+        title = "share of the features compared that agree"
+        if loaded.target is not None:
+            title = "share of the returns on the target's outline that the estimate explains"
         items.append({"label": "inliers", "value": told, "title": title})
     nis = nis_over_bound(loaded)
     if np.isfinite(nis).any():

@@ -25,6 +25,8 @@ _WIDTH_PX, _HEIGHT_PX = 800, 457
 _EMPTY: Rgb = (14, 16, 24)
 _TAIL_FRAMES = 12
 _DOT_PX, _CROSS_PX = 4, 6
+_MANY, _SMALL_DOT_PX = 100, 3
+"""Tracks; of more the dots would hide each other."""
 _REACH_PX = 16.0
 """What is clicked at lies no farther away."""
 _BORDER, _MIN_WINDOW_PX = 1.6, 24.0
@@ -62,13 +64,14 @@ class TrackedImages:
         scale, corner = self._window(np.vstack([seen, expected]))
         picture = self._background(time_s, scale, corner)
         pen = ImageDraw.Draw(picture)
+        dot = _DOT_PX if len(seen) <= _MANY else _SMALL_DOT_PX
         if at is not None:
             for number, trail in _trails(self.frames[max(0, at - _TAIL_FRAMES) : at + 1]).items():
                 colour = colours.get(number, SENSOR)
                 path = [tuple(pixel) for pixel in (corner + scale * np.array(trail))]
                 pen.line(path, fill=colour, width=1)
                 x, y = path[-1]
-                pen.ellipse((x - _DOT_PX, y - _DOT_PX, x + _DOT_PX, y + _DOT_PX), fill=colour)
+                pen.ellipse((x - dot, y - dot, x + dot, y + dot), fill=colour)
         for x, y in corner + scale * expected:
             pen.line((x - _CROSS_PX, y, x + _CROSS_PX, y), fill=MASS_CENTRE)
             pen.line((x, y - _CROSS_PX, x, y + _CROSS_PX), fill=MASS_CENTRE)

@@ -10,14 +10,35 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Locator, Page
 
+from pcnav.config.pipeline_file import read_pipeline
+from pcnav.config.shipped import shipped_pipeline
+from pcnav.pipeline import run as run_pipeline
+from pcnav.simulation.simulate import simulate
 from pcnav.viewer.app import show
 from pcnav.viewer.loaded_run import finished
 from pcnav.viewer.loading import load_run
-from pcnav.viewer.palette import LABELS, RUNS, hex_of
+from pcnav.viewer.palette import LABELS, REJECTED_COLOUR, RUNS, hex_of
 from pcnav.viewer.server import LOOPBACK, LocalServer
 from tests.browser.conftest import FRAMES, PATIENCE_MS, Opened, Served
 
 Serve = Callable[..., Served]
+
+
+_BEYOND = """() => {
+  const found = [];
+  for (const panel of document.querySelectorAll(".mantine-ScrollArea-viewport")) {
+    if (!panel.offsetParent) continue;
+    const edge = panel.getBoundingClientRect();
+    for (const each of panel.querySelectorAll("table, td, th, img, canvas, div, button")) {
+      const box = each.getBoundingClientRect();
+      const isBeyond = box.right > edge.right + 1 || box.left < edge.left - 1;
+      if (each.offsetParent && box.width && isBeyond)
+        found.push(each.tagName + " " + each.textContent.slice(0, 30));
+    }
+  }
+  return found;
+}"""
+"""What is in a panel that is open and reaches beyond it, left or right."""
 
 
 def scene(page: Page) -> np.ndarray:
@@ -130,6 +151,66 @@ def test_keys_clicks_and_the_time_line_move_the_page(
     wait_until(page, lambda: "frame" in page.evaluate("document.body.innerText"), "an event")
     wait_until(page, lambda: f"frame={shown()}" in page.url, "the address")
     assert f"frame={shown()}" in page.url
+
+
+@pytest.fixture(scope="session")
+def one_camera(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run on tracks of which the last frame shows one far from where it is."""
+    path = shipped_pipeline("applsci2022")
+    assert path is not None
+    pipeline = read_pipeline(path)
+    scenario = pipeline.scenario.model_copy(update={"frames": 12})
+    pipeline = pipeline.model_copy(update={"scenario": scenario})
+    folder = tmp_path_factory.mktemp("camera")
+    simulate(pipeline, path).write(folder / "recording")
+    tracks = folder / "recording" / "tracks.csv"
+    *rows, last = tracks.read_text().splitlines()
+    time_s, feature, u, v = last.split(",")
+    wrong = f"{time_s},{feature},{float(u) + 50.0},{float(v) + 90.0}"
+    tracks.write_text("\n".join([*rows, wrong, ""]))
+    run_pipeline(folder / "recording", folder / "result", pipeline)
+    return folder / "result"
+
+
+def test_a_click_at_a_track_says_why_it_was_rejected(
+    one_camera: Path, served: Serve, opened: Opened, report_folder: Path
+) -> None:
+    view = served("view", str(one_camera), "--port", "0")
+    page = opened(view.url)
+    page.get_by_text("1 rejected").wait_for()
+    image = page.locator(".pcnav-plots").locator(
+        "xpath=ancestor::div[contains(@class, 'ScrollArea-content')]"
+    )
+    box = image.locator("img:visible").first.bounding_box()
+    assert box is not None
+    seen = Image.open(io.BytesIO(page.screenshot(clip=box))).convert("RGB")
+    off = np.abs(np.asarray(seen).astype(int) - REJECTED_COLOUR).max(axis=-1)
+    rows, columns = np.nonzero(off < 40)
+    assert len(rows)
+    page.mouse.click(box["x"] + float(columns.mean()), box["y"] + float(rows.mean()))
+    card = page.locator("#pcnav-card")
+    card.get_by_text("(rejected)").wait_for()
+    page.screenshot(path=report_folder / "camera-1280x800.png")
+    assert "beyond the gate of" in card.inner_text()
+
+
+@pytest.mark.study
+def test_nothing_lies_beyond_the_edge_of_its_panel(
+    runs: tuple[Path, Path], served: Serve, opened: Opened
+) -> None:
+    """Neither table, image nor plot, of any tab at any size."""
+    view = served("view", str(runs[0]), "--port", "0")
+    for width, height in ((1280, 800), (1440, 900), (1920, 1080)):
+        page = opened(view.url, width, height)
+        ready(page)
+        for tab in ("Image and plots", "Frame", "Known"):
+            page.get_by_role("tab", name=tab).click()
+            places = {
+                "Frame": page.get_by_text("d² / gate"),
+                "Known": page.get_by_text("known from"),
+            }
+            places.get(tab, page.locator(".pcnav-plots canvas")).first.wait_for()
+            assert page.evaluate(_BEYOND) == [], (width, tab)
 
 
 @pytest.mark.study

@@ -7,6 +7,7 @@ import numpy as np
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.blocks import ATTITUDE, RATE, Layout
 from pcnav.dynamics.trajectory import Trajectory
+from pcnav.runs.feature_outcomes import BEHIND, GATED, TRACKED, FeatureOutcomes
 from pcnav.runs.records import ACCEPTED, RectangleRecord
 from pcnav.runs.run import Run
 from pcnav.viewer.events import Event, Kind, events_of, merged, neighbour
@@ -60,6 +61,30 @@ def test_a_flip_is_a_jump_that_the_rate_does_not_explain() -> None:
     assert "180 deg" in flips[0].text
     steady = events_of(made_up_run(["locked"] * 8), {})
     assert not [event for event in steady if event.kind is Kind.FLIP]
+
+
+def test_features_are_rejected_together_and_once() -> None:
+    run = made_up_run(["locked"] * 4)
+    names, none = np.array([5, 3, 8]), np.full(3, np.nan)
+    words = (
+        (ACCEPTED, TRACKED, ACCEPTED),
+        (GATED, ACCEPTED, GATED),
+        (GATED, BEHIND, GATED),
+        (ACCEPTED, ACCEPTED, GATED),
+    )
+    outcomes = {float(k): FeatureOutcomes(names, each, none) for k, each in enumerate(words)}
+    found = [(event.frame, event.kind, event.text) for event in events_of(run, {}, outcomes)]
+    assert found[0][1] is Kind.LOCK
+    assert found[1:] == [
+        (1, Kind.REJECTED, f"features 5, 8: {GATED}"),
+        (2, Kind.REJECTED, f"feature 3: {BEHIND}"),
+    ]
+
+
+def test_a_loss_says_what_the_estimator_says_of_the_frame() -> None:
+    run = made_up_run(["locked", "coasting"])
+    run = replace(run, words={"outcome": ("measured", "nothing moved in the image")})
+    assert events_of(run, {})[1].text == "no longer followed: coasting (nothing moved in the image)"
 
 
 def test_frames_in_a_row_reject_once() -> None:

@@ -12,7 +12,10 @@ from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core import chi_square
 from pcnav.dynamics.blocks import RATE
+from pcnav.runs.feature_outcomes import INLIER, is_rejected
+from pcnav.runs.records import ACCEPTED
 from pcnav.simulation.simulate import simulate
+from pcnav.viewer.assessment import inlier_ratio
 from pcnav.viewer.controls import available_layers
 from pcnav.viewer.curves import Chart, groups_of
 from pcnav.viewer.live import LiveView
@@ -222,6 +225,20 @@ def test_plots_layers_and_facts_are_those_that_the_kind_has(seen: Seen) -> None:
     assert "nan" not in facts and ("deg/s" in facts) is ("rate" in groups)
     assert ("range" in facts) is ("position" in groups)
     assert ("over Ixx" in facts) is ("inertia ratios" in groups)
+
+
+def test_the_inlier_ratio_is_the_share_of_what_was_compared(seen: Seen) -> None:
+    """Counted anew from what became of each feature."""
+    ratio, outcomes = inlier_ratio(seen.stored), seen.stored.outcomes
+    if seen.kind.used not in ("features", "matches"):
+        return
+    assert ratio is not None
+    for k, time_s in enumerate(seen.stored.run.time_s.tolist()):
+        words = outcomes[time_s].outcome if time_s in outcomes else ()
+        agree = sum(word in (ACCEPTED, INLIER) for word in words)
+        compared = agree + sum(map(is_rejected, words))
+        if compared:
+            assert ratio[k] == pytest.approx(agree / compared), time_s
 
 
 def test_a_target_without_a_place_is_drawn_before_its_camera(seen: Seen) -> None:

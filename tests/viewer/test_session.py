@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -58,6 +59,38 @@ def test_the_page_sees_points_where_its_camera_projects_them() -> None:
     seen = Viewfinder(client).pixels(np.array([ahead, top, behind]))
     np.testing.assert_allclose(seen[:2], [[0.0, 0.0], [0.0, -300.0]], atol=1e-9)
     assert np.isnan(seen[2]).all()
+
+
+def test_a_page_that_has_not_moved_yet_is_where_it_was_told_to_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What it says meanwhile would be in the address, and looked from after a reload."""
+    before, after = (3.0, 3.0, 3.0, 0.0, 0.0, 0.0, 0.7), (1.0, -2.0, 5.0, 0.0, 0.5, 20.0, 0.9)
+    camera: Any = SimpleNamespace()
+    told_s = [100.0]
+    monkeypatch.setattr("pcnav.viewer.camera.time.monotonic", lambda: told_s[0])
+    monkeypatch.setattr("pcnav.viewer.camera.drawing", lambda _: nullcontext())
+
+    def says(state: tuple[float, ...]) -> None:
+        camera.position, camera.look_at = np.array(state[:3]), np.array(state[3:6])
+        camera.fov = state[6]
+
+    says(before)
+    client: Any = SimpleNamespace(camera=camera)
+    finder = Viewfinder(client)
+    assert finder.state == before
+    finder.set_state(after)
+    says(before)
+    assert finder.state == after
+    says(after)
+    assert finder.state == after
+    # From then on it is where it says, and a page that never came there is, after a while.
+    says(before)
+    assert finder.state == before
+    finder.set_state(after)
+    says(before)
+    told_s[0] += 60.0
+    assert finder.state == before
 
 
 def test_nodes_stand_where_the_poses_say(loaded: LoadedRun) -> None:

@@ -4,7 +4,9 @@
   if (window.pcnav) window.pcnav.close();
 
   const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
-  const IMAGE = '[role="tabpanel"]:has(.pcnav-plots) img:not([src="data:,"])';
+  // The panel with image and plots.
+  const PANEL = ".mantine-ScrollArea-content:has(.pcnav-plots)";
+  const IMAGE = `${PANEL} img:not([src="data:,"])`;
   const data = {}, versions = {};
   const ends = [];
   let pointer = [200, 200];
@@ -90,7 +92,9 @@
       #pcnav-card td, #pcnav-help td { padding-right: 12px; vertical-align: top; }
       #pcnav-card td:first-child, #pcnav-help td:first-child { opacity: .7; white-space: nowrap; }
       /* Image and plots at once on a low screen, too. */
-      ${IMAGE} { max-height: 27vh; object-fit: contain; cursor: crosshair; }
+      ${IMAGE} { max-height: 25vh; object-fit: contain; cursor: crosshair; }
+      /* Not below the bar that scrolls the panel. */
+      ${PANEL} { padding-right: 10px; }
       .pcnav-plots canvas { display: block; width: 100%; cursor: crosshair; }`;
   };
 

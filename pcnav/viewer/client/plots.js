@@ -73,7 +73,12 @@
     pen.textAlign = "left";
     pen.fillText(chart.label, 8, 8, right);
     pen.textAlign = "right";
-    for (const [at, value] of values(chart, low, high, Math.max(height / 26, 3))) {
+    const scale = values(chart, low, high, Math.max(height / 26, 3));
+    // Numbers keep apart: where they would touch, every second one is left out, and zero stays.
+    const apart = scale.length > 1 ? (Math.abs(scale[1][0] - scale[0][0]) / (high - low)) * height : height;
+    const zero = Math.max(scale.findIndex(([, value]) => value === 0), 0);
+    const told = scale.filter((_, k) => chart.linear || apart >= 13 || scale.length < 3 || (k - zero) % 2 === 0);
+    for (const [at, value] of told) {
       const py = TOP + (1 - (at - low) / (high - low)) * height;
       pen.fillStyle = pcnav.ink(0.1);
       pen.fillRect(LEFT, py, right - LEFT, 1);
