@@ -4,18 +4,18 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 
 from pcnav.core.arrays import BoolArray, FloatArray
-from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
-from pcnav.dynamics.inertia_parameters import parameters_from_ratios, ratios_jacobian
-from pcnav.dynamics.state import INERTIA_RATIOS, STATE_SIZE, NavigationState
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT, RATIOS
+from pcnav.dynamics.state import INERTIA_RATIOS, NavigationState
 from pcnav.estimators.depth.tracker import Tracker
 from pcnav.estimators.interface import AxesPolicy
 from pcnav.evaluation.bound import pose_jacobian
-from pcnav.evaluation.consistency import squared_normalised_errors
+from pcnav.evaluation.consistency import over_trace, squared_normalised_errors
 from pcnav.evaluation.errors import Errors, errors
 from pcnav.recordings.sequence import Frame
 from pcnav.runs.collector import collected
@@ -38,9 +38,6 @@ class JudgedRun:
     """(n,) of processor time that the tracker took."""
     pose_covariance: FloatArray
     """(n, 6, 6) of `pose_error`, as the tracker states it."""
-    filter_nees: FloatArray
-    """(n,) squared normalised error of the whole state in the coordinates that the filter works in:
-    those of `NavigationState.local`, which the ratios are a curved function of."""
     changed_parts: tuple[str, ...] = ()
     """That the tracker found not to be as in the mesh, after the last frame."""
 
@@ -109,9 +106,21 @@ class JudgedRun:
         return self.said.trajectory.sd
 
     def nees(self, block: ShownBlock) -> FloatArray:
-        """(n,) squared normalised error of a block of the state."""
-        assert self.said.trajectory.covariance is not None, "runs in memory have them"
-        return block.squared(self.state_error, self.said.trajectory.covariance)
+        """(n,) squared normalised error of a block of the state.
+
+        The inertia is judged as results are, over its trace and not over one of its moments: while
+        it is poorly known, a covariance that is right in the one is not in the other, which is a
+        curved function of it.
+        """
+        error, covariance = self._over_trace
+        return block.squared(error, covariance)
+
+    @cached_property
+    def _over_trace(self) -> tuple[FloatArray, FloatArray]:
+        trajectory = self.said.trajectory
+        assert trajectory.covariance is not None, "runs in memory have them"
+        error = self.state_error
+        return over_trace(error, trajectory.covariance, trajectory[RATIOS], INERTIA_RATIOS)
 
 
 def follow(
@@ -157,12 +166,11 @@ def status_shares(runs: Sequence[Run]) -> str:
 def _judged(scene: Scene, target: Target, said: Run, seconds: FloatArray) -> JudgedRun:
     motion, covariance = scene.motion, said.trajectory.covariance
     assert covariance is not None, "runs in memory have them"
-    pose_covariance, nees = np.full((len(said), 6, 6), np.nan), np.full(len(said), np.nan)
+    pose_covariance = np.full((len(said), 6, 6), np.nan)
     for k in np.flatnonzero(said.has_estimate).tolist():
         state, P = NavigationState.of(said.trajectory, k), covariance[k]
         H = pose_jacobian(state, motion.T_cam_world[k], motion.R_hill_world[k])
         pose_covariance[k] = H @ P @ H.T
-        nees[k] = _filter_nees(state, motion.state(k), P)
     compared = errors(
         said,
         motion.truth,
@@ -170,14 +178,4 @@ def _judged(scene: Scene, target: Target, said: Run, seconds: FloatArray) -> Jud
         symmetry_transforms=target.symmetry_transforms,
         roundness=target.roundness,
     )
-    return JudgedRun(said, compared, seconds, pose_covariance, nees)
-
-
-def _filter_nees(state: NavigationState, truth: NavigationState, covariance: FloatArray) -> float:
-    """The stated covariance is the filter's, turned by a Jacobian: turning back loses nothing."""
-    back = np.eye(STATE_SIZE)
-    back[INERTIA_RATIOS, INERTIA_RATIOS] = np.linalg.inv(
-        ratios_jacobian(parameters_from_ratios(state.inertia_ratios))
-    )
-    P = back @ covariance @ back.T
-    return float(squared_normalised_errors(state.local(truth)[None], P[None])[0])
+    return JudgedRun(said, compared, seconds, pose_covariance)

@@ -75,7 +75,7 @@ def squared_errors(run: Run, compared: Errors) -> dict[str, tuple[FloatArray, in
     state = np.hstack([compared[block] for block in layout.blocks])
     entry = ESTIMATORS.get(run.estimator)
     if entry is not None and entry.judged_over_trace:
-        state, P = _over_trace(state, P, run.trajectory[RATIOS], layout.slice_of(RATIOS))
+        state, P = over_trace(state, P, run.trajectory[RATIOS], layout.slice_of(RATIOS))
     free = ~(np.diagonal(P, axis1=1, axis2=2)[frames] == 0.0).any(axis=0)
     parts = {block.name: layout.slice_of(block) for block in layout.blocks}
     if len(parts) > 1:
@@ -93,7 +93,7 @@ def squared_errors(run: Run, compared: Errors) -> dict[str, tuple[FloatArray, in
     return found
 
 
-def _over_trace(
+def over_trace(
     state: FloatArray, covariance: FloatArray, ratios: FloatArray, part: slice
 ) -> tuple[FloatArray, FloatArray]:
     """Errors (n, k) and covariances (n, k, k) with those of ratios (n, 5) turned into those of the

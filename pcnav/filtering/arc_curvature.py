@@ -24,8 +24,8 @@ from pcnav.core.arrays import FloatArray
 _NEGLIGIBLE = 0.1
 """A loose direction that adds less to the normalised error squared of the state bends nothing;
 those that are known better still are not looked at."""
-_MAX_SHRINKS = 3
-"""Where a deviation away there is no state, half of it is tried, so many times."""
+_STEPS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25)
+"""In deviations: where there is no state so far away, the other side is tried, and nearer ones."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def bend_of(
     for k, direction in enumerate(directions.T):
         beside = _beside(linearised, error, direction)
         if beside is None:
-            break
+            continue
         there, step = beside
         by_direction = (there.jacobian - at.jacobian) / step
         first_state = -covariance @ (at.jacobian.T @ by_direction)
@@ -109,10 +109,9 @@ def _completed(columns: FloatArray) -> FloatArray:
 def _beside(
     linearised: Callable[[FloatArray], LinearisedArc], error: FloatArray, direction: FloatArray
 ) -> tuple[LinearisedArc, float] | None:
-    step = 1.0
-    for _ in range(_MAX_SHRINKS):
+    for step in _STEPS:
         try:
             return linearised(error + step * direction), step
         except (ValueError, OverflowError):
-            step *= 0.5
+            continue
     return None

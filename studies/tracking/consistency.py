@@ -68,8 +68,6 @@ class Judged:
     runs: Sequence[ConsistencyRun]
     means: Mapping[str, MeanSquared]
     """(n,) of the NEES by block, and of the NIS."""
-    own: MeanSquared
-    """(n,) of the NEES of the whole state in the filter's own parameters."""
     nis: MeanSquared
     """Over all frames."""
 
@@ -79,12 +77,10 @@ class Judged:
         nees = {name: np.stack([each.run.nees(b) for each in runs]) for name, b in JUDGED.items()}
         nis = np.stack([each.run.said.nis for each in runs])
         dof = np.stack([each.run.said.nis_dof for each in runs])
-        own = np.stack([each.run.filter_nees for each in runs])
         means = {name: mean_squared(values, JUDGED[name].size) for name, values in nees.items()}
         return Judged(
             runs,
             {**means, _NIS: mean_squared(nis, dof)},
-            mean_squared(own, WHOLE.size),
             mean_squared(nis.ravel(), dof.ravel()),
         )
 
@@ -143,7 +139,6 @@ def _nees_table(judged: Judged) -> TextTable:
         for name, block in JUDGED.items()
     ]
     rows += [
-        ["the same, filter's parameters", WHOLE.size, *judged.at_times(judged.own)],
         [_NIS, "varies", *judged.at_times(judged.means[_NIS])],
         ["NIS over all frames", "varies", None, None, judged.nis],
     ]

@@ -15,6 +15,7 @@ from . import (
     another_cad,
     any_shape,
     blackouts,
+    calibrated,
     consistency,
     faults,
     few_returns,
@@ -35,6 +36,7 @@ _STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD, _RUNS_PE
 _RUNS_PER_FEW = 3
 _RUNS_PER_CAD = 20
 _RUNS_PER_FOREIGN = 8
+_RUNS_PER_CALIBRATION = 2
 _QUICK_RUNS = 5
 
 
@@ -43,6 +45,7 @@ class Lengths:
     """Frames of the runs."""
 
     consistency: int = consistency.FRAMES
+    calibrated: int = calibrated.FRAMES
     faults: int = faults.FRAMES
     abroad: int = abroad.FRAMES
     another_cad: int = another_cad.FRAMES
@@ -50,7 +53,12 @@ class Lengths:
 
 
 _QUICK = Lengths(
-    consistency=16, faults=8, abroad=5, another_cad=12, blackout=Phases(before=8, after=6)
+    consistency=16,
+    calibrated=8,
+    faults=8,
+    abroad=5,
+    another_cad=12,
+    blackout=Phases(before=8, after=6),
 )
 """With fewer runs than `_QUICK_RUNS`: a look at the machinery."""
 _CUT = (
@@ -87,6 +95,11 @@ def study(runs: int, work: Work) -> Study:
         *(foreign_track, foreign_mass.NAME, foreigners),
         *(max(2, runs // _RUNS_PER_FOREIGN), lengths.consistency),
     )
+    errs = partial(calibrated.run_calibration, frames=lengths.calibrated)
+    off = work.repeat(
+        *(errs, calibrated.NAME, calibrated.CASES),
+        *(max(2, runs // _RUNS_PER_CALIBRATION), lengths.calibrated),
+    )
     disturbed = work.repeat(disturb, faults.NAME, faults.CASES, fewer, lengths.faults)
     away = work.repeat(go_abroad, abroad.NAME, scenes, fewest, lengths.abroad)
     shapes = any_shape.QUICK_CASES if lengths == _QUICK else any_shape.CASES
@@ -110,6 +123,7 @@ def study(runs: int, work: Work) -> Study:
         *(claim for own in dark.by_case.values() for claim in blackouts.claims(own)),
         *consistency.claims(judged),
         *foreign_mass.claims(foreign.by_case),
+        *calibrated.claims(off.by_case),
         *faults.claims(disturbed.by_case),
         *abroad.claims(away.by_case),
         *any_shape.claims(shaped.results),
@@ -130,6 +144,7 @@ def study(runs: int, work: Work) -> Study:
             *blackouts.tables(dark.by_case),
             *consistency.tables(judged),
             *foreign_mass.tables(foreign.by_case),
+            *calibrated.tables(off.by_case),
             *faults.tables(disturbed.by_case),
             *abroad.tables(away.by_case),
             *any_shape.tables(shaped.by_case),
@@ -168,6 +183,7 @@ def study(runs: int, work: Work) -> Study:
         blackout=blackouts,
         phases=phases,
         consistency=consistency,
+        calibrated=calibrated,
         frames=lengths.consistency,
         estimated=judged.estimated,
         beyond=len(judged.beyond),

@@ -53,6 +53,21 @@ def test_what_is_straight_is_left_alone_after_one_look() -> None:
     assert bend.excess == 0.0 and not bend.second_moment.any() and len(looks) == 2
 
 
+def test_where_no_state_lies_to_one_side_the_other_one_tells() -> None:
+    """As of a thin body, whose inertia may be one of a thicker one only."""
+
+    def half(error: FloatArray) -> LinearisedArc:
+        if error[0] > 0.0:
+            raise ValueError("no body")
+        return valley(error)
+
+    prior = np.diag([SD_LOOSE**2, SD_SHARP**2])
+    whole = bend_of(valley(np.zeros(2)), np.zeros(2), prior, slice(0, 1), valley)
+    bend = bend_of(valley(np.zeros(2)), np.zeros(2), prior, slice(0, 1), half)
+    np.testing.assert_allclose(bend.second_moment, whole.second_moment)
+    assert bend.excess == pytest.approx(whole.excess)
+
+
 def test_no_state_beside_the_fit_leaves_its_linearisation() -> None:
     def nowhere(error: FloatArray) -> LinearisedArc:
         raise ValueError("no body")

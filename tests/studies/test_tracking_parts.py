@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcnav.core.arrays import FloatArray
-from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT, POSITION
+from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT, POSITION, RATIOS
 from pcnav.dynamics.trajectory import Trajectory
 from pcnav.evaluation.errors import Errors
 from pcnav.runs.run import Run
@@ -31,6 +31,7 @@ def judged_run(
     trajectory = Trajectory(
         np.arange(0.0, 0.5 * n, 0.5),
         MASS_CENTRE_LAYOUT,
+        {RATIOS.name: np.tile([1.0, 1.0, 0.0, 0.0, 0.0], (n, 1))},
         sd=np.tile(sd[:, None], MASS_CENTRE_LAYOUT.size),
         covariance=np.eye(MASS_CENTRE_LAYOUT.size) * sd[:, None, None] ** 2,
     )
@@ -52,7 +53,6 @@ def judged_run(
         Errors(state, error, np.zeros((n, 3)), trajectory),
         seconds=np.full(n, 0.01),
         pose_covariance=np.eye(6) * sd[:, None, None] ** 2,
-        filter_nees=np.sum(error**2, axis=1) / sd**2,
     )
 
 

@@ -23,6 +23,9 @@ Fit = ArcFit[NavigationState]
 _log = logging.getLogger("pcnav")
 
 _FIRST_ARC, _ARC_GROWTH = 6, 1.25
+_BENT_GROWTH, _BENT = 1.02, 0.5
+"""... and while the `ArcFit.excess` of the last fit is more than this. A filter that goes on from a
+bent arc takes it for straight: after two or three frames of that it states too little."""
 LONGEST_ARC = 400
 """Frames after which the filter goes on alone: by then the inertia is known well enough."""
 _MAX_ARC_CHI_SQUARE = 4.0
@@ -46,6 +49,7 @@ class InitialArc:
         """That the frames contradict what was believed at first."""
         self._start: NavigationState | None = None
         self._growth = ArcGrowth(_FIRST_ARC, _ARC_GROWTH, LONGEST_ARC)
+        self._bent_growth, self._is_bent = ArcGrowth(_FIRST_ARC, _BENT_GROWTH), False
         self.frames: list[Timed] = []
 
     def fit(self) -> Fit | None:
@@ -86,7 +90,7 @@ class InitialArc:
             return None
         if not fit.converged:
             return None
-        self._start = fit.first
+        self._start, self._is_bent = fit.first, fit.excess > _BENT
         if self._axes is None:
             return fit
         chosen = self._axes.chosen(fit.last)
@@ -95,7 +99,10 @@ class InitialArc:
     def extend(self, timed: Timed) -> Fit | None:
         """Add a frame as `condensed` has it; a fit of the whole when it is time for one."""
         self.frames.append(timed)
-        return self.fit() if self._growth.is_due(len(self.frames)) else None
+        is_due, is_due_if_bent = (
+            growth.is_due(len(self.frames)) for growth in (self._growth, self._bent_growth)
+        )
+        return self.fit() if is_due or (self._is_bent and is_due_if_bent) else None
 
     @property
     def is_over(self) -> bool:
