@@ -1,6 +1,6 @@
-"""Which frame is due: playback follows the time of the run, not the number of frames drawn."""
+"""Which frame is due, and what else: playback follows the time of the run, not what was drawn."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,6 +28,25 @@ class Playback:
     def has_ended(self, now_s: float, time_s: FloatArray) -> bool:
         """Whether the last frame has come."""
         return self.frame_at(now_s, time_s) >= len(time_s) - 1
+
+
+@dataclass
+class Paced:
+    """Something that is done at most so often, and at most every so many times that it is asked
+    for: a browser that is slow has not the time for it with each frame."""
+
+    period_s: float
+    every: int = 1
+    last_s: float = field(default=-np.inf)
+    asked: int = 0
+
+    def is_due(self, now_s: float) -> bool:
+        """Whether it is time; if so it counts as done."""
+        self.asked += 1
+        if now_s - self.last_s < self.period_s or self.asked < self.every:
+            return False
+        self.last_s, self.asked = now_s, 0
+        return True
 
 
 def frame_to_show(due: int, shown: int, prepared: int | None) -> int:

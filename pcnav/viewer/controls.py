@@ -120,9 +120,12 @@ class Controls:
 
     def toggle(self, box: int) -> None:
         """Show or hide the layer of a number from 0 on."""
-        boxes = list(self._checkboxes.values())
+        boxes = list(self._checkboxes.items())
         if box < len(boxes):
-            set_value(boxes[box], not boxes[box].value)
+            layer, checkbox = boxes[box]
+            set_value(checkbox, not checkbox.value)
+            # The boxes may lie below the screen, and a layer may have nothing in this frame.
+            self.tell(f"{layer}: {'shown' if checkbox.value else 'hidden'}")
             self._session.redraw()
 
     def next_colours(self) -> None:

@@ -19,7 +19,7 @@ PLOTS_HTML = (
     "onerror='window.pcnav&amp;&amp;pcnav.plots&amp;&amp;pcnav.plots.build()'>"
 )
 """Where the plots are drawn."""
-_MAX_MESSAGE = 4000
+_MAX_MESSAGE, _MAX_NUMBER = 4000, 1e12
 
 Json = dict[str, Any] | list[Any] | str
 
@@ -62,6 +62,14 @@ def read_message(text: str) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) and isinstance(found.get("do"), str) else None
+
+
+def number_of(message: dict[str, Any]) -> float | None:
+    """The time, frame or index that a message of the page tells; None for none that can be."""
+    at = message.get("time", message.get("frame", message.get("index")))
+    if isinstance(at, bool) or not isinstance(at, int | float):
+        return None
+    return float(at) if abs(at) < _MAX_NUMBER else None
 
 
 @cache

@@ -3,7 +3,7 @@
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,16 +14,16 @@ from pcnav.viewer.address import PageState, read_address
 from pcnav.viewer.assessment import Opening, opening_frame, worst_frame
 from pcnav.viewer.browser import BACKGROUND
 from pcnav.viewer.camera import Viewfinder, Viewpoint
-from pcnav.viewer.clock import Playback, frame_to_show
+from pcnav.viewer.clock import Paced, Playback, frame_to_show
 from pcnav.viewer.controls import Controls
 from pcnav.viewer.events import Kind, neighbour
 from pcnav.viewer.export import Share, exported, file_name
 from pcnav.viewer.flow import Flow
 from pcnav.viewer.frames import Shot
-from pcnav.viewer.keys import Key, bind, listed
+from pcnav.viewer.keys import bind, listed, page_keys
 from pcnav.viewer.layers import RunLayers, read_ahead, shot_of
 from pcnav.viewer.loaded_run import LoadedRun, Snapshot, Source, all_events
-from pcnav.viewer.page import Page
+from pcnav.viewer.page import Page, number_of
 from pcnav.viewer.palette import RUNS
 from pcnav.viewer.panels import legend_html, ray_through
 from pcnav.viewer.picking import Ray
@@ -43,26 +43,6 @@ _PLOTS_LIVE_S = 2.0
 _IDLE_S = 0.1
 _PATIENCE_S = 2.0
 _CONTROLS_PX = 270
-_MAX_NUMBER = 1e12
-
-
-@dataclass
-class _Paced:
-    """Something that is done at most so often, and at most every so many times that it is asked
-    for: a browser that is slow has not the time for it with each frame."""
-
-    period_s: float
-    every: int = 1
-    last_s: float = field(default=-np.inf)
-    asked: int = 0
-
-    def is_due(self, now_s: float) -> bool:
-        """Whether it is time; if so it counts as done."""
-        self.asked += 1
-        if now_s - self.last_s < self.period_s or self.asked < self.every:
-            return False
-        self.last_s, self.asked = now_s, 0
-        return True
 
 
 class Session:
@@ -87,9 +67,9 @@ class Session:
         self._prepared: int | None = None
         """The frame that is read ahead."""
         self._redraw = self._redraw_plots = False
-        self._picture = _Paced(1.0 / _PICTURE_HZ, _PICTURE_EVERY)
-        self._texts = _Paced(1.0 / _TEXTS_HZ, _TEXTS_EVERY)
-        self._plots_paced, self._addressed = _Paced(_PLOTS_LIVE_S), _Paced(1.0 / _ADDRESS_HZ)
+        self._picture = Paced(1.0 / _PICTURE_HZ, _PICTURE_EVERY)
+        self._texts = Paced(1.0 / _TEXTS_HZ, _TEXTS_EVERY)
+        self._plots_paced, self._addressed = Paced(_PLOTS_LIVE_S), Paced(1.0 / _ADDRESS_HZ)
         with drawing(client):
             self._page = Page(client.gui, self.hear)
             self._layers = RunLayers(client.scene, self._runs, RUNS)
@@ -99,7 +79,9 @@ class Session:
             self._side = SidePanel(client.gui, self._runs, lambda: self.redraw(plots=True))
             self._pointer = Pointer(client, self._page)
             self._viewfinder = Viewfinder(client)
-            self._bind_keys()
+            keys = page_keys(self, self._controls, has_returns=self._first.frames is not None)
+            bind(client.gui, keys)
+            self._page.send("help", listed(keys))
             client.scene.on_click()(self._pick)
             self._page.send("timeline", time_line(self._runs, self._events))
             self._page.send("plots", self._side.plots(self._runs))
@@ -274,31 +256,6 @@ class Session:
             return
         self._pointer.pick_in_image(at, self._first, self.shown_frame)
 
-    def _bind_keys(self) -> None:
-        controls, last = self._controls, 10**9
-        keys = (
-            Key("space", "play or pause", lambda: self.play(not self.is_playing)),
-            Key("arrowleft", "one frame back", lambda: self.step(-1)),
-            Key("arrowright", "one frame on", lambda: self.step(1)),
-            Key("arrowleft", "ten frames back", lambda: self.step(-10), shift=True),
-            Key("arrowright", "ten frames on", lambda: self.step(10), shift=True),
-            Key("home", "first frame", lambda: self.step(-last)),
-            Key("end", "last frame", lambda: self.step(last)),
-            Key("N", "next event", lambda: self.jump(1, None)),
-            Key("P", "previous event", lambda: self.jump(-1, None)),
-            Key("X", "largest error over σ", self.go_to_worst),
-            Key("R", "residuals of the points, and back", controls.toggle_residuals),
-            Key("C", "colour the points by the next quantity", controls.next_colours),
-            Key("M", "measure a distance", controls.toggle_measure),
-            Key("L", "dark or light", controls.toggle_dark),
-            *(
-                Key(str(k + 1), f"show or hide: {layer}", partial(controls.toggle, k))
-                for k, layer in enumerate(controls.layers[:9])
-            ),
-        )
-        bind(self._client.gui, keys)
-        self._page.send("help", listed(keys))
-
     # Drawing.
 
     @property
@@ -471,14 +428,6 @@ class Session:
         shot = self._shot_of(min(self._wanted, len(first) - 1)) if len(first) else None
         viewpoint = Viewpoint.ORBIT if first.target is not None else Viewpoint.FOLLOW
         self._viewfinder.look_from(viewpoint, first, self._wanted, shot)
-
-
-def number_of(message: dict[str, Any]) -> float | None:
-    """The time, frame or index that a message of the page tells; None for none that can be."""
-    at = message.get("time", message.get("frame", message.get("index")))
-    if isinstance(at, bool) or not isinstance(at, int | float):
-        return None
-    return float(at) if abs(at) < _MAX_NUMBER else None
 
 
 def _start_frame(snapshot: Snapshot, asked: int | Opening) -> int:

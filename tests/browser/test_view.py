@@ -192,6 +192,13 @@ def test_a_click_at_a_track_says_why_it_was_rejected(
     card.get_by_text("(rejected)").wait_for()
     page.screenshot(path=report_folder / "camera-1280x800.png")
     assert "beyond the gate of" in card.inner_text()
+    # Its keys are those that do something here, and say what they did.
+    page.keyboard.press("Escape")
+    page.keyboard.press("3")
+    page.get_by_text("rate: hidden").wait_for()
+    page.keyboard.press("?")
+    page.get_by_text("show or hide: rate").wait_for()
+    assert page.get_by_text("measure a distance").count() == 0
 
 
 @pytest.mark.study

@@ -20,14 +20,13 @@ from pcnav.viewer.frames import ColourBy
 from pcnav.viewer.knowledge import knowledge_html
 from pcnav.viewer.layers import RunLayers, shot_of
 from pcnav.viewer.loaded_run import LoadedRun, all_events
-from pcnav.viewer.page import read_message
+from pcnav.viewer.page import number_of, read_message
 from pcnav.viewer.palette import ACCEPTED_COLOUR, REJECTED_COLOUR, RUNS
 from pcnav.viewer.panels import legend_html, measurements_html
 from pcnav.viewer.picking import Ray, picked_point, picked_rectangle, point_card, rectangle_card
 from pcnav.viewer.plots import plots_of, with_gaps
 from pcnav.viewer.render_options import Layer, RenderOptions, line_colour
 from pcnav.viewer.server import LOOPBACK, LocalServer
-from pcnav.viewer.session import number_of
 from pcnav.viewer.status_bar import status_of_frame
 from pcnav.viewer.timeline import status_spans, time_line
 from tests.viewer.conftest import FRAMES
