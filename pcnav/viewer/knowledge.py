@@ -4,7 +4,8 @@ from html import escape
 
 import numpy as np
 
-from pcnav.dynamics.blocks import Block
+from pcnav.core.spatial import log_rotation
+from pcnav.dynamics.blocks import ATTITUDE, FILE_ORDER, Block
 from pcnav.viewer.loaded_run import LoadedRun
 from pcnav.viewer.palette import ACCEPTED_COLOUR, AMBIGUOUS, coloured
 
@@ -29,7 +30,8 @@ def knowledge_html(loaded: LoadedRun) -> str:
     rows = "".join(
         _group(block, len(head))
         + "".join(_row(cells[: len(head)]) for cells in _rows(loaded, block, frame))
-        for block in loaded.trajectory.layout.blocks
+        for block in FILE_ORDER
+        if block.name in loaded.trajectory.values
     )
     title = f"<b>{escape(loaded.name)}</b> at {loaded.run.time_s[frame]:.2f} s, frame {frame}"
     return f"<div style='{_STYLE}'>{title}{_table(head, rows)}{_combinations(loaded)}</div>"
@@ -37,6 +39,8 @@ def knowledge_html(loaded: LoadedRun) -> str:
 
 def _group(block: Block, columns: int) -> str:
     unit = "" if block.shown_unit == "1" else f", {block.shown_unit}"
+    if block is ATTITUDE:
+        unit = f" (world from body) as a rotation vector{unit}"
     return (
         f"<tr><th colspan={columns} style='{_LIGHT};padding-top:3px'>{block.title}{unit}</th></tr>"
     )
@@ -45,14 +49,16 @@ def _group(block: Block, columns: int) -> str:
 def _rows(loaded: LoadedRun, block: Block, frame: int) -> list[tuple[str, ...]]:
     to_shown = block.to_shown
     values = loaded.trajectory[block][frame]
-    sd = to_shown * loaded.sd(block, frame)
-    # An attitude has no value per axis; its three standard deviations do.
-    is_vector = np.shape(values) == (block.size,)
+    if block is ATTITUDE:
+        values = log_rotation(values)
+    sd = np.full(block.size, np.nan)
+    if block in loaded.trajectory.layout:
+        sd = to_shown * loaded.sd(block, frame)
     rows: list[tuple[str, ...]] = []
     for k, (component, column) in enumerate(
         zip(block.components, block.error_columns, strict=True)
     ):
-        value = _rounded(float(to_shown * values[k]), float(sd[k])) if is_vector else "-"
+        value = _rounded(float(to_shown * values[k]), float(sd[k]))
         verdict = loaded.verdicts.get(column)
         before, source = "none", ""
         if verdict is not None:
@@ -73,7 +79,7 @@ def _rounded(value: float, sd: float) -> str:
 
 def _deviation(sd: float) -> str:
     # What has none is no state: the axes are chosen so that it stays.
-    return "held" if sd == 0.0 else f"{sd:.2g}" if np.isfinite(sd) else "unknown"
+    return "held" if sd == 0.0 else f"{sd:.2g}" if np.isfinite(sd) else "not stated"
 
 
 def _combinations(loaded: LoadedRun) -> str:

@@ -11,13 +11,14 @@ import pytest
 from pcnav.config.pipeline_file import Pipeline, read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.core import chi_square
-from pcnav.dynamics.blocks import RATE
+from pcnav.dynamics.blocks import FILE_ORDER, RATE
 from pcnav.runs.feature_outcomes import INLIER, is_rejected
 from pcnav.runs.records import ACCEPTED
 from pcnav.simulation.simulate import simulate
 from pcnav.viewer.assessment import inlier_ratio
 from pcnav.viewer.controls import available_layers
 from pcnav.viewer.curves import Chart, groups_of
+from pcnav.viewer.knowledge import knowledge_html
 from pcnav.viewer.live import LiveView
 from pcnav.viewer.loaded_run import LoadedRun, Snapshot
 from pcnav.viewer.loading import load_run
@@ -224,6 +225,10 @@ def test_plots_layers_and_facts_are_those_that_the_kind_has(seen: Seen) -> None:
     facts = facts_html(seen.stored, last, None)
     assert "nan" not in facts and ("deg/s" in facts) is ("rate" in groups)
     assert ("range" in facts) is ("position" in groups)
+    known = knowledge_html(seen.stored)
+    for block in FILE_ORDER:
+        assert (f">{block.title}" in known) is (block.name in seen.stored.trajectory.values)
+    assert "nan" not in known
     assert ("over Ixx" in facts) is ("inertia ratios" in groups)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pcnav.core import chi_square
-from pcnav.dynamics.blocks import POSITION, RATIOS
+from pcnav.core.spatial import exp_rotation
+from pcnav.dynamics.blocks import ATTITUDE, POSITION, RATIOS
 from pcnav.runs.reader import read_records
 from pcnav.runs.records import ACCEPTED, AXES
 from pcnav.runs.result_files import MEASUREMENTS_FILE
@@ -292,7 +293,7 @@ def test_what_is_known_fits_its_panel(loaded: LoadedRun) -> None:
     told = knowledge_html(loaded)
     for block in loaded.trajectory.layout.blocks:
         unit = "" if block.shown_unit == "1" else f", {block.shown_unit}"
-        assert told.count(f">{block.title}{unit}</th>") == 1
+        assert len(re.findall(f">{block.title}[^<]*{unit}</th>", told)) == 1
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in told.split("<tr>")]
     lengths = [sum(len(re.sub("<.*?>", "", cell)) for cell in row[1:]) for row in rows if row]
     # Of 400 pixels, digits are 8 wide and gaps 6.
@@ -303,6 +304,13 @@ def test_what_is_known_fits_its_panel(loaded: LoadedRun) -> None:
     shown, deviation = rows[[row[:1] for row in rows].index(["x"])][1:3]
     assert abs(float(shown) - value) <= 0.06 * sd
     assert float(deviation) == pytest.approx(sd, rel=0.06)
+    # An attitude is told so that it can be made of it again.
+    first = [row[:1] for row in rows].index(["x"])
+    k = [b.name for b in loaded.trajectory.layout.in_file_order].index(ATTITUDE.name)
+    sizes = [b.size for b in loaded.trajectory.layout.in_file_order][:k]
+    at = first + sum(sizes) + k
+    R = exp_rotation(np.deg2rad([float(row[1]) for row in rows[at : at + 3]]))
+    np.testing.assert_allclose(R, loaded.trajectory[ATTITUDE][frame], atol=1e-3)
 
 
 def test_what_is_held_is_not_said_to_be_known(loaded: LoadedRun) -> None:
