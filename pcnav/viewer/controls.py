@@ -310,7 +310,8 @@ def _notes_html(snapshot: Snapshot) -> str:
     if snapshot.is_live:
         notes.append("live: the run goes on")
     return "".join(
-        f"<div style='font-size:12px;padding:4px 10px;color:#ffc43c'>{escape(note)}</div>"
+        "<div class='pcnav-note' style='font-size:12px;padding:4px 10px;color:#ffc43c'>"
+        f"{escape(note)}</div>"
         for note in notes
     )
 

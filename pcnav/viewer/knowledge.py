@@ -34,7 +34,8 @@ def knowledge_html(loaded: LoadedRun) -> str:
         if block.name in loaded.trajectory.values
     )
     title = f"<b>{escape(loaded.name)}</b> at {loaded.run.time_s[frame]:.2f} s, frame {frame}"
-    return f"<div style='{_STYLE}'>{title}{_table(head, rows)}{_combinations(loaded)}</div>"
+    tables = f"{_table(head, rows)}{_combinations(loaded)}"
+    return f"<div class='pcnav-known' style='{_STYLE}'>{title}{tables}</div>"
 
 
 def _group(block: Block, columns: int) -> str:

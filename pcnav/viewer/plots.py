@@ -10,7 +10,7 @@ import numpy as np
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.viewer.curves import Chart, ChartGroup, difference_names, differences, groups_of
 from pcnav.viewer.loaded_run import LoadedRun
-from pcnav.viewer.palette import REJECTED_COLOUR, RUNS, TRUTH, Rgb, coloured, hex_of, rgba_of
+from pcnav.viewer.palette import REJECTED_COLOUR, RUNS, Rgb, coloured, hex_of, rgba_of
 
 _KNOWN: Rgb = (80, 130, 255)
 _NO_ESTIMATE: Rgb = REJECTED_COLOUR
@@ -142,6 +142,7 @@ def _key(runs: tuple[LoadedRun, ...], groups: list[ChartGroup]) -> str:
             parts.append(f"{coloured('- -', REJECTED_COLOUR)} 95 % of frames below")
     pairs = zip(runs, RUNS, strict=False)
     names = [f"{coloured('━', colour)} {escape(loaded.name)}" for loaded, colour in pairs]
-    parts.append("&emsp;".join([*names, f"{coloured('│', TRUTH)} this frame"]))
+    parts.append("&emsp;".join([*names, "│ this frame"]))
     lines = "".join(f"<div>{part}</div>" for part in parts)
-    return f"<div style='font-size:12px;line-height:1.5;padding:2px 8px'>{lines}</div>"
+    style = "font-size:12px;line-height:1.5;padding:2px 8px"
+    return f"<div class='pcnav-key' style='{style}'>{lines}</div>"

@@ -6,6 +6,7 @@
   const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
   // The panel with image and plots.
   const PANEL = ".mantine-ScrollArea-content:has(.pcnav-plots)";
+  const LIGHT_INKS = '.mantine-ScrollArea-content :is(td, b)[style^="color:#"], .pcnav-known span, .pcnav-key span, .pcnav-note';
   const IMAGE = `${PANEL} img:not([src="data:,"])`;
   const data = {}, versions = {};
   const ends = [];
@@ -95,6 +96,8 @@
       ${IMAGE} { max-height: 25vh; object-fit: contain; cursor: crosshair; }
       /* Not below the bar that scrolls the panel. */
       ${PANEL} { padding-right: 10px; }
+      /* As the lines of plots, by "readable": swatches of the scene keep the colours that it has. */
+      ${isDark() ? "" : `${LIGHT_INKS} { filter: brightness(0.62); }`}
       .pcnav-plots canvas { display: block; width: 100%; cursor: crosshair; }`;
   };
 

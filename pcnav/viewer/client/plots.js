@@ -74,10 +74,12 @@
     pen.fillText(chart.label, 8, 8, right);
     pen.textAlign = "right";
     const scale = values(chart, low, high, Math.max(height / 26, 3));
-    // Numbers keep apart: where they would touch, every second one is left out, and zero stays.
+    // Numbers keep apart: where they would touch, every second one is left out, and zero stays
+    // unless it would stand alone.
     const apart = scale.length > 1 ? (Math.abs(scale[1][0] - scale[0][0]) / (high - low)) * height : height;
     const zero = Math.max(scale.findIndex(([, value]) => value === 0), 0);
-    const told = scale.filter((_, k) => chart.linear || apart >= 13 || scale.length < 3 || (k - zero) % 2 === 0);
+    const first = scale.length === 3 ? 0 : zero;
+    const told = scale.filter((_, k) => chart.linear || apart >= 13 || scale.length < 3 || (k - first) % 2 === 0);
     for (const [at, value] of told) {
       const py = TOP + (1 - (at - low) / (high - low)) * height;
       pen.fillStyle = pcnav.ink(0.1);
