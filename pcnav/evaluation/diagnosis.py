@@ -18,7 +18,6 @@ from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.perception.view_hypotheses import SearchReport
 from pcnav.recordings.frame_survey import FrameSurvey
 from pcnav.runs.run import Run
-from pcnav.runs.status import CLAIMED
 
 _MIN_RETURNS = 40
 """Fewer returns than this are specks."""
@@ -90,8 +89,7 @@ def diagnosis(run: Run, facts: Facts) -> Diagnosis:
 
 def claimed_frames(run: Run) -> BoolArray:
     """(n,) frames whose estimate the estimator stands for."""
-    stands = np.array([status in CLAIMED for status in run.status], dtype=bool)
-    return stands & run.has_estimate
+    return run.claimed
 
 
 def nothing_found(run: Run, facts: Facts) -> str:

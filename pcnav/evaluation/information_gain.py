@@ -145,14 +145,13 @@ def part_of_prior(prior: PriorMass, covariance: FloatArray) -> FloatArray:
 
 
 def gain_of_run(run: Run, prior: PriorMass, mean_motion_rad_s: float) -> InformationGain | None:
-    """What the last estimate of a run gained on its prior; None of a run without an estimate.
+    """What the final estimate of a run gained on its prior; None of a run without an estimate.
 
     The run is loaded with its covariances.
     """
-    known, trajectory = np.flatnonzero(run.has_estimate), run.trajectory
-    if trajectory.covariance is None or not known.size:
+    last, trajectory = run.final_frame, run.trajectory
+    if trajectory.covariance is None or last is None:
         return None
-    last = known[-1]
     R_hill_body = R_hill_world(run.time_s[last], mean_motion_rad_s) @ trajectory[ATTITUDE][last]
     return information_gain(prior, trajectory.covariance[last], R_hill_body, trajectory[RATE][last])
 

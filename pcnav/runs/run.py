@@ -5,9 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.dynamics.trajectory import Trajectory
+from pcnav.runs.status import CLAIMED
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,20 @@ class Run:
     def has_estimate(self) -> BoolArray:
         """(n,) whether the frame has an estimate."""
         return self.trajectory.has_estimate
+
+    @property
+    def claimed(self) -> BoolArray:
+        """(n,) frames whose estimate the estimator stands for."""
+        stands = np.array([word in CLAIMED for word in self.status], dtype=np.bool_)
+        return stands & self.has_estimate
+
+    @property
+    def final_frame(self) -> int | None:
+        """The last that the estimator stands for, else the last with an estimate; None without one:
+        the frame of which all that is said of the end of a run is said."""
+        claimed = self.claimed
+        known = np.flatnonzero(claimed if claimed.any() else self.has_estimate)
+        return int(known[-1]) if known.size else None
 
 
 @dataclass(frozen=True)

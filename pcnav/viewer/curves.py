@@ -10,6 +10,7 @@ from pcnav.core.arrays import BoolArray, FloatArray, IntArray
 from pcnav.core.spatial import log_rotation
 from pcnav.dynamics.blocks import ATTITUDE, CENTRE, POSITION, RATE, RATIOS, Block
 from pcnav.evaluation.errors import Errors
+from pcnav.evaluation.information_gain import MAX_PRIOR_SHARE
 from pcnav.evaluation.metrics import error_norms
 from pcnav.files.text_table import display_unit
 from pcnav.report.envelope import envelope
@@ -20,7 +21,7 @@ _BUCKETS = 400
 """Long series are drawn by the extremes of so many spans of time."""
 _DECADES_FROM = 20.0
 _MAX_DOTS = 1600
-_KNOWN_FROM = 0.5
+_KNOWN_FROM = float(np.sqrt(MAX_PRIOR_SHARE))
 """A mass property is known from data once its sd is this share of the prior's."""
 _LAST_TENTH = 0.9
 _GROUPS = {

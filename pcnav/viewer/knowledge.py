@@ -21,10 +21,9 @@ def knowledge_html(loaded: LoadedRun) -> str:
     The unit stands at the head of each quantity: in every cell it made the table wider than the
     panel.
     """
-    known = np.flatnonzero(loaded.run.has_estimate)
-    if not known.size:
+    frame = loaded.run.final_frame
+    if frame is None:
         return f"<div style='{_STYLE}'>nothing is estimated</div>"
-    frame = int(known[-1])
     head: tuple[str, ...] = ("state", "value", "1σ", "1σ before", "known from")
     head = head if loaded.verdicts else head[:3]
     rows = "".join(

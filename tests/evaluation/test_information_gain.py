@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.spatial import exp_rotation
 from pcnav.dynamics.blocks import MASS_CENTRE_LAYOUT
 from pcnav.dynamics.inertia_parameters import parameter_covariance
+from pcnav.dynamics.kepler import KeplerOrbit
 from pcnav.dynamics.mass_prior import PriorMass
 from pcnav.dynamics.rigid_body import ratios_from_inertia
 from pcnav.dynamics.state import (
@@ -25,19 +27,24 @@ from pcnav.dynamics.state import (
     NavigationState,
     ratio_covariance,
 )
+from pcnav.dynamics.trajectory import Trajectory
 from pcnav.estimators.depth.first_state import start_covariance
 from pcnav.estimators.depth.mass_centre import MassCentreModel, RectangleMeasurement
+from pcnav.evaluation.answer.model import Verdict
+from pcnav.evaluation.answer.telling import About, final_estimate
 from pcnav.evaluation.information_gain import (
     FROM_DATA,
     PRIOR_ONLY,
     InformationGain,
     StateGain,
     gain_csv,
+    gain_of_run,
     in_words,
     independent_combinations,
     information_gain,
 )
 from pcnav.report.summary import gain_text
+from pcnav.runs.run import Run
 
 PRIOR = PriorMass(0.15**2 * np.eye(3), 0.01 * np.eye(5))
 STILL = np.zeros(3)
@@ -314,3 +321,41 @@ def test_the_table_has_every_state_and_combination() -> None:
         assert row["verdict"] == each.verdict
     assert float(rows[9]["prior_sd"]) == np.inf
     assert {row["unit"] for row in rows} == {"m", "m/s", "rad", "rad/s", "1"}
+
+
+def test_what_is_known_at_the_end_is_what_is_known_of_the_final_estimate() -> None:
+    """Frames that only coast after the last claim, and no longer know much, are not asked."""
+    state, P = covariance_after(np.array([0.05, -0.02, 0.04]), np.diag([1.0, 1.3, 0.8]), PRIOR)
+    values = {name: np.stack(3 * [value]) for name, value in state.values.items()}
+    covariance = np.stack([P, P, 1e6 * P])
+    trajectory = Trajectory(
+        np.arange(3.0),
+        MASS_CENTRE_LAYOUT,
+        values,
+        sd=np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
+        covariance=covariance,
+        T_cam_target=np.stack(3 * [np.eye(4)]),
+    )
+    run = Run(
+        name="",
+        folder=None,
+        estimator="depth",
+        pipeline=None,
+        trajectory=trajectory,
+        status=("locked", "locked", "coasting"),
+        nis=np.full(3, 6.0),
+        nis_dof=np.full(3, 6, np.intp),
+        window_nis=np.ones(3),
+    )
+    assert run.final_frame == 1
+    gain = gain_of_run(run, PRIOR, 0.0)
+    expected = information_gain(PRIOR, P, state.R_world_body, state.omega_body)
+    assert gain is not None
+    assert [each.verdict for each in gain.states] == [each.verdict for each in expected.states]
+    estimate = final_estimate(run, About(prior=PRIOR, orbit=KeplerOrbit(0.0)))
+    assert estimate is not None and estimate.frame == 1
+    ratios = estimate.findings["inertia_ratios"].verdicts
+    own = [each.known for each in gain.states[INERTIA_RATIOS]]
+    assert [verdict is Verdict.DATA for verdict in ratios] == own
+    unclaimed = replace(run, status=3 * ("coasting",))
+    assert unclaimed.final_frame == 2

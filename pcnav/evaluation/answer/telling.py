@@ -65,11 +65,9 @@ def answer_of(run: Run, metrics: Metrics, about: About) -> Answer:
 
 def final_estimate(run: Run, about: About) -> FinalEstimate | None:
     """The last estimate that a run stands for, else the last one; None of a run without."""
-    claimed = claimed_frames(run)
-    known = np.flatnonzero(claimed if claimed.any() else run.has_estimate)
-    if not known.size:
+    k = run.final_frame
+    if k is None:
         return None
-    k = int(known[-1])
     trajectory = run.trajectory
     T_cam_target = _known(trajectory.T_cam_target, k)
     covariance = _known(trajectory.covariance, k)
@@ -77,7 +75,7 @@ def final_estimate(run: Run, about: About) -> FinalEstimate | None:
     hill = None if about.orbit is None else about.orbit.R_hill_world(time_s)
     values = {name: array[k] for name, array in trajectory.values.items()}
     values = {name: value for name, value in values.items() if np.isfinite(value).all()}
-    is_claimed = bool(claimed[k])
+    is_claimed = bool(run.claimed[k])
     layout = trajectory.layout
     told = stated_prior_sd(run.estimator, run.pipeline, layout)
     budget = about.budget if is_claimed else {}
