@@ -56,13 +56,14 @@ def _ratios_of_any_body(seed: int) -> Vector5:
 
 
 @cache
-def _found(name: str) -> Satellite:
+def found(name: str) -> Satellite:
+    """A target of the chapter, by its name."""
     return shape(name) if name in SHAPES else satellite(name)
 
 
 def run_foreign(name: str, seed: int, frames: int) -> JudgedRun:
     """One track of a target with a foreign mass: truth and noise are the seed's."""
-    of = _found(name)
+    of = found(name)
     return follow(Scene.of(foreign_truth(of, seed, frames), of.target.mesh), of.target)
 
 

@@ -20,6 +20,7 @@ from . import (
     faults,
     few_returns,
     foreign_mass,
+    foretold,
     starts,
 )
 from .blackouts import Phases
@@ -36,7 +37,7 @@ _STARTS_PER_RUN, _RUNS_PER_BLACKOUT, _RUNS_PER_FAULT, _RUNS_PER_ABROAD, _RUNS_PE
 _RUNS_PER_FEW = 3
 _RUNS_PER_CAD = 20
 _RUNS_PER_FOREIGN = 8
-_RUNS_PER_CALIBRATION = 2
+_RUNS_PER_CALIBRATION, _RUNS_PER_FORETOLD = 2, 16
 _QUICK_RUNS = 5
 
 
@@ -95,6 +96,11 @@ def study(runs: int, work: Work) -> Study:
         *(foreign_track, foreign_mass.NAME, foreigners),
         *(max(2, runs // _RUNS_PER_FOREIGN), lengths.consistency),
     )
+    foretell = partial(foretold.run_foretold, frames=lengths.consistency)
+    future = work.repeat(
+        *(foretell, foretold.NAME, foreigners),
+        *(max(2, runs // _RUNS_PER_FORETOLD), lengths.consistency),
+    )
     errs = partial(calibrated.run_calibration, frames=lengths.calibrated)
     off = work.repeat(
         *(errs, calibrated.NAME, calibrated.CASES),
@@ -123,6 +129,7 @@ def study(runs: int, work: Work) -> Study:
         *(claim for own in dark.by_case.values() for claim in blackouts.claims(own)),
         *consistency.claims(judged),
         *foreign_mass.claims(foreign.by_case),
+        *foretold.claims(future.by_case),
         *calibrated.claims(off.by_case),
         *faults.claims(disturbed.by_case),
         *abroad.claims(away.by_case),
@@ -144,6 +151,7 @@ def study(runs: int, work: Work) -> Study:
             *blackouts.tables(dark.by_case),
             *consistency.tables(judged),
             *foreign_mass.tables(foreign.by_case),
+            *foretold.tables(future.by_case),
             *calibrated.tables(off.by_case),
             *faults.tables(disturbed.by_case),
             *abroad.tables(away.by_case),
