@@ -2,8 +2,8 @@
 
 A filter linearises each measurement about its estimate at the time, which is poor at the start. So
 the first state is fitted to all frames of the start at once, and the whole initial arc is fitted
-anew whenever it has grown by an eighth, so that what was linearised about a worse estimate never
-makes up much of the filter's information.
+anew while it is bent, and whenever it has grown by a quarter, so that what was linearised about a
+worse estimate never makes up much of the filter's information.
 """
 
 import logging
