@@ -23,9 +23,9 @@ Fit = ArcFit[NavigationState]
 _log = logging.getLogger("pcnav")
 
 _FIRST_ARC, _ARC_GROWTH = 6, 1.25
-_BENT_GROWTH, _BENT = 1.02, 0.5
+_BENT_GROWTH, _BENT = 1.1, 0.5
 """... and while the `ArcFit.excess` of the last fit is more than this. A filter that goes on from a
-bent arc takes it for straight: after two or three frames of that it states too little."""
+bent arc takes it for straight: the more frames of that, the less it states."""
 LONGEST_ARC = 400
 """Frames after which the filter goes on alone: by then the inertia is known well enough."""
 _MAX_ARC_CHI_SQUARE = 4.0
