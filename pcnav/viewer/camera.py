@@ -49,26 +49,36 @@ class Viewfinder:
         self._client = client
         self._followed: FloatArray | None = None
         """The target's place that the camera was last carried along to."""
-        self._placed: tuple[tuple[float, ...], float] | None = None
-        """Where the page was told to look from, and when, until it does."""
+        self._placed: tuple[float, ...] | None = None
+        """Where the page was told to look from last."""
+        self._left: list[tuple[tuple[float, ...], float]] = []
+        """Where it looked from before, and when it was told to leave."""
 
     @property
     def state(self) -> tuple[float, ...]:
         """Place (3), what it looks at (3), field of view.
 
-        A page that was told where to look from says for a while where it looked from before: until
-        it has moved, or had the time to, it is where it was told.
+        A page that was told where to look from says for a while that it looks from where it did
+        before: until it has had the time to move, it is where it was told to be.
         """
+        told, now_s = self._told, time.monotonic()
+        self._left = [(each, at_s) for each, at_s in self._left if now_s - at_s < _MOVES_WITHIN_S]
+        if self._placed is None or np.allclose(told, self._placed):
+            return told
+        # Place, direction and field of view come to a page one by one: either of the first two may
+        # be as it was.
+        late = (
+            np.allclose(told[part], each[part]) and not np.allclose(each[part], self._placed[part])
+            for each, _ in self._left
+            for part in (slice(3), slice(3, 6))
+        )
+        return self._placed if any(late) else told
+
+    @property
+    def _told(self) -> tuple[float, ...]:
+        """As the page said last, or was told since."""
         camera = self._client.camera
-        told = (*camera.position.tolist(), *camera.look_at.tolist(), float(camera.fov))
-        if self._placed is None:
-            return told
-        placed, since_s = self._placed
-        has_moved = np.allclose(told, placed, rtol=1e-3, atol=1e-3)
-        if has_moved or time.monotonic() - since_s > _MOVES_WITHIN_S:
-            self._placed = None
-            return told
-        return placed
+        return (*camera.position.tolist(), *camera.look_at.tolist(), float(camera.fov))
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """(n, 2) where the browser sees points (n, 3); nan behind it."""
@@ -113,7 +123,8 @@ class Viewfinder:
     def _place(self, position: FloatArray, look_at: FloatArray, fov_rad: float) -> None:
         handle = self._client.camera
         state = (*map(float, position), *map(float, look_at), float(fov_rad))
-        self._placed = state, time.monotonic()
+        self._left.append((self._told, time.monotonic()))
+        self._placed = state
         with drawing(self._client):
             handle.up_direction = UP
             handle.fov = fov_rad

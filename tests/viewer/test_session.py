@@ -61,12 +61,20 @@ def test_the_page_sees_points_where_its_camera_projects_them() -> None:
     assert np.isnan(seen[2]).all()
 
 
+class _Camera(SimpleNamespace):
+    """viser's: what is set as a tuple is an array."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, np.array(value) if isinstance(value, tuple) else value)
+
+
 def test_a_page_that_has_not_moved_yet_is_where_it_was_told_to_be(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What it says meanwhile would be in the address, and looked from after a reload."""
     before, after = (3.0, 3.0, 3.0, 0.0, 0.0, 0.0, 0.7), (1.0, -2.0, 5.0, 0.0, 0.5, 20.0, 0.9)
-    camera: Any = SimpleNamespace()
+    opened, turned = (2.0, 2.0, 2.0, *before[3:]), (1.1, *after[1:])
+    camera: Any = _Camera()
     told_s = [100.0]
     monkeypatch.setattr("pcnav.viewer.camera.time.monotonic", lambda: told_s[0])
     monkeypatch.setattr("pcnav.viewer.camera.drawing", lambda _: nullcontext())
@@ -79,17 +87,20 @@ def test_a_page_that_has_not_moved_yet_is_where_it_was_told_to_be(
     client: Any = SimpleNamespace(camera=camera)
     finder = Viewfinder(client)
     assert finder.state == before
+    # What is set is there at once; what the page said meanwhile comes later, and part by part.
+    finder.set_state(opened)
+    says(opened)
     finder.set_state(after)
-    says(before)
-    assert finder.state == after
     says(after)
     assert finder.state == after
-    # From then on it is where it says, and a page that never came there is, after a while.
-    says(before)
-    assert finder.state == before
-    finder.set_state(after)
-    says(before)
+    for late in (before, opened, (*before[:6], after[6]), (*after[:3], *before[3:6], after[6])):
+        says(late)
+        assert finder.state == after
+    # Where the user turns it is believed at once, and after a while all that the page says.
+    says(turned)
+    assert finder.state == turned
     told_s[0] += 60.0
+    says(before)
     assert finder.state == before
 
 
