@@ -40,7 +40,9 @@ def test_a_round_target_is_followed_and_called_ambiguous(
     target, run = followed
     assert target.symmetry_name == "round about z"
     assert run.said.status[-1] == Status.AMBIGUOUS
-    assert np.count_nonzero(run.claims) >= 6
+    # The first frames do not rule out errors of the one face that there is, by which it may be off
+    # by more than a claim allows; what is stated counts.
+    assert np.count_nonzero(run.claims) >= 4
     assert np.all(run.is_within(np.radians(0.2), 0.01)[run.claims])
 
 
