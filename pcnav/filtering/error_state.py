@@ -150,10 +150,17 @@ class ErrorStateFilter(Generic[S]):
         self._kalman.P = symmetric(self._kalman.P)
 
     def innovation(self, measurement: Measurement[S]) -> tuple[float, int]:
-        """Normalised innovation squared of a measurement at the present state, and its size."""
+        """Normalised innovation squared of a measurement at the present state, and its size.
+
+        Errors that are considered beside the filter (``considered`` of a measurement, (m, k) by
+        errors of unit variance) count in it, though no gain does.
+        """
         residual = measurement.residual(self.state)
         H = measurement.jacobian(self.state)
         S_matrix = H @ self.covariance @ H.T + measurement.covariance
+        considered = getattr(measurement, "considered", None)
+        if considered is not None:
+            S_matrix = S_matrix + considered @ considered.T
         return float(residual @ np.linalg.solve(S_matrix, residual)), len(residual)
 
     def would_accept(self, measurement: Measurement[S]) -> bool:

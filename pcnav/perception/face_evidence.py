@@ -8,8 +8,20 @@ import numpy as np
 
 from pcnav.config.depth import ModalityName
 from pcnav.core.arrays import FloatArray, IntArray
-from pcnav.perception.correlated_ranges import FieldEvidence, face_field, range_evidence
-from pcnav.perception.modality import Evidence, Modality, RangeFit, RangeResiduals, SeenFrame
+from pcnav.perception.correlated_ranges import (
+    FieldEvidence,
+    face_field,
+    range_evidence,
+    steepness_of,
+)
+from pcnav.perception.modality import (
+    POSE_SIZE,
+    Evidence,
+    Modality,
+    RangeFit,
+    RangeResiduals,
+    SeenFrame,
+)
 from pcnav.perception.sensor_noise import SensorNoise
 from pcnav.target.satellite import Rectangle
 
@@ -42,6 +54,10 @@ class FaceEvidence:
     """Of the range residuals about the face's own best fit."""
     with_shared: Evidence | None = None
     """The same with errors that the faces of the frame share as further unknowns, if there are."""
+    by_unweighed: FloatArray | None = None
+    """(3, 6 + k) what errors of the face that its ranges are not weighed by add to the vector, each
+    of one deviation: neither the pose nor its covariance counts them, but whether faces contradict
+    each other depends on them. None where there are none."""
     place: int = NO_FACE
     """In the catalogue; `NO_FACE` or `WITHOUT_RANGES` of what is on none of it."""
 
@@ -85,18 +101,46 @@ def face_evidence(
 ) -> tuple[FaceEvidence, ...]:
     """Of the faces that have ranges, in their order, by these modalities."""
     measured = {name: MODALITIES[name](seen) for name in modalities}
-    faces = []
+    faces, sd = [], unweighed_deviations(seen.noise) * seen.noise.unweighed_are_shown
     for face, fit in seen.ranges.items():
+        by_unweighed = None
+        if sd.any():
+            by_unweighed, steepness = moved_by_field(seen, face)
+            by_unweighed *= (sd * steepness)[:, None]
         joint = reduce(Evidence.with_also, (of_face(face) for of_face in measured.values()))
         rectangle = None if face == NO_FACE else rectangles[face]
         fitted = fit.n_pixels, fit.chi_square_per_dof
-        faces.append(FaceEvidence(rectangle, *joint.of_pose, *fitted, joint, face))
+        faces.append(FaceEvidence(rectangle, *joint.of_pose, *fitted, joint, by_unweighed, face))
     if faces and seen.is_beside_others and ModalityName.OUTLINE in measured:
         # Grazed faces have no ranges, but edges. Where others are hidden, they are needed.
         rest = measured[ModalityName.OUTLINE](WITHOUT_RANGES)
         if rest.information.any():
-            faces.append(FaceEvidence(None, *rest.of_pose, 0, float("nan"), rest, WITHOUT_RANGES))
+            faces.append(
+                FaceEvidence(
+                    *(None, *rest.of_pose, 0, float("nan")), with_shared=rest, place=WITHOUT_RANGES
+                )
+            )
     return tuple(faces)
+
+
+def unweighed_deviations(noise: SensorNoise) -> FloatArray:
+    """(3,) of an offset and two tilts of a face that ranges are not weighed by, m along the
+    normal."""
+    return np.array([noise.unweighed_face_sd_m, *[noise.unweighed_face_tilt_sd_m] * 2])
+
+
+def moved_by_field(seen: SeenFrame, face: int) -> tuple[FloatArray, float]:
+    """(3, 6 + k) what an offset and two tilts of a face of a meter along its rays add to the vector
+    of a frame's evidence, if its ranges are not weighed by them; and its `steepness_of`."""
+    residuals, fit = seen.residuals, seen.ranges[face]
+    chosen = residuals.agrees & (residuals.face == face)
+    H = residuals.jacobian[chosen]
+    field = face_field(residuals.u[chosen], residuals.v[chosen]) / fit.variance_m2
+    by_field = np.zeros((field.shape[1], POSE_SIZE + seen.noise.n_shared))
+    by_field[:, :POSE_SIZE] = field.T @ H
+    if seen.noise.n_shared:
+        by_field[:, POSE_SIZE] = field.sum(axis=0) * seen.noise.frame_unit_m
+    return by_field, steepness_of(H)
 
 
 def pooled_faces(

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pcnav.core.arrays import FloatArray
-from pcnav.perception.correlated_ranges import face_field, steepness_of
 from pcnav.perception.face_errors import face_terms, known_beforehand
+from pcnav.perception.face_evidence import moved_by_field, unweighed_deviations
 from pcnav.perception.modality import POSE_SIZE, Evidence, SeenFrame
 from pcnav.perception.render_compare import Comparison
 from pcnav.perception.sensor_noise import SensorNoise
@@ -120,21 +120,13 @@ def unweighed_parts(
     of_faces, of_frame = np.zeros((size, size)), np.zeros(size)
     if not noise.has_unweighed_errors:
         return of_faces, np.outer(of_frame, of_frame)
-    sd = np.array([noise.unweighed_face_sd_m, *[noise.unweighed_face_tilt_sd_m] * 2])
-    residuals, places = seen.residuals, comparison.places(used)
-    for face, fit in seen.ranges.items():
-        if face not in places:
-            continue
-        chosen = residuals.agrees & (residuals.face == face)
-        H = residuals.jacobian[chosen]
-        field = face_field(residuals.u[chosen], residuals.v[chosen]) / fit.variance_m2
-        by_field = np.zeros((len(sd), size))
-        by_field[:, :POSE_SIZE] = field.T @ H
-        if n_shared:
-            by_field[:, POSE_SIZE] = field.sum(axis=0) * seen.noise.frame_unit_m
-        of_frame += by_field[0] * noise.unweighed_frame_sd_m
-        by_field *= (sd * steepness_of(H))[:, None]
-        of_faces += by_field.T @ by_field
+    sd, places = unweighed_deviations(noise), comparison.places(used)
+    for face in seen.ranges:
+        if face in places:
+            by_field, steepness = moved_by_field(seen, face)
+            of_frame += by_field[0] * noise.unweighed_frame_sd_m
+            by_field *= (sd * steepness)[:, None]
+            of_faces += by_field.T @ by_field
     return of_faces, np.outer(of_frame, of_frame)
 
 

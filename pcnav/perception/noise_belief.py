@@ -92,6 +92,7 @@ class NoiseBelief:
             face_tilt_sd_m=weighed[1],
             unweighed_face_sd_m=unweighed[0],
             unweighed_face_tilt_sd_m=unweighed[1],
+            unweighed_are_shown=not few,
         )
         noise = self.offsets.applied(noise)
         if few and noise.frame_sd_m == 0.0:

@@ -45,6 +45,8 @@ class SensorNoise:
     """That of each of its two tilts, likewise."""
     unweighed_frame_sd_m: float = 0.0
     """That of an offset of the whole frame which few frames do not rule out."""
+    unweighed_are_shown: bool = True
+    """Whether frames show these errors. Else few frames do not rule them out, with a long tail."""
     face_correlation: float = 1.0
     """Of the errors of a face in successive frames."""
     frame_sd_m: float = 0.0

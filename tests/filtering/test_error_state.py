@@ -71,6 +71,13 @@ class Linear:
 
 
 @dataclass(frozen=True)
+class ConsideredLinear(Linear):
+    """One that errs by more than it is weighed by."""
+
+    considered: FloatArray
+
+
+@dataclass(frozen=True)
 class Ranges:
     """Distances to beacons: strongly curved near them."""
 
@@ -249,6 +256,19 @@ def test_gate_rejects_an_outlier_and_keeps_the_rest() -> None:
     assert result.joint_nis == pytest.approx(0.2) and result.joint_dof == 1
     np.testing.assert_allclose(kalman.state.x, [0.5 * 1.0 / 1.25, 0.0])
     np.testing.assert_allclose(kalman.covariance, np.diag([0.2, 4.0]), atol=1e-12)
+
+
+def test_errors_considered_beside_widen_the_gate_and_not_the_gain() -> None:
+    """Ten deviations off by its own noise, less than two with what else it may err by."""
+    z, by_error = np.array([10.0]), np.array([[6.0]])
+    alone = Linear(np.eye(1), z, np.eye(1))
+    beside = ConsideredLinear(np.eye(1), z, np.eye(1), by_error)
+    kalman = ErrorStateFilter(Vector(np.zeros(1)), np.eye(1), gate_probability=0.999)
+    assert not kalman.would_accept(alone)
+    assert kalman.innovation(beside)[0] == pytest.approx(100.0 / (1.0 + 1.0 + 36.0))
+    assert kalman.update([beside]).accepted == (True,)
+    np.testing.assert_allclose(kalman.state.x, 5.0)
+    np.testing.assert_allclose(kalman.covariance, 0.5)
 
 
 def test_gate_is_the_chi_square_quantile() -> None:

@@ -218,7 +218,8 @@ class Acquisition:
 
     def _initialise(self, decision: Decision, prior_odds: float) -> Initialised | None:
         """Fit the first state to the frames of the motion decided on, and start the filter."""
-        motion, belief = decision.motion, self._belief
+        motion = decision.motion.without_strays(self._target.diameter_m)
+        belief = self._belief
         n = self._model.mean_motion_rad_s
         guess = first_state(motion, belief.com_model, belief.inertia_ratios, n)
         if motion.is_fast:

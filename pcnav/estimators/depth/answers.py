@@ -17,6 +17,9 @@ from pcnav.runs.estimate import Estimate
 from pcnav.runs.status import WRONG_SHIFT_FRACTION, WRONG_TURN_RAD, Status
 from pcnav.target.satellite import Target
 
+_MAY_BE_SD = 2.0
+"""So many deviations off, a pose still may be."""
+
 
 def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
     """Whether the pose is known in all directions but those of which the target shows no trace: of
@@ -37,7 +40,8 @@ def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
         for part in (slice(0, 3), slice(3, 6))
     )
     # One that may be off by as much as makes a pose a wrong one is none that could be claimed.
-    return shift < WRONG_SHIFT_FRACTION * target.diameter_m and turn < WRONG_TURN_RAD
+    may_be = _MAY_BE_SD * shift / target.diameter_m, _MAY_BE_SD * turn
+    return may_be[0] < WRONG_SHIFT_FRACTION and may_be[1] < WRONG_TURN_RAD
 
 
 def answer_of_frame(

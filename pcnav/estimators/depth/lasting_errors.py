@@ -71,6 +71,7 @@ class LastingErrors:
         self._parts: tuple[Considered, ...] = (none,) * 3
         """Of what the filter counts in each frame, and of what it does not: of faces, of frames."""
         self._of_calibration = CalibrationErrors()
+        self._are_shown = True
 
     @property
     def covariance(self) -> FloatArray:
@@ -79,8 +80,10 @@ class LastingErrors:
 
     @property
     def in_camera(self) -> FloatArray:
-        """(20, 20) of it that concerns where the target is in the camera."""
-        return self._of_surface + self._of_calibration.in_camera
+        """(20, 20) of it that concerns where the target is in the camera, but for errors that so
+        few frames do not rule out and none has shown: their mean square is that of a long tail."""
+        shown = self._of_surface if self._are_shown else self._parts[0].added
+        return shown + self._of_calibration.in_camera
 
     @property
     def budget(self) -> Mapping[str, FloatArray]:
@@ -109,6 +112,7 @@ class LastingErrors:
             known: of the sensor's noise by now.
         """
         self._frames += 1
+        self._are_shown = known.unweighed_are_shown
         comparison, used = seen.comparison, seen.used
         noise, lever_m = comparison.seen.noise, 0.5 * comparison.seen.edges.diameter_m
         lasts = noise.has_face_errors or noise.outline_sd_px > 0.0 or known.has_unweighed_errors

@@ -37,6 +37,11 @@ _MAX_LAG = 0.1
 that is more than chance makes it:"""
 _CHANCE_SD = 3.0
 """so many deviations of a share of so few pixels."""
+_STRAY_RATIO, _STRAY_FRACTION = 6.0, 0.01
+"""An observation is a stray if it lies off the way by so many times more than usual, and by more
+than that share of the diameter; at most one ..."""
+_STRAYS_OF = 5
+"""... of so many is left out."""
 _MAX_MOTIONS, _MAX_FAST_MOTIONS = 24, 96
 
 
@@ -117,6 +122,18 @@ class MotionHypothesis:
         rates = self.turns / times[:, None]
         spread = np.linalg.norm(rates - rates.mean(axis=0), axis=1)
         return bool(np.all(spread < _STEADY_SHARE * np.linalg.norm(rates.mean(axis=0))))
+
+    def without_strays(self, diameter_m: float) -> "MotionHypothesis":
+        """Without observations that lie off the way from the one before to the one after: a fit of
+        few returns may have slid along a face that shows no edge."""
+        kept = self.observations
+        for _ in range(len(kept) // _STRAYS_OF):
+            off = _off_the_way(kept, diameter_m)
+            worst = int(np.argmax(off))
+            if not off[worst] > max(_STRAY_RATIO * float(np.median(off)), _STRAY_FRACTION):
+                break
+            kept = (*kept[: worst + 1], *kept[worst + 2 :])
+        return replace(self, observations=kept)
 
     def log_weight(self, frames: int) -> float:
         """Log-likelihood of the last frames, up to a constant that depends on the frames alone."""
@@ -321,6 +338,21 @@ def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, 
     by_chance = _CHANCE_SD * np.sqrt(ratios * (1.0 - ratios) / np.maximum(pixels, 1))
     sound = ratios >= ratios.max() - np.maximum(_MAX_LAG, by_chance)
     return tuple(s for s, is_sound in zip(observations, sound, strict=True) if is_sound)
+
+
+def _off_the_way(observations: Sequence[PoseObservation], diameter_m: float) -> FloatArray:
+    """(n - 2,) how far the observations but the first and the last lie from between their
+    neighbours, as a share of the diameter, a turn counted by what it moves the rim."""
+    found = []
+    for before, at, after in zip(observations, observations[1:], observations[2:], strict=False):
+        share = (at.time_s - before.time_s) / (after.time_s - before.time_s)
+        between = (1.0 - share) * before.p_world_model + share * after.p_world_model
+        turn = share * log_rotation(before.R_world_body.T @ after.R_world_body)
+        R_world_between = before.R_world_body @ exp_rotation(turn)
+        angle = float(rotation_angle(R_world_between.T @ at.R_world_body))
+        shift = float(np.linalg.norm(at.p_world_model - between)) / diameter_m
+        found.append(float(np.hypot(shift, 0.5 * angle)))
+    return np.array(found)
 
 
 def _odds(observations: Sequence[PoseObservation]) -> float:

@@ -12,7 +12,7 @@ from pcnav.estimators.depth.pose_measurement import moved_pose, pose_error, squa
 from pcnav.filtering.error_state import innovation_gate
 from pcnav.perception.agreement import Agreement
 from pcnav.perception.face_evidence import FaceEvidence
-from pcnav.perception.modality import Evidence
+from pcnav.perception.modality import POSE_SIZE, Evidence
 from pcnav.perception.render_compare import Comparison, RenderComparer, never
 from pcnav.target.row_motion import Readout
 
@@ -117,6 +117,14 @@ def _is_hopeless(is_beaten: Callable[[Agreement], bool], before: Agreement, now:
     return is_beaten(replace(now, agree=now.agree + gained))
 
 
+def _unweighed(face: FaceEvidence) -> FloatArray:
+    """(6, 6) covariance of what errors that a face is not weighed by add to its vector."""
+    if face.by_unweighed is None:
+        return np.zeros((POSE_SIZE, POSE_SIZE))
+    by_error = face.by_unweighed[:, :POSE_SIZE]
+    return np.asarray(by_error.T @ by_error)
+
+
 def step_doubt(step: FloatArray) -> FloatArray:
     """(6, 6) covariance of what is still wrong with a pose after a step (6,) from a bad one."""
     shift, turn = np.linalg.norm(step[:3]), np.linalg.norm(step[3:])
@@ -149,17 +157,27 @@ def agreeing(
     def excess(used: list[FaceEvidence]) -> list[float]:
         information = prior + sum(face.information for face in used)
         vector = np.asarray(sum(face.vector for face in used))
-        return [_contradiction(face, information, vector, lever_m) for face in used]
+        unweighed = sum(_unweighed(face) for face in used)
+        return [_contradiction(face, information, vector, unweighed, lever_m) for face in used]
 
     return consistent(faces, excess)
 
 
 def _contradiction(
-    face: FaceEvidence, information: FloatArray, vector: FloatArray, lever_m: float
+    face: FaceEvidence,
+    information: FloatArray,
+    vector: FloatArray,
+    unweighed: FloatArray | float,
+    lever_m: float,
 ) -> float:
     others = np.asarray(np.linalg.inv(information - face.information))
     rows, value = square_root(face.information, face.vector, lever_m)
     innovation = value - rows @ (others @ (vector - face.vector))
-    covariance = np.eye(len(value)) + rows @ others @ rows.T
+    of_others = others + others @ (unweighed - _unweighed(face)) @ others
+    covariance = np.eye(len(value)) + rows @ of_others @ rows.T
+    if face.by_unweighed is not None:
+        by_error = face.by_unweighed[:, :POSE_SIZE].T
+        considered = square_root(face.information, by_error, lever_m)[1]
+        covariance = covariance + considered @ considered.T
     squared = float(innovation @ np.linalg.solve(covariance, innovation))
     return squared / innovation_gate(GATE_PROBABILITY, len(value))

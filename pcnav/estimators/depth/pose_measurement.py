@@ -112,6 +112,9 @@ class PoseMeasurement:
     by_rate: FloatArray | None = None
     """(m, 6) derivative of the value by the target's own motion, as `pose_rate`, where the frame
     takes time."""
+    considered: FloatArray | None = None
+    """(m, k) derivative of the value by errors of unit variance that it is gated by and not weighed
+    by, if any."""
 
     @staticmethod
     def from_information(
@@ -151,6 +154,15 @@ class PoseMeasurement:
             some = shared if shared.shape[1] else None
             found.append(PoseMeasurement(reference, of_pose, value, some))
         return found
+
+    def considering(
+        self, information: FloatArray, by_error: FloatArray | None, lever_m: float
+    ) -> "PoseMeasurement":
+        """The same, made of an information matrix (6 + k, 6 + k) whose vector errors of unit
+        variance move by the rows (m, 6 + k) of ``by_error``, which it is gated by."""
+        if by_error is None:
+            return self
+        return replace(self, considered=square_root(information, by_error.T, lever_m)[1])
 
     @property
     def in_camera(self) -> "PoseMeasurement":

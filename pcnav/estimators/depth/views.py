@@ -130,7 +130,10 @@ def view_of_comparison(
             )
             for face in faces
         ]
-    measurements = tuple(each)
+    measurements = tuple(
+        measurement.considering(face.joint.information, face.by_unweighed, lever_m)
+        for measurement, face in zip(each, faces, strict=True)
+    )
     return FrameView(
         frame,
         comparison.labels,

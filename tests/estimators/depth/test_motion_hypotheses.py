@@ -301,3 +301,40 @@ def test_odds_of_a_long_motion_are_those_of_all_its_frames() -> None:
             begun.append(k)
             assert len(decision.motion.observations) == 10
     assert begun and 10 < begun[0] < 19
+
+
+def observed(steps: list[float], off: dict[int, FloatArray]) -> MotionHypothesis:
+    """Poses of the body at these steps; of some, moved by an error (6,)."""
+    found = []
+    for k, step in enumerate(steps):
+        T = true_pose(0, 0.0)
+        T[:3, :3] = START @ exp_rotation(0.5 * OMEGA * step)
+        T[:3, 3] += np.array([0.02 * step, 0.0, 0.0])
+        error = off.get(k, np.zeros(6))
+        T[:3, 3] += error[:3]
+        T[:3, :3] = T[:3, :3] @ exp_rotation(error[3:])
+        found.append(PoseObservation(0.5 * step, np.eye(4), pose(T, 0.95)))
+    return MotionHypothesis(tuple(found))
+
+
+STEPS = [0.0, 1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 11.0]
+"""Frames were left out."""
+
+
+@pytest.mark.parametrize("error", [np.r_[0.0, 0.1, 0.0, 0, 0, 0], np.r_[np.zeros(3), 0, 0.2, 0]])
+def test_an_observation_off_the_way_is_left_out(error: FloatArray) -> None:
+    rng = np.random.default_rng(3)
+    noise = {k: 0.001 * rng.standard_normal(6) for k in range(len(STEPS))}
+    motion = observed(STEPS, noise | {5: error})
+    kept = motion.without_strays(3.0).observations
+    assert [s.time_s for s in kept] == [0.5 * step for step in STEPS if step != STEPS[5]]
+    assert len(observed(STEPS, noise).without_strays(3.0).observations) == len(STEPS)
+
+
+def test_a_motion_that_sways_has_no_strays() -> None:
+    """Each frame lies off the way of its neighbours, and none more than the others."""
+    sway = {k: np.r_[0.1 * np.sin(1.5 * k), np.zeros(5)] for k in range(len(STEPS))}
+    motion = observed(STEPS, sway)
+    assert len(motion.without_strays(3.0).observations) == len(STEPS)
+    few = observed(STEPS[:4], {2: np.r_[0.5, np.zeros(5)]})
+    assert len(few.without_strays(3.0).observations) == 4

@@ -198,16 +198,26 @@ def test_a_guess_as_good_as_the_frame_is_met_half_way(
 
 
 def evidence(
-    rng: np.random.Generator, target: Target, name: str, error: FloatArray
+    rng: np.random.Generator,
+    target: Target,
+    name: str,
+    error: FloatArray,
+    unweighed_sd: float = 0.0,
 ) -> FaceEvidence:
-    """Of a plane: a shift along its normal and two turns, to 2 mm and 0.5 mrad."""
+    """Of a plane: a shift along its normal and two turns, to 2 mm and 0.5 mrad; the plane itself
+    may be off by so many times as much."""
     rectangle = next(r for r in target.rectangles if r.name == name)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     rows = np.zeros((3, 6))
     rows[0, :3] = axes[0] / 0.002
     rows[1:, 3:] = axes[1:] / 5e-4
     value = rows @ error + rng.normal(size=3)
-    return FaceEvidence(rectangle, rows.T @ rows, rows.T @ value, 100, 1.0)
+    by_unweighed = None
+    if unweighed_sd > 0.0:
+        value = value + unweighed_sd * rng.normal(size=3)
+        by_unweighed = unweighed_sd * rows
+    vector = rows.T @ value
+    return FaceEvidence(rectangle, rows.T @ rows, vector, 100, 1.0, by_unweighed=by_unweighed)
 
 
 NAMES = ("bus_x_plus", "bus_y_minus", "bus_z_minus", "panel_long_front", "panel_short_front")
@@ -232,6 +242,19 @@ def test_faces_that_agree_are_all_kept(target: Target) -> None:
         faces = [evidence(rng, target, name, error) for name in NAMES]
         # Five gates of 99.99 % each.
         assert agreeing(faces, WIDE, LEVER_M) == faces
+
+
+def test_what_faces_may_err_by_beside_their_weights_is_no_contradiction(target: Target) -> None:
+    """Gated by the noise of their pixels alone, of faces that lie off their mesh few are left."""
+    rng = np.random.default_rng(0)
+    left_out = 0
+    for _ in range(100):
+        error = GUESS_SD * rng.normal(size=6)
+        faces = [evidence(rng, target, name, error, unweighed_sd=8.0) for name in NAMES]
+        assert agreeing(faces, WIDE, LEVER_M) == faces
+        white = [replace(face, by_unweighed=None) for face in faces]
+        left_out += len(faces) - len(agreeing(white, WIDE, LEVER_M))
+    assert left_out > 100
 
 
 def test_of_two_that_disagree_none_can_be_called_wrong(target: Target) -> None:
