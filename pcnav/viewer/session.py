@@ -71,7 +71,7 @@ class Session:
         self._texts = Paced(1.0 / _TEXTS_HZ, _TEXTS_EVERY)
         self._plots_paced, self._addressed = Paced(_PLOTS_LIVE_S), Paced(1.0 / _ADDRESS_HZ)
         with drawing(client):
-            self._page = Page(client.gui, self.hear)
+            self._page = Page(client, lambda state: self.open(read_address(state)), self.hear)
             self._layers = RunLayers(client.scene, self._runs, RUNS)
             self._controls = Controls(client.gui, self._snapshot, self)
             client.gui.main_panel.dock_left()
@@ -203,9 +203,7 @@ class Session:
         """What the user did at the time line, the plots or the bar; nonsense is passed over."""
         kind = message["do"]
         at = number_of(message)
-        if kind == "open" and isinstance(message.get("state"), str):
-            self.open(read_address(message["state"]))
-        elif kind == "closed":
+        if kind == "closed":
             self._pointer.clear()
         elif kind == "image":
             self._pick_in_image(message)
@@ -313,8 +311,8 @@ class Session:
             redraw_plots, self._redraw_plots = self._redraw_plots, False
         if ended:
             self._controls.show_playing(False)
-        if playback is None and self._drawn >= 0 and self._addressed.is_due(now_s):
-            self._show_address()
+        if playback is None and self._is_settled and self._addressed.is_due(now_s):
+            self._page.send("address", self._address())
             self._keep_names_apart()
         moves = (redraw or self._wanted != self._drawn) and len(times) > 0
         frame = min(self._wanted, len(times) - 1) if moves else self._drawn
@@ -397,7 +395,12 @@ class Session:
         self._page.send("now", status_of_frame(self._runs, frame))
         self._details_frame = frame
 
-    def _show_address(self) -> None:
+    @property
+    def _is_settled(self) -> bool:
+        """Whether the page shows what was asked for; before, its address is not overwritten."""
+        return self._page.is_opened and self._drawn >= 0 and self._drawn == self._wanted
+
+    def _address(self) -> str:
         options = self._controls.options
         state = PageState(
             frame=self._drawn,
@@ -410,8 +413,7 @@ class Session:
         )
         if self._snapshot.is_live and self._controls.follows_newest:
             state = replace(state, frame=None)
-        with drawing(self._client):
-            self._page.send("address", state.address())
+        return state.address()
 
     def _keep_names_apart(self) -> None:
         """Which names lie over others changes as the user turns the scene."""

@@ -4,6 +4,7 @@ import io
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from pcnav.config.pipeline_file import read_pipeline
 from pcnav.config.shipped import shipped_pipeline
 from pcnav.pipeline import run as run_pipeline
 from pcnav.simulation.simulate import simulate
-from pcnav.viewer.app import show
+from pcnav.viewer import page as bridge
+from pcnav.viewer.app import serve, show
 from pcnav.viewer.loaded_run import finished
 from pcnav.viewer.loading import load_run
 from pcnav.viewer.palette import LABELS, REJECTED_COLOUR, RUNS, hex_of
@@ -259,10 +261,46 @@ def test_a_restarted_server_is_found_again_and_shows_what_the_address_says(
     assert frame_box(page).input_value() == "17"
     port = view.url.rsplit(":", 1)[1]
     view.stop()
+    # Until then it shows what it did.
+    page.evaluate("window.before = pcnav")
     served("view", str(runs[0]), "--port", port, "--frame", "33")
-    page.wait_for_timeout(2000)
+    wait_until(page, lambda: page.evaluate("pcnav !== before && 'now' in pcnav.data"), "the server")
     wait_until(page, lambda: frame_box(page).input_value() == "17", "the page's own frame")
     ready(page)
+    assert "frame=17&" in page.url
+
+
+def test_a_page_that_is_not_heard_asks_again_until_it_is_opened(
+    runs: tuple[Path, Path], opened: Opened, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It keeps its address and what its user does meanwhile, and asks no more once it is open."""
+    asked: list[dict[str, Any]] = []
+    hear = bridge.Page._open
+
+    def deaf_at_first(page: bridge.Page, message: dict[str, Any]) -> None:
+        asked.append(message)
+        if len(asked) > 3:
+            hear(page, message)
+
+    monkeypatch.setattr(bridge.Page, "_open", deaf_at_first)
+    server = serve(finished(load_run(runs[0])), LOOPBACK, 0, first_frame=33)
+    try:
+        page = opened(f"http://{LOOPBACK}:{server.get_port()}/?frame=17")
+        wait_until(page, lambda: len(asked) == 2, "the same request again")
+        assert frame_box(page).input_value() == "33"
+        assert page.url.endswith("?frame=17")
+        wait_until(page, lambda: frame_box(page).input_value() == "17", "the page's own frame")
+        assert {message["state"] for message in asked} == {"frame=17"}
+        # By the clock of the page.
+        assert np.diff([message["at"] for message in asked]).min() > 900.0
+        wait_until(page, lambda: "frame=17&camera" in page.url, "the address")
+        go_to(page, 20)
+        wait_until(page, lambda: "frame=20&camera" in page.url, "the address of another frame")
+        told = len(asked)
+        page.wait_for_timeout(2500)
+        assert len(asked) == told
+    finally:
+        server.stop()
 
 
 @pytest.mark.study

@@ -1,9 +1,16 @@
-"""A run of a few frames, shared by the tests of the web view."""
+"""A run of a few frames and what talks to its server, shared by the tests of the web view."""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
+import viser
+import zstandard
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
 
 from pcnav.config.pipeline_file import Pipeline
 from pcnav.navigation import RunSummary
@@ -29,6 +36,7 @@ CAMERA = {
     "up_direction": (0.0, -1.0, 0.0),
 }
 """What a page says of where its camera is."""
+_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 
 def small_pipeline() -> Pipeline:
@@ -85,3 +93,17 @@ def watched(
         on_start=lambda as_run, output: view.expect(out.name, as_run, output),
         on_estimate=show,
     )
+
+
+def connected(port: int) -> Connection:
+    """A page as far as the server knows: what it says and is sent, without a browser."""
+    page = connect(f"ws://127.0.0.1:{port}", subprotocols=[_PROTOCOL], max_size=None)
+    page.send(msgspec.msgpack.encode(CAMERA))
+    return page
+
+
+def messages_in(data: bytes) -> list[dict[str, Any]]:
+    """What viser sends: two lengths of 8 bytes, compressed messages, and arrays."""
+    n = int.from_bytes(data[8:16], "little")
+    text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + n])
+    return list(msgspec.msgpack.decode(text)["messages"])

@@ -15,20 +15,16 @@ from typing import Any
 import msgspec
 import pytest
 import viser
-import zstandard
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 from websockets.sync.connection import Connection
-from websockets.typing import Subprotocol
 
 from pcnav.viewer.app import serve
 from pcnav.viewer.loaded_run import LoadedRun, finished
 from pcnav.viewer.server import LocalServer
 from pcnav.viewer.session import Session
 from tests.commands import PATIENCE_S
-from tests.viewer.conftest import CAMERA
+from tests.viewer.conftest import connected, messages_in
 
-_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 _PAGES = 6
 _MAX_GROWTH_MB = 15.0
 """Of 800 pages, each of which is sent a megabyte."""
@@ -65,12 +61,6 @@ def server(loaded: LoadedRun) -> Iterator[LocalServer]:
 
 def joined(server: LocalServer) -> Connection:
     return connected(server.get_port())
-
-
-def connected(port: int) -> Connection:
-    page = connect(f"ws://127.0.0.1:{port}", subprotocols=[_PROTOCOL], max_size=None)
-    page.send(msgspec.msgpack.encode(CAMERA))
-    return page
 
 
 def until(holds: Any, patience_s: float = PATIENCE_S) -> None:
@@ -186,7 +176,7 @@ def _read(page: Connection, received: list[int], k: int) -> None:
             data = page.recv()
             assert isinstance(data, bytes)
             received[k] += len(data)
-            for message in _messages(data):
+            for message in messages_in(data):
                 if message["type"] == "LocalStorageGetItemRequestMessage":
                     answer = {
                         "type": "LocalStorageGetItemResponseMessage",
@@ -195,10 +185,3 @@ def _read(page: Connection, received: list[int], k: int) -> None:
                     page.send(msgspec.msgpack.encode(answer))
     except ConnectionClosed:
         return
-
-
-def _messages(data: bytes) -> list[dict[str, Any]]:
-    """What viser sends: two lengths of 8 bytes, compressed messages, and arrays."""
-    n = int.from_bytes(data[8:16], "little")
-    text = zstandard.ZstdDecompressor().decompress(data[16 : 16 + n])
-    return list(msgspec.msgpack.decode(text)["messages"])

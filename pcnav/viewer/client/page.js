@@ -3,7 +3,11 @@
 (() => {
   if (window.pcnav) window.pcnav.close();
 
-  const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60;
+  // Told by the picture that this script arrived with.
+  const session = this.alt;
+  const GUTTER = 104, RIGHT = 64, SEND_EVERY_MS = 60, ASK_EVERY_MS = 1000, LOOK_EVERY_MS = 300;
+  // Of an address; the server takes messages of 4000 characters.
+  const MAX_STATE = 1500;
   // The panel with image and plots.
   const PANEL = ".mantine-ScrollArea-content:has(.pcnav-plots)";
   const LIGHT_INKS = '.mantine-ScrollArea-content :is(td, b)[style^="color:#"], .pcnav-known span, .pcnav-key span, .pcnav-note';
@@ -31,20 +35,23 @@
     `rgb(${rgb.slice(0, 3).map((each) => Math.round(parseInt(each, 16) * 0.62)).join(",")})`));
 
   // To the server: one message at a time, since the field holds but the last.
+  // It is asked to open what the address says until it confirms that it has; all else waits.
   const waiting = [];
-  let sent = 0, timer = null;
+  let sent = 0, timer = null, isOpened = false;
+  const request = () => ({ do: "open", session, state: location.search.slice(1, 1 + MAX_STATE) });
   const field = () =>
     document.querySelector("[data-floating-window]:has(.pcnav-bridge) input");
   const pump = () => {
     timer = null;
     const input = field();
-    if (!waiting.length) return;
+    if (isOpened && !waiting.length) return;
     if (input) {
-      const message = JSON.stringify({ n: ++sent, at: Date.now(), ...waiting.shift() });
+      const next = isOpened ? waiting.shift() : request();
+      const message = JSON.stringify({ n: ++sent, at: Date.now(), ...next });
       Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(input, message);
       input.dispatchEvent(new Event("input", { bubbles: true }));
     }
-    timer = setTimeout(pump, input ? SEND_EVERY_MS : 300);
+    timer = setTimeout(pump, !input ? LOOK_EVERY_MS : isOpened ? SEND_EVERY_MS : ASK_EVERY_MS);
   };
   const say = (message) => {
     const last = waiting[waiting.length - 1];
@@ -367,6 +374,13 @@
     if (location.search.slice(1) !== data.address) history.replaceState(null, "", `?${data.address}`);
   };
 
+  const goOn = () => {
+    if (isOpened || data.opened.session !== session) return;
+    isOpened = true;
+    clearTimeout(timer);
+    timer = setTimeout(pump, SEND_EVERY_MS);
+  };
+
   const drawAll = () => { layOut(); drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); };
   const shows = {
     now: () => { if (bar.clientHeight + 1 !== top()) { layOut(); if (pcnav.plots) pcnav.plots.build(); } drawStatus(); drawTime(); if (pcnav.plots) pcnav.plots.draw(); },
@@ -374,6 +388,7 @@
     plots: () => { if (pcnav.plots) pcnav.plots.taken(); },
     card: showCard,
     address: setAddress,
+    opened: goOn,
     help: () => {},
   };
   const take = (channel, text) => {
@@ -440,5 +455,5 @@
   window.pcnav = pcnav;
   layOut();
   window.dispatchEvent(new Event("resize"));
-  say({ do: "open", state: location.search.slice(1) });
+  timer = setTimeout(pump, 0);
 })();
