@@ -25,7 +25,8 @@ def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
     """Whether the pose is known in all directions but those of which the target shows no trace: of
     two faces and no edge it is not.
 
-    All counts that is stated of it in the camera. A mass that was only told moves the state and not
+    All counts that is stated of it in the camera, but what is assumed of a calibration of which
+    nothing was stated. A mass that was only told moves the state and not
     the pose.
     """
     kalman = track.motion.kalman

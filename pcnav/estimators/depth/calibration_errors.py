@@ -22,10 +22,9 @@ from pcnav.perception.calibration_evidence import evidence_of_fields
 from pcnav.perception.calibration_fields import FIELD_NAMES
 from pcnav.perception.modality import POSE_SIZE
 from pcnav.perception.render_compare import Comparison
-from pcnav.recordings.calibration import Calibration
+from pcnav.recordings.calibration import NOT_STATED, Calibration
 
-_MOUNT = "camera mount"
-_NAMES = (*FIELD_NAMES, "time offset", *(_MOUNT,) * POSE_SIZE)
+_NAMES = (*FIELD_NAMES, "time offset", *("camera mount",) * POSE_SIZE)
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,9 @@ class CalibrationErrors:
         """By errors of one standard deviation that stay what they are."""
         self._by_jitter = np.zeros((STATE_SIZE, STATE_SIZE))
         """(20, 20) covariance."""
+        self._counted = np.zeros(len(_NAMES) + 1, dtype=np.bool_)
+        """Of each error, and of time stamps: whether it was stated, and moves the target in the
+        camera."""
         self._in_a_jitter = np.zeros(STATE_SIZE)
         """How the state changes in one standard deviation of a time stamp."""
 
@@ -57,10 +59,11 @@ class CalibrationErrors:
 
     @property
     def in_camera(self) -> FloatArray:
-        """(20, 20) of those that move the target in the camera: where the camera sits on the chaser
-        moves both alike."""
-        by_error = self._by_error[:, [name != _MOUNT for name in _NAMES]]
-        return np.asarray(by_error @ by_error.T + self._of_stamps)
+        """(20, 20) of those that move the target in the camera, as far as they were stated: where
+        the camera sits on the chaser moves both alike, and what is assumed where nothing was stated
+        would leave the pose of a small target open for good."""
+        by_error = self._by_error[:, self._counted[:-1]]
+        return np.asarray(by_error @ by_error.T + self._counted[-1] * self._of_stamps)
 
     @property
     def budget(self) -> Mapping[str, FloatArray]:
@@ -100,6 +103,9 @@ class CalibrationErrors:
         calibration, comparison = seen.calibration, seen.comparison
         if calibration.is_exact:
             return
+        stated = calibration.of_image(seen.camera) != NOT_STATED.of_image(seen.camera)
+        jitters = calibration.stamp_jitter_sd_s != NOT_STATED.stamp_jitter_sd_s
+        self._counted = np.array([*stated, True, *(False,) * POSE_SIZE, jitters])
         fields = evidence_of_fields(comparison.seen, comparison.places(seen.used))
         fields = fields * calibration.of_image(seen.camera)
         rate = pose_rate(kalman.state, observer)

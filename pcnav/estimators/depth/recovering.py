@@ -14,6 +14,7 @@ from pcnav.estimators.depth.measuring import (
     FrameUpdate,
     Kalman,
     Updated,
+    pose_of,
     predicted_pose,
 )
 from pcnav.estimators.depth.pose_fit import SingleFramePose
@@ -108,6 +109,21 @@ class Recovery:
             return None
         kinematic.kalman.restore(best[1])
         return best[0]
+
+    def jolted(
+        self, motion: FollowedMotion, lead_of: Callable[[FloatArray], float]
+    ) -> Updated | None:
+        """`near`, unless the frame shows the target elsewhere.
+
+        ``lead_of`` gives the log-likelihood of a pose (4, 4) over all others of the frame.
+        """
+        again, kinematic = self.near(motion), motion.kinematic
+        if again is None or kinematic is None:
+            return again
+        if lead_of(pose_of(kinematic.kalman, self.observer)) > -CLEAR_LEAD:
+            return again
+        kinematic.reset()
+        return None
 
     def _starts(
         self, motion: FollowedMotion, kinematic: KinematicFilter

@@ -411,9 +411,9 @@ class Tracker(Estimator):
         perceived, found = monitor.detect(frame)
         again = recovery.found(motion, found)
         if again is None:
-            again = recovery.near(motion) if motion.is_torque_free else None
+            lead = partial(monitor.lead_of, perceived, found)
+            again = recovery.jolted(motion, lead) if motion.is_torque_free else None
             if again is None:
-                lead = partial(monitor.lead_of, perceived, found)
                 again = recovery.found_far(motion, found, lead)
             if again is not None and motion.is_torque_free:
                 motion.go_over()

@@ -54,6 +54,17 @@ def test_a_camera_that_is_off_has_deviations_that_say_so(boxsat: Target, seed: i
     assert np.median(nees(boxsat, seed, EXACT)) > 500.0
 
 
+def test_what_is_assumed_of_a_calibration_leaves_no_pose_open(boxsat: Target) -> None:
+    """An offset of 3 mm is a tenth of a target of 30 mm, and the frames say where that is."""
+    shorter = PIPELINE.scenario.model_copy(update={"frames": 5})
+    scene = Scene.showing(boxsat, PIPELINE.model_copy(update={"scenario": shorter}))
+    run = follow(ToldSo(scene.pipeline, scene.motion, scene.mesh, told=NOT_STATED), boxsat)
+    assert run.claims.any()
+    errors = CalibrationErrors()
+    errors._by_error[:] = 1.0
+    assert not errors.in_camera.any() and errors.covariance.any()
+
+
 def test_no_pose_is_claimed_that_a_stated_calibration_leaves_open(boxsat: Target) -> None:
     """Noise and motion are known as well as ever: what is only considered counts as much."""
     shorter = PIPELINE.scenario.model_copy(update={"frames": 8})
