@@ -8,6 +8,7 @@ prediction.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,6 +92,22 @@ def predicted_pose(kalman: Kalman, observer: ObserverPose) -> UncertainPose:
     return pose, covariance
 
 
+class _Pass(NamedTuple):
+    """An update about a view."""
+
+    is_fine: bool
+    comparison: Comparison
+    view: FrameView
+    result: UpdateResult
+    pose: FloatArray
+    """(4, 4) after it."""
+    after: Prior
+
+    def weight(self) -> tuple[bool, int]:
+        """Larger for what explains more, on all pixels first."""
+        return self.is_fine, self.comparison.agreement.support
+
+
 @dataclass(frozen=True)
 class FrameUpdate:
     """An update of the filter with one frame, or a filter left as predicted."""
@@ -112,7 +129,7 @@ class FrameUpdate:
         reader, frame, kalman, observer = self.reader, self.frame, self.kalman, self.observer
         prior, predicted = kalman.snapshot(), predicted_pose(kalman, observer)
         pose, spread = self.start or predicted
-        coarse_is_done = False
+        coarse_is_done, passes = False, list[_Pass]()
         for _ in range(_COMPARISON_PASSES):
             fine = coarse_is_done or not reader.is_doubted(frame, pose, spread)
             comparison = reader.compare(frame, pose, spread, fine=fine)
@@ -130,9 +147,12 @@ class FrameUpdate:
                 break
             coarse_is_done |= is_alone and moved_px < _NEARLY_STILL_PX
             spread = spread + step_doubt(pose_error(before, pose))
-            after = kalman.snapshot()
+            passes.append(_Pass(fine, comparison, view, result, pose, kalman.snapshot()))
             kalman.restore(prior)
         else:
+            # It goes to and fro between poses: the frame says which.
+            likeliest = max(passes, key=_Pass.weight)
+            _, comparison, view, result, pose, after = likeliest
             kalman.restore(after)
         if observer.noise.is_there:
             view = replace(view, T_cam_seen=pose)

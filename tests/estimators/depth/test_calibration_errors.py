@@ -7,7 +7,8 @@ import pytest
 
 from pcnav.config.sensors import MiscalibrationTable
 from pcnav.core.arrays import FloatArray
-from pcnav.recordings.calibration import EXACT, Calibration
+from pcnav.estimators.depth.calibration_errors import CalibrationErrors
+from pcnav.recordings.calibration import EXACT, NOT_STATED, Calibration
 from pcnav.recordings.sequence import SequenceInfo
 from pcnav.simulation.depth import Scene
 from pcnav.target.satellite import Target
