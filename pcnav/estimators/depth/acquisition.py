@@ -135,6 +135,8 @@ class Acquisition:
         self._among_others = self._among_others or self._reader.is_among_others(frame)
         prior_odds = -SEARCHED if self._among_others else 0.0
         decision = self._start.add(frame.time_s, frame.T_cam_world, hypotheses, prior_odds)
+        if decision is not None and self._refined and not decision.motion.is_fast:
+            decision = self._start.looked_again(prior_odds, self._looked_again)
         # A motion of few observations may have left out many frames between them.
         needed = self._start.times_s
         self._frames = {time: kept for time, kept in self._frames.items() if time in needed}
@@ -203,6 +205,19 @@ class Acquisition:
         if self.report is None or not report.best_inlier_ratio < self.report.best_inlier_ratio:
             self.report = report
         return hypotheses, _looked_at(perceived, "no motion decided on yet")
+
+    def _looked_again(self, motion: MotionHypothesis) -> MotionHypothesis:
+        """A motion whose observations that explain less than others are fitted anew from between
+        these: what is beaten in its frame was not brought to the end, and may belong to the motion
+        that is right in all others."""
+        for k, T_cam_model in motion.short_of():
+            before = motion.observations[k]
+            found = compared_poses(
+                [T_cam_model], self._frames[before.time_s], self._reader, are_motions=True
+            )
+            if found and found[0].agreement.support > before.pose.agreement.support:
+                motion = motion.with_pose(k, found[0])
+        return motion
 
     def _fast(self, decision: Decision, prior_odds: float) -> Initialised | None:
         """The one of fast motions that a body can make; None while more than one can."""

@@ -1,6 +1,6 @@
 """The first state of a track: pose hypotheses followed over frames until one motion stands out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -135,6 +135,27 @@ class MotionHypothesis:
             kept = (*kept[: worst + 1], *kept[worst + 2 :])
         return replace(self, observations=kept)
 
+    def short_of(self) -> list[tuple[int, FloatArray]]:
+        """Observations that explain clearly less than those before and after them, and the pose
+        T_cam_model (4, 4) that lies between those: fits that rested beside the target."""
+        ratios, by_chance = _shares(self.observations)
+        good = np.flatnonzero(ratios >= ratios.max() - by_chance)
+        found = []
+        for k in np.flatnonzero(ratios < ratios.max() - by_chance).tolist():
+            place = int(np.searchsorted(good, k))
+            if 0 < place < len(good):
+                ends = (self.observations[good[place - 1]], self.observations[good[place]])
+                at = self.observations[k]
+                T_world_model = make_transform(*_between(*ends, at.time_s))
+                found.append((k, at.T_cam_world @ T_world_model))
+        return found
+
+    def with_pose(self, k: int, pose: SingleFramePose) -> "MotionHypothesis":
+        """With another pose in observation k."""
+        changed = replace(self.observations[k], pose=pose)
+        observations = (*self.observations[:k], changed, *self.observations[k + 1 :])
+        return replace(self, observations=observations)
+
     def log_weight(self, frames: int) -> float:
         """Log-likelihood of the last frames, up to a constant that depends on the frames alone."""
         support = [s.pose.agreement.support for s in self.observations[-frames:]]
@@ -227,6 +248,17 @@ class MotionHypotheses:
         fast = [motion for motion in best_first if motion.is_fast][:_MAX_FAST_MOTIONS]
         kept = {id(motion) for motion in (*slow, *fast)}
         self._motions = tuple(motion for motion in best_first if id(motion) in kept)
+        return self._decide(prior_odds)
+
+    def looked_again(
+        self, prior_odds: float, looked: Callable[[MotionHypothesis], MotionHypothesis]
+    ) -> Decision | None:
+        """The decision once every motion was gone through again that may be the target's."""
+        again = [
+            looked(motion) if motion.is_ripe and motion.odds > 0.0 else motion
+            for motion in self._motions
+        ]
+        self._motions = tuple(sorted(again, key=lambda motion: -motion.odds))
         return self._decide(prior_odds)
 
     def refute(self, motions: Sequence[MotionHypothesis]) -> None:
@@ -333,11 +365,16 @@ def _sound(observations: tuple[PoseObservation, ...]) -> tuple[PoseObservation, 
 
     A fit that went astray may still be near enough to be linked. Shares of few pixels vary.
     """
-    ratios = np.array([observation.pose.inlier_ratio for observation in observations])
-    pixels = [s.pose.agreement.agree + s.pose.agreement.conflict for s in observations]
-    by_chance = _CHANCE_SD * np.sqrt(ratios * (1.0 - ratios) / np.maximum(pixels, 1))
+    ratios, by_chance = _shares(observations)
     sound = ratios >= ratios.max() - np.maximum(_MAX_LAG, by_chance)
     return tuple(s for s, is_sound in zip(observations, sound, strict=True) if is_sound)
+
+
+def _shares(observations: Sequence[PoseObservation]) -> tuple[FloatArray, FloatArray]:
+    """(n,) inlier ratios, and by how much chance may make each less than another."""
+    ratios = np.array([observation.pose.inlier_ratio for observation in observations])
+    pixels = [s.pose.agreement.agree + s.pose.agreement.conflict for s in observations]
+    return ratios, _CHANCE_SD * np.sqrt(ratios * (1.0 - ratios) / np.maximum(pixels, 1))
 
 
 def _off_the_way(observations: Sequence[PoseObservation], diameter_m: float) -> FloatArray:
@@ -345,14 +382,21 @@ def _off_the_way(observations: Sequence[PoseObservation], diameter_m: float) -> 
     neighbours, as a share of the diameter, a turn counted by what it moves the rim."""
     found = []
     for before, at, after in zip(observations, observations[1:], observations[2:], strict=False):
-        share = (at.time_s - before.time_s) / (after.time_s - before.time_s)
-        between = (1.0 - share) * before.p_world_model + share * after.p_world_model
-        turn = share * log_rotation(before.R_world_body.T @ after.R_world_body)
-        R_world_between = before.R_world_body @ exp_rotation(turn)
+        R_world_between, p_world_between = _between(before, after, at.time_s)
         angle = float(rotation_angle(R_world_between.T @ at.R_world_body))
-        shift = float(np.linalg.norm(at.p_world_model - between)) / diameter_m
+        shift = float(np.linalg.norm(at.p_world_model - p_world_between)) / diameter_m
         found.append(float(np.hypot(shift, 0.5 * angle)))
     return np.array(found)
+
+
+def _between(
+    before: PoseObservation, after: PoseObservation, time_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """(3, 3) R_world_body and (3,) p_world_model on the way from one observation to another."""
+    share = (time_s - before.time_s) / (after.time_s - before.time_s)
+    turn = share * log_rotation(before.R_world_body.T @ after.R_world_body)
+    position = (1.0 - share) * before.p_world_model + share * after.p_world_model
+    return before.R_world_body @ exp_rotation(turn), position
 
 
 def _odds(observations: Sequence[PoseObservation]) -> float:

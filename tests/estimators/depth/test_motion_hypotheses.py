@@ -338,3 +338,51 @@ def test_a_motion_that_sways_has_no_strays() -> None:
     assert len(motion.without_strays(3.0).observations) == len(STEPS)
     few = observed(STEPS[:4], {2: np.r_[0.5, np.zeros(5)]})
     assert len(few.without_strays(3.0).observations) == 4
+
+
+def shares(motion: MotionHypothesis, ratios: dict[int, float]) -> MotionHypothesis:
+    """The motion with poses that explain other shares of their frames."""
+    for k, ratio in ratios.items():
+        motion = motion.with_pose(k, pose(motion.observations[k].T_cam_model, ratio))
+    return motion
+
+
+def test_fits_that_fall_short_are_looked_for_between_those_that_do_not() -> None:
+    turned = {k: np.r_[np.zeros(5), 0.06] for k in (2, 3)}
+    motion = shares(observed(STEPS[:6], turned), {2: 0.85, 3: 0.86, 5: 0.85})
+    found = dict(motion.short_of())
+    # After the last one nothing follows to tell where it should be.
+    assert sorted(found) == [2, 3]
+    right = observed(STEPS[:6], {})
+    for k, T_cam_model in found.items():
+        np.testing.assert_allclose(T_cam_model, right.observations[k].T_cam_model, atol=1e-6)
+
+
+def test_of_shares_that_chance_makes_none_falls_short() -> None:
+    assert shares(observed(STEPS[:6], {}), {2: 0.94, 4: 0.945}).short_of() == []
+
+
+def test_a_motion_that_one_fit_left_behind_is_decided_on_once_it_was_mended() -> None:
+    """Two motions, of which the wrong one explains a little less in every frame, and the right one
+    much less in one: there its fit had been given up."""
+    right, wrong = observed(STEPS[:4], {}), observed(STEPS[:4], {})
+    half = {k: o.T_cam_model @ HALF_TURN for k, o in enumerate(wrong.observations)}
+    for k, T_cam_model in half.items():
+        wrong = wrong.with_pose(k, pose(T_cam_model, 0.91))
+    right = shares(right, {1: 0.8})
+    hypotheses = MotionHypotheses(target_with())
+    decision: Decision | None = None
+    for a, b in zip(right.observations, wrong.observations, strict=True):
+        both = sorted([a.pose, b.pose], key=lambda found: -found.inlier_ratio)
+        decision = hypotheses.add(a.time_s, a.T_cam_world, both)
+
+    def looked(motion: MotionHypothesis) -> MotionHypothesis:
+        for k, T_cam_model in motion.short_of():
+            motion = motion.with_pose(k, pose(T_cam_model, 0.95))
+        return motion
+
+    decision = hypotheses.looked_again(0.0, looked)
+    assert decision is not None and not decision.undecided
+    last = decision.motion.observations[-1]
+    assert rotation_angle(last.R_world_body.T @ right.observations[-1].R_world_body) < 1e-6
+    assert decision.motion.observations[1].pose.inlier_ratio == pytest.approx(0.95)
