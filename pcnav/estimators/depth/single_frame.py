@@ -40,7 +40,9 @@ _MAX_HYPOTHESES = 4
 _MAX_LAG = 0.3
 """Hypotheses that explain so much less than the best one are not refined."""
 _SETTLED_INLIER_RATIO = 0.9
-"""Of the best pose that rectangles lead to, for nothing else to be tried."""
+"""Of the best pose that rectangles lead to, and of all returns of its frame, for nothing else to be
+tried: a part of the target may be explained by another one, and the rest be taken for other things.
+"""
 _MAX_VIEW_HYPOTHESES = 6
 _MIN_WEIGHT_SHARE = 0.6
 """Of the best pose's weight of evidence, for another one in the same frame to be a hypothesis."""
@@ -105,7 +107,7 @@ def search(
     found = best_first(refitted(poses, perceived, reader))
     if reader.measured_by is Measurements.RECTANGLES:
         return found, reader.report(frame, found[0].inlier_ratio if found else np.nan)
-    if found and found[0].inlier_ratio >= _SETTLED_INLIER_RATIO:
+    if found and _settles(found[0], frame):
         found = with_rivals(found, frame, reader)
         return found, reader.report(frame, found[0].inlier_ratio)
     seen, report = reader.view_hypotheses(frame)
@@ -126,6 +128,13 @@ def search(
             new.append(replace(pose, agreement=judged))
     best = best_first if reader.shows_target_alone(frame) else _weightiest
     return with_rivals(best([*found, *new]), frame, reader), report
+
+
+def _settles(pose: SingleFramePose, frame: Frame) -> bool:
+    """Whether a pose explains so much of a frame that no better one can be."""
+    returns = int(np.count_nonzero(frame.depth_m))
+    explained = pose.agreement.agree >= _SETTLED_INLIER_RATIO * returns
+    return explained and pose.inlier_ratio >= _SETTLED_INLIER_RATIO
 
 
 def with_rivals(

@@ -13,7 +13,9 @@ from pcnav.core.arrays import FloatArray
 from pcnav.core.camera import PinholeCamera, pixel_rays
 from pcnav.core.errors import InputError
 from pcnav.core.spatial import exp_rotation, log_rotation, make_transform, rotation_angle
-from pcnav.estimators.depth.single_frame import fuse_faces, search, single_frame_pose
+from pcnav.estimators.depth.pose_fit import SingleFramePose
+from pcnav.estimators.depth.single_frame import _settles, fuse_faces, search, single_frame_pose
+from pcnav.perception.agreement import Agreement
 from pcnav.perception.association import MeasuredFace, measure_by_prediction
 from pcnav.perception.perceive import PerceivedFrame, perceive
 from pcnav.perception.predicted_view import ViewPredictor
@@ -197,3 +199,15 @@ def test_half_turns_are_the_rivals_of_a_near_symmetric_target(tmp_path: Path) ->
         assert not target.shows_alike(POSE, T, 0.1, 0.1)
     # A rival that is already known is no new one.
     assert len(reader.rivals(frame, [POSE, rivals[0]])) == 0
+
+
+def test_a_pose_settles_a_frame_whose_returns_it_explains_and_not_a_third_of_them() -> None:
+    """A panel had been taken for the one opposite, and bus and other panel for other things: of
+    what was left to explain that was nine tenths."""
+    camera = PinholeCamera.from_field_of_view(64, 64, 0.4)
+    frame = Frame(0, 0.0, np.full((64, 64), np.float32(10.0)), camera, np.eye(4))
+    for agree, settles in ((4000, True), (1400, False)):
+        agreement = Agreement(agree, round(0.08 * agree))
+        pose = SingleFramePose(np.eye(4), np.eye(6), agreement, (), (), converged=True)
+        assert pose.inlier_ratio > 0.9
+        assert _settles(pose, frame) == settles
