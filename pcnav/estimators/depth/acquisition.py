@@ -209,13 +209,18 @@ class Acquisition:
     def _looked_again(self, motion: MotionHypothesis) -> MotionHypothesis:
         """A motion whose observations that explain less than others are fitted anew from between
         these: what is beaten in its frame was not brought to the end, and may belong to the motion
-        that is right in all others."""
-        for k, T_cam_model in motion.short_of():
+        that is right in all others. A fit is better that explains more, and lies nearer to them."""
+        for k, T_between in motion.short_of():
             before = motion.observations[k]
-            found = compared_poses(
-                [T_cam_model], self._frames[before.time_s], self._reader, are_motions=True
+            frame = self._frames[before.time_s]
+            found = compared_poses([T_between], frame, self._reader, are_motions=True)
+            if not found or found[0].agreement.support <= before.pose.agreement.support:
+                continue
+            off_px, before_px = (
+                self._reader.moved_px(T_between, pose.T_cam_model, frame)
+                for pose in (found[0], before.pose)
             )
-            if found and found[0].agreement.support > before.pose.agreement.support:
+            if off_px < before_px:
                 motion = motion.with_pose(k, found[0])
         return motion
 

@@ -26,8 +26,7 @@ def is_known(track: Track, target: Target, observer: ObserverPose) -> bool:
     two faces and no edge it is not.
 
     All counts that is stated of it in the camera, but what is assumed of a calibration of which
-    nothing was stated. A mass that was only told moves the state and not
-    the pose.
+    nothing was stated. A mass that was only told moves the state and not the pose.
     """
     kalman = track.motion.kalman
     pose, covariance = predicted_pose(kalman, observer)
