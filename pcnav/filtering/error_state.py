@@ -10,7 +10,7 @@ same equations for many states at once, and is tested to give the same numbers.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -68,6 +68,15 @@ class Measurement(Protocol[Seen]):
 
     def jacobian(self, state: Seen, /) -> FloatArray:
         """(m, n) derivative of the prediction (minus that of the residual) by the state's error."""
+
+
+@runtime_checkable
+class ErrsBeside(Protocol):
+    """A measurement that errs by more than it is weighed by."""
+
+    @property
+    def considered(self) -> FloatArray | None:
+        """(m, k) derivative of the value by further errors of unit variance; None for none."""
 
 
 class MotionModel(Protocol[S]):
@@ -152,15 +161,13 @@ class ErrorStateFilter(Generic[S]):
     def innovation(self, measurement: Measurement[S]) -> tuple[float, int]:
         """Normalised innovation squared of a measurement at the present state, and its size.
 
-        Errors that are considered beside the filter (``considered`` of a measurement, (m, k) by
-        errors of unit variance) count in it, though no gain does.
+        What is considered beside the filter, see `ErrsBeside`, counts in it, though in no gain.
         """
         residual = measurement.residual(self.state)
         H = measurement.jacobian(self.state)
         S_matrix = H @ self.covariance @ H.T + measurement.covariance
-        considered = getattr(measurement, "considered", None)
-        if considered is not None:
-            S_matrix = S_matrix + considered @ considered.T
+        if isinstance(measurement, ErrsBeside) and measurement.considered is not None:
+            S_matrix = S_matrix + measurement.considered @ measurement.considered.T
         return float(residual @ np.linalg.solve(S_matrix, residual)), len(residual)
 
     def would_accept(self, measurement: Measurement[S]) -> bool:
